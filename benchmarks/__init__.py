@@ -1,1 +1,2 @@
-"""What the project promises, measured: `make bench`. Every module here has `measure() -> list[dict]`."""
+"""What the project promises, measured: `make bench`. Every module here has `measure() ->
+list[dict]`."""

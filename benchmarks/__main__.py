@@ -1,4 +1,5 @@
-"""Measure everything in this folder, print one table and write results/bench.json; or print only some modules."""
+"""Measure everything in this folder, print one table and write results/bench.json; or print only
+some modules."""
 
 import argparse
 import importlib
@@ -47,7 +48,14 @@ def table(rows: list[dict]) -> Table:
         result.add_column(name)
     for row in rows:
         peers = ", ".join(f"{name} {number(value)}" for name, value in row.get("peers", {}).items())
-        result.add_row(row["what"], number(row["reach"]), number(row["measured"]), row["unit"], verdict(row), peers)
+        result.add_row(
+            row["what"],
+            number(row["reach"]),
+            number(row["measured"]),
+            row["unit"],
+            verdict(row),
+            peers,
+        )
     return result
 
 
@@ -60,7 +68,9 @@ def main() -> None:
     if not chosen:  # a part must not stand for the whole
         path = Path("results/bench.json")
         path.parent.mkdir(exist_ok=True)
-        path.write_text(json.dumps([{**row, "verdict": verdict(row)} for row in rows], indent=2) + "\n")
+        path.write_text(
+            json.dumps([{**row, "verdict": verdict(row)} for row in rows], indent=2) + "\n"
+        )
         print(f"written to {path}")
 
 

@@ -1,9 +1,11 @@
-"""LSODA (numbalsoda: `scripts/get-lsoda`) in compiled code on the package's right-hand side, from event to event.
+"""LSODA (numbalsoda: `scripts/get-lsoda`) in compiled code on the package's right-hand side, from
+event to event.
 
-LSODA cannot be stopped at an event from outside. So it runs through a stretch of time and reports on a grid; where a
-penetration has changed its sign between two points, it starts anew at the first of them with the penetration in place
-of the time as independent variable, and ends on its zero. The next stretch starts there. Stretches begin short after an
-event and grow while nothing happens. Their lengths here are those with which a revolution took least time.
+LSODA cannot be stopped at an event from outside. So it runs through a stretch of time and reports
+on a grid; where a penetration has changed its sign between two points, it starts anew at the first
+of them with the penetration in place of the time as independent variable, and ends on its zero. The
+next stretch starts there. Stretches begin short after an event and grow while nothing happens.
+Their lengths here are those with which a revolution took least time.
 """
 
 import numba
@@ -17,8 +19,8 @@ MOST_STEPS = 100_000
 
 
 def compiled_lsoda(slope, gap):
-    """A compiled function `(z, end, tolerance) -> z` from a scaled state (8,) in flight at time 0 to the one at `end`
-    [s].
+    """A compiled function `(z, end, tolerance) -> z` from a scaled state (8,) in flight at time 0
+    to the one at `end` [s].
 
     Parameters
     ----------
@@ -34,7 +36,8 @@ def compiled_lsoda(slope, gap):
 
     @numba.cfunc(lsoda_sig)
     def over(variable, z_at, out_at, frozen_at):
-        """Rates of state and time over the time or, with frozen[4] = 1 or 2, over the way to that joint's event [m]."""
+        """Rates of state and time over the time or, with frozen[4] = 1 or 2, over the way to that
+        joint's event [m]."""
         z, out, frozen = numba.carray(z_at, 9), numba.carray(out_at, 9), numba.carray(frozen_at, 5)
         modes = (np.int64(frozen[0]), np.int64(frozen[1]), FLIGHT)
         slope(z[8], z, out, modes, (frozen[2], frozen[3], np.inf))
@@ -81,7 +84,9 @@ def compiled_lsoda(slope, gap):
             z, way = seen[place - 1].copy(), abs(gap(seen[place - 1], joint)[0])
             if way > 0.0:
                 frozen[4] = joint + 1
-                seen, good = lsoda(address, z, np.array([-way, 0.0]), frozen, 0.0, tolerance, MOST_STEPS)
+                seen, good = lsoda(
+                    address, z, np.array([-way, 0.0]), frozen, 0.0, tolerance, MOST_STEPS
+                )
                 z, frozen[4] = seen[-1].copy(), 0.0
             if frozen[joint] == FLIGHT:
                 frozen[joint], frozen[2 + joint] = CONTACT, gap(z, joint)[1]

@@ -1,4 +1,5 @@
-"""Draw results/work_precision.parquet: what an error costs, by code; writes docs/figures/work_precision.svg."""
+"""Draw results/work_precision.parquet: what an error costs, by code; writes
+docs/figures/work_precision.svg."""
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -25,7 +26,16 @@ def draw(table: pd.DataFrame) -> Figure:
     for name, (colour, mark) in LOOKS.items():
         rows = table[(table["code"] == name) & (table["error_m"] < 1e-5)].sort_values("tolerance_m")
         if len(rows):
-            axes.loglog(rows["error_m"], rows["ms_per_revolution"], mark, ls="-", lw=1, ms=4, color=colour, label=name)
+            axes.loglog(
+                rows["error_m"],
+                rows["ms_per_revolution"],
+                mark,
+                ls="-",
+                lw=1,
+                ms=4,
+                color=colour,
+                label=name,
+            )
     axes.set_xlabel("error of positions at 90° [m]")
     axes.set_ylabel("time for one revolution [ms]")
     axes.invert_xaxis()

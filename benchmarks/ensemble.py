@@ -1,4 +1,5 @@
-"""Many revolutions to disk: 1000 revolutions with 361 samples each as one ensemble, states and events in Parquet.
+"""Many revolutions to disk: 1000 revolutions with 361 samples each as one ensemble, states and
+events in Parquet.
 
 Each measurement runs in a process of its own, for memory only ever grows in one.
 """
@@ -29,7 +30,9 @@ def ensemble(runs: int) -> dict[str, float]:
     options = Simulate(speed=SPEED, revolutions=1, samples_per_revolution=360, tolerance=1e-9)
     starts = np.random.default_rng(0).normal(0.0, PERTURBATION, (runs, 4))
     with tempfile.TemporaryDirectory() as folder:
-        write_ensemble([Run(mechanism, options, starts[0])], folder, CORES)  # loads the compiled code
+        write_ensemble(
+            [Run(mechanism, options, starts[0])], folder, CORES
+        )  # loads the compiled code
         begin = time.perf_counter()
         write_ensemble((Run(mechanism, options, start) for start in starts), folder, CORES)
         return {"seconds": time.perf_counter() - begin, "mebibytes": peak_memory()}
@@ -69,11 +72,22 @@ def measure() -> list[dict]:
     seconds = {runs: found["seconds"] for runs, found in written.items()}
     memory = {runs: found["mebibytes"] for runs, found in written.items()}
     turned = {number: apart("ensemble", "revolutions", number)["seconds"] for number in REVOLUTIONS}
-    rows = [row(f"ensemble: 1000 revolutions to Parquet, {CORES} cores", REACH_S, seconds[1000], "s")]
+    rows = [
+        row(f"ensemble: 1000 revolutions to Parquet, {CORES} cores", REACH_S, seconds[1000], "s")
+    ]
     for what, costs in (("revolutions", turned), ("runs", seconds)):
         peers = {f"{number} {what} [s]": cost for number, cost in costs.items()}
         words = f"ensemble: power of the number of {what} that time grows with"
         rows.append(row(words, 1.1, exponent(list(costs), list(costs.values())), "1", **peers))
     peers = {f"{runs} runs [MiB]": memory[runs] for runs in RUNS}
     share = memory[RUNS[-1]] / memory[RUNS[0]]
-    return [*rows, row(f"ensemble: peak memory of {RUNS[-1]} runs over that of {RUNS[0]}", 1.2, share, "1", **peers)]
+    return [
+        *rows,
+        row(
+            f"ensemble: peak memory of {RUNS[-1]} runs over that of {RUNS[0]}",
+            1.2,
+            share,
+            "1",
+            **peers,
+        ),
+    ]

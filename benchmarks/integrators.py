@@ -1,12 +1,14 @@
-"""One mechanism with two loose pins simulated by several codes, each from the same start to a crank angle.
+"""One mechanism with two loose pins simulated by several codes, each from the same start to a crank
+angle.
 
-Every code is a function `(end, tolerance) -> (positions, seconds)`: time of the end [s] and the code's own absolute
-tolerance [m]; rod's mass centre x, y and slider's position [m] there, and the processor time it took (all run on one
-core), which other processes disturb less than the time that passes. What is done once for a mechanism (compilation,
-building Exudyn's model) does not count. A code that cannot keep a tolerance raises RuntimeError.
+Every code is a function `(end, tolerance) -> (positions, seconds)`: time of the end [s] and the
+code's own absolute tolerance [m]; rod's mass centre x, y and slider's position [m] there, and the
+processor time it took (all run on one core), which other processes disturb less than the time that
+passes. What is done once for a mechanism (compilation, building Exudyn's model) does not count. A
+code that cannot keep a tolerance raises RuntimeError.
 
-scipy's integrators and LSODA need the approach speed at the start of each contact too: they run from event to event
-with the modes frozen in between, on the package's own compiled right-hand side.
+scipy's integrators and LSODA need the approach speed at the start of each contact too: they run
+from event to event with the modes frozen in between, on the package's own compiled right-hand side.
 """
 
 import time
@@ -48,14 +50,16 @@ def codes(mechanism: Mechanism, speed: float) -> dict[str, Code | None]:
 
 
 def positions(p: Parameters, end: float, states) -> np.ndarray:
-    """Rod's mass centre x, y and slider's position [m] at the time `end` [s] for the clearance vectors `states`
-    (4+,).
+    """Rod's mass centre x, y and slider's position [m] at the time `end` [s] for the clearance
+    vectors `states` (4+,).
     """
     crank_angle = np.array([p.drive.start_angle + p.drive.speed * end])
     angle, slider = rod_and_slider(p, crank_angle, np.reshape(states, (1, -1)), np.zeros((1, 11)))
     back = p.bodies.rod_length - p.bodies.rod_centre
     piston = slider[0] + states[2], p.bodies.slider_offset + states[3]
-    return np.array([piston[0] - back * np.cos(angle[0]), piston[1] - back * np.sin(angle[0]), slider[0]])
+    return np.array(
+        [piston[0] - back * np.cos(angle[0]), piston[1] - back * np.sin(angle[0]), slider[0]]
+    )
 
 
 def ours(p: Parameters) -> Code:
@@ -80,8 +84,8 @@ def lsoda(p: Parameters, march) -> Code:
 
 
 def exudyn(mechanism: Mechanism, speed: float) -> Code:
-    """Exudyn's DOPRI5: its ODE23, the other explicit integrator with step size control, takes a thousand times as
-    long.
+    """Exudyn's DOPRI5: its ODE23, the other explicit integrator with step size control, takes a
+    thousand times as long.
     """
 
     def run(end, tolerance):
@@ -110,9 +114,17 @@ def scipy(p: Parameters, slope, gap, method: str) -> Code:
             for joint, event in enumerate(events):
                 event.terminal, event.direction = True, 1 if modes[joint] == FLIGHT else -1
             part = solve_ivp(
-                rates, (t, end), z, method, args=(modes, approaches), events=events, rtol=3e-14, atol=tolerance,
-                first_step=min(1e-7, end - t), max_step=1e-3,
-            )  # fmt: skip
+                rates,
+                (t, end),
+                z,
+                method,
+                args=(modes, approaches),
+                events=events,
+                rtol=3e-14,
+                atol=tolerance,
+                first_step=min(1e-7, end - t),
+                max_step=1e-3,
+            )
             t, z = part.t[-1], part.y[:, -1]
             if part.status == 1:
                 joint = 0 if part.t_events[0].size else 1

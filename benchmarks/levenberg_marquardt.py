@@ -1,4 +1,5 @@
-"""One Levenberg-Marquardt iteration on the paper's network at 361 points, ours beside others, on one core.
+"""One Levenberg-Marquardt iteration on the paper's network at 361 points, ours beside others, on
+one core.
 
 Everybody gets the same points, the same network, start and Jacobian.
 """
@@ -22,8 +23,11 @@ LIMIT = 3000  # iterations after which a method has not got there
 
 
 def measure() -> list[dict]:
-    """Rows of the table; measured in a process of its own, whose libraries start with one thread."""
-    one_thread = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+    """Rows of the table; measured in a process of its own, whose libraries start with one
+    thread."""
+    one_thread = {
+        name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    }
     done = subprocess.run(
         [sys.executable, "-m", "benchmarks.levenberg_marquardt"],
         cwd=ROOT,
@@ -38,7 +42,8 @@ def measure() -> list[dict]:
 
 
 def signal() -> tuple[np.ndarray, np.ndarray]:
-    """361 points that look like gamma'': three impacts, each with a decaying ring of about a degree."""
+    """361 points that look like gamma'': three impacts, each with a decaying ring of about a
+    degree."""
     x = np.linspace(0.0, 1.0, 361)
     y = 0.3 * np.sin(2 * np.pi * x)
     for place, height, rate in ((0.017, 1.0, 90.0), (0.05, -0.7, 60.0), (0.12, 0.4, 30.0)):
@@ -48,7 +53,8 @@ def signal() -> tuple[np.ndarray, np.ndarray]:
 
 
 def per_iteration(run) -> float:
-    """Median of the milliseconds per iteration; `run()` trains from the start and returns the iterations it did."""
+    """Median of the milliseconds per iteration; `run()` trains from the start and returns the
+    iterations it did."""
     run()
     taken = []
     for _ in range(REPEATS):
@@ -84,7 +90,9 @@ def rows() -> list[dict]:
     peers = {
         "scipy trf, our Jacobian": per_iteration(lambda: scipy("trf").nfev),
         "MINPACK, our Jacobian": per_iteration(lambda: scipy("lm").nfev),
-        "plain torch (vmap, jacrev)": per_iteration(lambda: plain_torch(layout, inputs, targets, start)),
+        "plain torch (vmap, jacrev)": per_iteration(
+            lambda: plain_torch(layout, inputs, targets, start)
+        ),
     }
     found = [row("one Levenberg-Marquardt iteration", REACH_MS, per_iteration(ours), "ms", **peers)]
     begin = time.perf_counter()
@@ -96,7 +104,9 @@ def rows() -> list[dict]:
         begin = time.perf_counter()
         peer = scipy(method, 1000)
         error = 2 * peer.cost / len(inputs)
-        others[f"{name}: mean square error {error:.1e} after {peer.nfev} evaluations,"] = time.perf_counter() - begin
+        others[f"{name}: mean square error {error:.1e} after {peer.nfev} evaluations,"] = (
+            time.perf_counter() - begin
+        )
     measured = steps * seconds if steps <= result.iterations else None
     what = f"training to a mean square error of {GOAL:g} ({steps} iterations)"
     found.append(row(what, None, measured, "s", **others))
@@ -104,7 +114,8 @@ def rows() -> list[dict]:
 
 
 def plain_torch(layout, inputs, targets, start, iterations=ITERATIONS) -> int:
-    """What one writes first: Jacobian by vmap and jacrev, J^T J, Cholesky, damping up and down by ten."""
+    """What one writes first: Jacobian by vmap and jacrev, J^T J, Cholesky, damping up and down by
+    ten."""
     import torch
 
     x, y = torch.tensor(inputs), torch.tensor(targets)

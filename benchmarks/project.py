@@ -1,4 +1,5 @@
-"""What measurements and tests share: rows, functions in processes of their own, a clean copy of the project."""
+"""What measurements and tests share: rows, functions in processes of their own, a clean copy of the
+project."""
 
 import json
 import os
@@ -10,17 +11,27 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 REPORT, SMOKE_REPORT = "results/report.html", "results/smoke-report.html"
 MADE_BY_RUNS = shutil.ignore_patterns(
-    ".git", ".venv", ".cache", ".snakemake", "results", "__pycache__", "*.egg-info", ".*_cache", ".hypothesis"
+    ".git",
+    ".venv",
+    ".cache",
+    ".snakemake",
+    "results",
+    "__pycache__",
+    "*.egg-info",
+    ".*_cache",
+    ".hypothesis",
 )
 
 
 def copy_project(folder: Path) -> Path:
-    """Copy all that belongs to the project, without anything that runs have made; `folder` must not exist yet."""
+    """Copy all that belongs to the project, without anything that runs have made; `folder` must not
+    exist yet."""
     return shutil.copytree(ROOT, folder, ignore=MADE_BY_RUNS)
 
 
 def environment() -> dict[str, str]:
-    """This process's environment, with the packages of the Python that runs it: it need not be .venv's."""
+    """This process's environment, with the packages of the Python that runs it: it need not be
+    .venv's."""
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
     return {**os.environ, "PATH": path}
 
@@ -42,16 +53,24 @@ def run(folder: Path, *command: str, **more_environment: str) -> subprocess.Comp
     )
 
 
-def row(what: str, reach: float | None, measured: float | None, unit: str, **peers: float | None) -> dict:
+def row(
+    what: str, reach: float | None, measured: float | None, unit: str, **peers: float | None
+) -> dict:
     """A row of the table."""
     return {"what": what, "reach": reach, "measured": measured, "unit": unit, "peers": peers}
 
 
 def apart(module: str, function: str, *given: object) -> dict[str, float]:
-    """Result of a function of a module of this folder in a new process: memory only ever grows in one."""
-    code = f"import json; from benchmarks.{module} import {function}; print(json.dumps({function}(*{given!r})))"
+    """Result of a function of a module of this folder in a new process: memory only ever grows in
+    one."""
+    code = (
+        f"import json; from benchmarks.{module} import {function};"
+        f" print(json.dumps({function}(*{given!r})))"
+    )
     command = [sys.executable, "-c", code]
-    done = subprocess.run(command, cwd=ROOT, env=environment(), stdout=subprocess.PIPE, text=True, check=True)
+    done = subprocess.run(
+        command, cwd=ROOT, env=environment(), stdout=subprocess.PIPE, text=True, check=True
+    )
     return json.loads(done.stdout.splitlines()[-1])
 
 

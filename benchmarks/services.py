@@ -24,13 +24,16 @@ class Slurm:
 
     def says(self, *command: str) -> str:
         """What one of SLURM's commands prints."""
-        done = subprocess.run(command, env=self.environment, capture_output=True, text=True, check=True)
+        done = subprocess.run(
+            command, env=self.environment, capture_output=True, text=True, check=True
+        )
         return done.stdout
 
 
 @contextmanager
 def slurm(cores: int | None = None) -> Iterator[Slurm]:
-    """A SLURM that takes jobs, on a node of so many cores, or of this machine's; it is stopped at the end."""
+    """A SLURM that takes jobs, on a node of so many cores, or of this machine's; it is stopped at
+    the end."""
     folder = Path(tempfile.mkdtemp(prefix="slurm-"))  # a short path: sockets lie in it
     try:
         exported = services("start", folder, **({"CORES": str(cores)} if cores else {}))
@@ -56,7 +59,9 @@ def services(verb: str, folder: Path, **more_environment: str) -> str:
         With what it said: which packages are missing, for instance.
     """
     command = [str(ROOT / "scripts/services"), verb, str(folder), "slurm"]
-    done = subprocess.run(command, env=environment() | more_environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, env=environment() | more_environment, capture_output=True, text=True, check=False
+    )
     if done.returncode:
         raise ServiceError(done.stderr.strip())
     return done.stdout

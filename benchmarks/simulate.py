@@ -1,10 +1,11 @@
 """Cost of one revolution against its accuracy, beside Exudyn and general-purpose integrators.
 
-The case: the paper's mechanism, Lankarani-Nikravesh as published with e = 0.46, no friction, no gravity, first
-revolution, no output. Errors are those of the rod's mass centre and of the slider at 90 degrees, before chaos, against
-independent code in 80-bit numbers. Every code runs at all its tolerances. What it costs us to stay within an error is
-the time at the loosest tolerance from which on we do; the others' is their least time at any tolerance that happened
-to do. The whole table goes to results/work_precision.parquet; `python -m benchmarks.draw_work_precision` draws it.
+The case: the paper's mechanism, Lankarani-Nikravesh as published with e = 0.46, no friction, no
+gravity, first revolution, no output. Errors are those of the rod's mass centre and of the slider at
+90 degrees, before chaos, against independent code in 80-bit numbers. Every code runs at all its
+tolerances. What it costs us to stay within an error is the time at the loosest tolerance from which
+on we do; the others' is their least time at any tolerance that happened to do. The whole table goes
+to results/work_precision.parquet; `python -m benchmarks.draw_work_precision` draws it.
 """
 
 import contextlib
@@ -44,17 +45,29 @@ def case() -> Mechanism:
     """The paper's mechanism without friction."""
     paper = load_mechanism(ROOT / "config/mechanisms/erkaya2009.yaml")
     contact = paper.joint("crank_pin").contact.model_copy(
-        update={"law": "lankarani_nikravesh", "restitution": 0.46, "friction": 0.0, "memory": "published"}
+        update={
+            "law": "lankarani_nikravesh",
+            "restitution": 0.46,
+            "friction": 0.0,
+            "memory": "published",
+        }
     )
-    joints = {name: paper.joint(name).model_copy(update={"contact": contact}) for name in ("crank_pin", "piston_pin")}
-    return paper.model_copy(update={"joints": paper.joints.model_copy(update=joints), "effects": ()})
+    joints = {
+        name: paper.joint(name).model_copy(update={"contact": contact})
+        for name in ("crank_pin", "piston_pin")
+    }
+    return paper.model_copy(
+        update={"joints": paper.joints.model_copy(update=joints), "effects": ()}
+    )
 
 
 def exact_positions(mechanism: Mechanism, tolerance: float) -> np.ndarray:
     """Rod's mass centre x, y and slider's position [m] at 90 degrees by 80-bit numbers."""
     p = parameters(mechanism, Simulate(speed=SPEED))
     joints = (p.crank_pin, p.piston_pin)
-    extended = Extended(mechanism, SPEED, [one.stiffness for one in joints], [one.damping for one in joints])
+    extended = Extended(
+        mechanism, SPEED, [one.stiffness for one in joints], [one.damping for one in joints]
+    )
     return extended.state_at(QUARTER, tolerance)[[0, 1, 3]]
 
 
@@ -63,7 +76,8 @@ def distance(one, other) -> float:
 
 
 def scan(name: str, code: Code, exact: np.ndarray) -> list[dict]:
-    """Error [m] at 90 degrees and milliseconds of a revolution at all tolerances of a code; the tightest first."""
+    """Error [m] at 90 degrees and milliseconds of a revolution at all tolerances of a code; the
+    tightest first."""
     exponents, repeats = SCANS[name]
     code(QUARTER, 1e-8)  # whatever is done once
     rows = []
@@ -71,12 +85,20 @@ def scan(name: str, code: Code, exact: np.ndarray) -> list[dict]:
         with contextlib.suppress(RuntimeError):  # too tight for this code
             error = distance(code(QUARTER, tolerance)[0], exact)
             milliseconds = 1e3 * min(code(REVOLUTION, tolerance)[1] for _ in range(repeats))
-            rows.append({"code": name, "tolerance_m": tolerance, "error_m": error, "ms_per_revolution": milliseconds})
+            rows.append(
+                {
+                    "code": name,
+                    "tolerance_m": tolerance,
+                    "error_m": error,
+                    "ms_per_revolution": milliseconds,
+                }
+            )
     return rows
 
 
 def cost(table: pd.DataFrame, name: str, target: float) -> float | None:
-    """Milliseconds of a revolution with an error of at most `target` [m]: ours reliably, the others' at their best."""
+    """Milliseconds of a revolution with an error of at most `target` [m]: ours reliably, the
+    others' at their best."""
     rows = table[table["code"] == name].sort_values("tolerance_m")
     good = rows["error_m"] <= target
     if name == "jointgap":
@@ -85,7 +107,8 @@ def cost(table: pd.DataFrame, name: str, target: float) -> float | None:
 
 
 def first_and_later_call() -> tuple[float, float]:
-    """Seconds of a simulation in a new process, with an empty cache of compiled code and with a full one."""
+    """Seconds of a simulation in a new process, with an empty cache of compiled code and with a
+    full one."""
     code = (
         "import time; from benchmarks.simulate import case; from jointgap.config import Simulate;"
         "from jointgap.dynamics import simulate; mechanism = case(); begin = time.perf_counter();"
@@ -95,14 +118,21 @@ def first_and_later_call() -> tuple[float, float]:
         environment = {**os.environ, "NUMBA_CACHE_DIR": folder}
         command = [sys.executable, "-c", code]
         first, later = (
-            float(subprocess.run(command, env=environment, cwd=ROOT, stdout=subprocess.PIPE, check=True).stdout)
+            float(
+                subprocess.run(
+                    command, env=environment, cwd=ROOT, stdout=subprocess.PIPE, check=True
+                ).stdout
+            )
             for _ in range(2)
         )
     return first, later
 
 
-def work_precision(mechanism: Mechanism, exact: np.ndarray, path: Path = TABLE) -> tuple[pd.DataFrame, list[str]]:
-    """Scan of all codes, written to `path` as well, and the names of those that are not installed."""
+def work_precision(
+    mechanism: Mechanism, exact: np.ndarray, path: Path = TABLE
+) -> tuple[pd.DataFrame, list[str]]:
+    """Scan of all codes, written to `path` as well, and the names of those that are not
+    installed."""
     found = codes(mechanism, SPEED)
     rows = [row for name, code in found.items() if code for row in scan(name, code, exact)]
     table = pd.DataFrame(rows)

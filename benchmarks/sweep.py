@@ -1,10 +1,12 @@
-"""A sweep of the paper's mechanism, four revolutions and both pins loose, to Parquet: time, memory, growth and reading.
+"""A sweep of the paper's mechanism, four revolutions and both pins loose, to Parquet: time, memory,
+growth and reading.
 
-``python -m benchmarks.sweep --designs 100000`` measures the size that the reaches are of; by default it is a hundredth.
-The ratio is of the processor time of the whole to that of the simulations alone, each timed in its thread in the same
-run, so that it holds on a busy machine too; with ``--workflow`` Snakemake's jobs, with all that they load, are held
-against the same simulations, with ``--slurm`` 40 jobs on a SLURM of this machine against the sweep without. Memory and
-time are those of processes of their own.
+``python -m benchmarks.sweep --designs 100000`` measures the size that the reaches are of; by
+default it is a hundredth. The ratio is of the processor time of the whole to that of the
+simulations alone, each timed in its thread in the same run, so that it holds on a busy machine too;
+with ``--workflow`` Snakemake's jobs, with all that they load, are held against the same
+simulations, with ``--slurm`` 40 jobs on a SLURM of this machine against the sweep without. Memory
+and time are those of processes of their own.
 """
 
 import argparse
@@ -34,16 +36,25 @@ FEW = 1000
 """Designs beside which memory is held, and the fewest that growth is measured with."""
 
 READERS = {
-    "pandas": "frame = pandas.read_parquet({folder!r}); frame[(frame.friction > 0.1) & frame.reason.isna()]",
-    "polars": "polars.read_parquet({folder!r}).filter((polars.col('friction') > 0.1) & polars.col('reason').is_null())",
-    "duckdb": "duckdb.sql(\"select * from read_parquet('{folder}/*.parquet') where friction > 0.1 and reason is null\")"
-    ".arrow()",
+    "pandas": (
+        "frame = pandas.read_parquet({folder!r}); frame[(frame.friction > 0.1) &"
+        " frame.reason.isna()]"
+    ),
+    "polars": (
+        "polars.read_parquet({folder!r}).filter((polars.col('friction') > 0.1) &"
+        " polars.col('reason').is_null())"
+    ),
+    "duckdb": (
+        "duckdb.sql(\"select * from read_parquet('{folder}/*.parquet') where friction > 0.1 and"
+        ' reason is null").arrow()'
+    ),
 }
 """How other programs read all columns of the designs with much friction that did not fail."""
 
 
 def config(designs: int) -> dict:
-    """The configuration that `make sweep` has by default, with so many designs, in jobs as they are by default."""
+    """The configuration that `make sweep` has by default, with so many designs, in jobs as they are
+    by default."""
     found = yaml.safe_load((ROOT / "config/sweep.yaml").read_text(encoding="utf-8"))
     found["scenarios"]["sweep"]["sweep"] |= {"number": designs}
     del found["scenarios"]["sweep"]["sweep"]["designs_per_job"]
@@ -51,7 +62,8 @@ def config(designs: int) -> dict:
 
 
 def swept(designs: int, cores: int, folder: str) -> dict[str, float]:
-    """Wall and processor seconds of a sweep, those of its simulations alone, and peak memory [MiB]."""
+    """Wall and processor seconds of a sweep, those of its simulations alone, and peak memory
+    [MiB]."""
     from jointgap.config import resolve
     from jointgap.designs.stages import sweep
     from jointgap.dynamics import parallel
@@ -108,7 +120,8 @@ def of_workflow(designs: int, cores: int) -> dict[str, float]:
 
 
 def of_slurm(designs: int, cores: int, jobs: int = SLURM_JOBS) -> dict[str, float]:
-    """Wall seconds of the same sweep as jobs of a SLURM, so many one-core jobs on a node of so many cores."""
+    """Wall seconds of the same sweep as jobs of a SLURM, so many one-core jobs on a node of so many
+    cores."""
     with tempfile.TemporaryDirectory() as folder, slurm_of_this_machine(cores) as slurm:
         place = copy_project(Path(folder) / "project")
         asked = config(designs)
@@ -117,27 +130,52 @@ def of_slurm(designs: int, cores: int, jobs: int = SLURM_JOBS) -> dict[str, floa
         profile = ("--workflow-profile", "workflow/profiles/slurm")
         command = in_venv("snakemake", SUMMARY, "--configfile", "sweep.json", *profile)
         began = time.perf_counter()
-        done = subprocess.run(command, cwd=place, env=slurm.environment, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            command, cwd=place, env=slurm.environment, capture_output=True, text=True, check=False
+        )
         if done.returncode:
             raise RuntimeError(done.stderr[-2000:])
         return {"wall": time.perf_counter() - began}
 
 
-def measure(designs: int = DESIGNS, cores: int = CORES, workflow: bool = False, slurm: bool = False) -> list[dict]:
+def measure(
+    designs: int = DESIGNS, cores: int = CORES, workflow: bool = False, slurm: bool = False
+) -> list[dict]:
     with tempfile.TemporaryDirectory() as folder:
-        numbers = sorted({min(FEW, designs // 10), round((min(FEW, designs // 10) * designs) ** 0.5), designs})
-        found = {number: apart("sweep", "swept", number, cores, f"{folder}/{number}") for number in numbers}
+        numbers = sorted(
+            {min(FEW, designs // 10), round((min(FEW, designs // 10) * designs) ** 0.5), designs}
+        )
+        found = {
+            number: apart("sweep", "swept", number, cores, f"{folder}/{number}")
+            for number in numbers
+        }
         most = found[designs]
         few = found.get(FEW) or apart("sweep", "swept", FEW, cores, f"{folder}/few")
         dataset = f"{folder}/{designs}/designs"
-        read = {reader: apart("sweep", "read_and_filtered", reader, dataset)["seconds"] for reader in READERS}
+        read = {
+            reader: apart("sweep", "read_and_filtered", reader, dataset)["seconds"]
+            for reader in READERS
+        }
     reach = REACH_S * designs / OF_REACH
-    simulations = {"its simulations alone, processor": most["alone"], "all, processor": most["processor"]}
+    simulations = {
+        "its simulations alone, processor": most["alone"],
+        "all, processor": most["processor"],
+    }
     grows = exponent(numbers, [found[number]["processor"] for number in numbers])
     rows = [
         row(f"sweep: {designs} designs on {cores} cores", reach, most["wall"], "s", **simulations),
-        row("sweep: processor time over that of its simulations", RATIO, most["processor"] / most["alone"], "1"),
-        row("sweep: time x cores over its simulations", RATIO, cores * most["wall"] / most["alone"], "1"),
+        row(
+            "sweep: processor time over that of its simulations",
+            RATIO,
+            most["processor"] / most["alone"],
+            "1",
+        ),
+        row(
+            "sweep: time x cores over its simulations",
+            RATIO,
+            cores * most["wall"] / most["alone"],
+            "1",
+        ),
         row(
             f"sweep: peak memory, {designs} designs over {FEW}",
             MEMORY,
@@ -145,7 +183,12 @@ def measure(designs: int = DESIGNS, cores: int = CORES, workflow: bool = False, 
             "1",
             **{f"MiB of {designs}": most["mebibytes"]},
         ),
-        row(f"sweep: growth of processor time, {numbers[0]} to {designs} designs: power", POWER, grows, "1"),
+        row(
+            f"sweep: growth of processor time, {numbers[0]} to {designs} designs: power",
+            POWER,
+            grows,
+            "1",
+        ),
         row(
             f"sweep: rows of {designs} designs read and filtered, slowest program",
             READ_S,
@@ -157,14 +200,30 @@ def measure(designs: int = DESIGNS, cores: int = CORES, workflow: bool = False, 
     if workflow:
         jobs = of_workflow(designs, cores)
         spent = {"processor s": jobs["processor"]}
-        rows.append(row(f"sweep: {designs} designs by make sweep on {cores} cores", reach, jobs["wall"], "s", **spent))
         rows.append(
-            row("sweep: make sweep, processor time over the simulations", RATIO, jobs["processor"] / most["alone"], "1")
+            row(
+                f"sweep: {designs} designs by make sweep on {cores} cores",
+                reach,
+                jobs["wall"],
+                "s",
+                **spent,
+            )
+        )
+        rows.append(
+            row(
+                "sweep: make sweep, processor time over the simulations",
+                RATIO,
+                jobs["processor"] / most["alone"],
+                "1",
+            )
         )
     if slurm:
         queued = of_slurm(designs, cores)["wall"]
         seconds = {"without SLURM, s": most["wall"], "on SLURM, s": queued}
-        what = f"sweep: {designs} designs by {SLURM_JOBS} SLURM jobs on a node of {cores} cores, time over that without"
+        what = (
+            f"sweep: {designs} designs by {SLURM_JOBS} SLURM jobs on a node of {cores} cores, time"
+            " over that without"
+        )
         rows.append(row(what, SLURM_RATIO, queued / most["wall"], "1", **seconds))
     return rows
 
@@ -173,7 +232,11 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(prog="python -m benchmarks.sweep", description=__doc__)
     parser.add_argument("--designs", type=int, default=DESIGNS)
     parser.add_argument("--cores", type=int, default=CORES)
-    parser.add_argument("--workflow", action="store_true", help="measure the jobs of the workflow too")
-    parser.add_argument("--slurm", action="store_true", help="measure 40 jobs of a SLURM on this machine too")
+    parser.add_argument(
+        "--workflow", action="store_true", help="measure the jobs of the workflow too"
+    )
+    parser.add_argument(
+        "--slurm", action="store_true", help="measure 40 jobs of a SLURM on this machine too"
+    )
     for line in measure(**vars(parser.parse_args())):
         print(json.dumps(line))

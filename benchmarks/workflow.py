@@ -1,4 +1,5 @@
-"""Seconds a person waits: for help, for the small run, for a run with nothing to do, for the whole paper."""
+"""Seconds a person waits: for help, for the small run, for a run with nothing to do, for the whole
+paper."""
 
 import os
 import statistics
@@ -8,7 +9,8 @@ from pathlib import Path
 
 from benchmarks.project import REPORT, ROOT, copy_project, row, run, smoke_command, workflow_command
 
-# The whole run takes long enough that it is measured only when asked for: JOINTGAP_BENCH_WHOLE_RUN=1 make bench
+# The whole run takes long enough that it is measured only when asked for:
+# JOINTGAP_BENCH_WHOLE_RUN=1 make bench
 WHOLE_RUN = "JOINTGAP_BENCH_WHOLE_RUN"
 
 
@@ -40,9 +42,13 @@ def measure() -> list[dict]:
     ]
     with tempfile.TemporaryDirectory() as folder:
         copy = copy_project(Path(folder) / "project")
-        rows.append(row("make smoke", 60, seconds(lambda: run(copy, *smoke_command("--cores", "2"))), "s"))
+        rows.append(
+            row("make smoke", 60, seconds(lambda: run(copy, *smoke_command("--cores", "2"))), "s")
+        )
         asked = os.environ.get(WHOLE_RUN)
-        whole = seconds(lambda: run(copy, *workflow_command(REPORT, "--cores", "2"))) if asked else None
+        whole = (
+            seconds(lambda: run(copy, *workflow_command(REPORT, "--cores", "2"))) if asked else None
+        )
         rows.append(row(f"make run, 2 cores (with {WHOLE_RUN}=1)", 720, whole, "s"))
     idle = run(ROOT, "snakemake", "--dry-run", "--quiet", "--cores", "1")
     finished = (ROOT / REPORT).exists() and "Nothing to be done" in idle.stdout + idle.stderr

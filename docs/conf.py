@@ -1,7 +1,8 @@
-"""The documentation site. `make docs` builds it; every page is a file that reads well on GitHub too.
+"""The documentation site. `make docs` builds it; every page is a file that reads well on GitHub
+too.
 
-The source folder is the root of the repository, so that links between docs/, config/ and the files of the root lead to
-the same place in a clone, on GitHub and on the site.
+The source folder is the root of the repository, so that links between docs/, config/ and the files
+of the root lead to the same place in a clone, on GitHub and on the site.
 """
 
 import os
@@ -32,7 +33,8 @@ extensions = [
     "workflow_drawing",
 ]
 
-# -- pages ------------------------------------------------------------------------------------------------------------
+# -- pages
+# ------------------------------------------------------------------------------------------
 
 root_doc = "docs/index"
 include_patterns = [
@@ -62,19 +64,28 @@ myst_links_external_new_tab = False
 default_role = "code"  # single backticks in docstrings are names of the code
 nb_execution_mode = "off"  # scripts/notebooks stores the outputs
 
-# -- strictness -------------------------------------------------------------------------------------------------------
+# -- strictness
+# ------------------------------------------------------------------------------------------
 
 nitpicky = True
 nitpick_ignore_regex = [
-    # Types of other projects in signatures. Their inventories would have to be fetched at every build.
-    (r"py:.*", r"(click|collections|datetime|matplotlib|numpy|np|pandas|pd|pathlib|pydantic|rich|typing)(\..*)?"),
+    # Types of other projects in signatures. Their inventories would have to be fetched at every
+    # build.
+    (
+        r"py:.*",
+        r"(click|collections|datetime|matplotlib|numpy|np|pandas|pd|pathlib|pydantic|rich|typing)(\..*)?",
+    ),
     # Python's own types and what is short for those above.
-    (r"py:.*", r"(Any|Callable|Iterable|Mapping|Path|Sequence|bool|bytes|dict|float|int|list|object|str|tuple|Figure)"),
+    (
+        r"py:.*",
+        r"(Any|Callable|Iterable|Mapping|Path|Sequence|bool|bytes|dict|float|int|list|object|str|tuple|Figure)",
+    ),
     # What a type variable stands for is said in the docstring.
     (r"py:.*", r"jointgap\.config\.variations\.AnyConfigModel"),
 ]
 
-# -- Python reference -------------------------------------------------------------------------------------------------
+# -- Python reference
+# ------------------------------------------------------------------------------------------
 
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
@@ -84,7 +95,8 @@ numpydoc_class_members_toctree = False
 python_maximum_signature_line_length = 88
 add_module_names = False
 
-# -- appearance -------------------------------------------------------------------------------------------------------
+# -- appearance
+# ------------------------------------------------------------------------------------------
 
 html_theme = "furo"
 html_title = "jointgap"
@@ -103,7 +115,9 @@ html_theme_options = {
 }
 if repository:
     html_theme_options |= {
-        "source_repository": f"{os.environ.get('GITHUB_SERVER_URL', 'https://github.com')}/{repository}/",
+        "source_repository": (
+            f"{os.environ.get('GITHUB_SERVER_URL', 'https://github.com')}/{repository}/"
+        ),
         "source_branch": "main",
         "source_directory": "",
     }

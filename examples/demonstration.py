@@ -2,9 +2,9 @@
 
     python -m examples.demonstration
 
-The rig is the mechanism of the campaigns, but for what `HIDDEN` says; their files do not know it. Data come from a
-finer tolerance than a fit uses and from a friction with another width at rest, with the noise of sensors; at times of
-their own, a gap and a wrapping encoder included.
+The rig is the mechanism of the campaigns, but for what `HIDDEN` says; their files do not know it.
+Data come from a finer tolerance than a fit uses and from a friction with another width at rest,
+with the noise of sensors; at times of their own, a gap and a wrapping encoder included.
 """
 
 from pathlib import Path
@@ -25,11 +25,16 @@ HIDDEN = {
     },
     "demonstration_clearance": {
         "name": "crank_pin_clearance",
-        "parameters": {"clearance_m": 5e-4, "restitution": 0.6, "friction": 0.1, "stiffness_factor": 0.8},
+        "parameters": {
+            "clearance_m": 5e-4,
+            "restitution": 0.6,
+            "friction": 0.1,
+            "stiffness_factor": 0.8,
+        },
     },
 }
-"""By campaign: Coulomb friction of 6 N between slider and guide; a crank pin with a radial clearance of 0.5 mm, and a
-contact of its own, which nobody measured."""
+"""By campaign: Coulomb friction of 6 N between slider and guide; a crank pin with a radial
+clearance of 0.5 mm, and a contact of its own, which nobody measured."""
 
 OFF_NOMINAL = {"slider": {"mass": 1.02}, "rod": {"mass": 0.99}}
 """True values over nominal ones, inside of the ranges that the campaign states."""
@@ -51,15 +56,27 @@ def rig(nominal: Mechanism, hidden: dict) -> Mechanism:
 def measured(mechanism: Mechanism, speed: float, random: np.random.Generator) -> pd.DataFrame:
     """One run as a data logger would write it."""
     per_turn = 40 * SAMPLES_PER_REVOLUTION
-    options = Simulate(speed=speed, revolutions=SETTLED + REVOLUTIONS, samples_per_revolution=per_turn, tolerance=1e-12)
+    options = Simulate(
+        speed=speed,
+        revolutions=SETTLED + REVOLUTIONS,
+        samples_per_revolution=per_turn,
+        tolerance=1e-12,
+    )
     samples = simulate(mechanism, options).samples
     begin = SETTLED * per_turn + int(random.integers(per_turn // 3))
     kept = samples.iloc[begin:-1:40].reset_index(drop=True)
     channels = {"torque_Nm": kept["crank_torque"], "acc_g": kept["slider_acceleration"] / 9.80665}
-    noisy = {name: values + random.normal(0.0, NOISE * values.std(), len(kept)) for name, values in channels.items()}
+    noisy = {
+        name: values + random.normal(0.0, NOISE * values.std(), len(kept))
+        for name, values in channels.items()
+    }
     angle = np.degrees(kept["crank_angle"]) + random.normal(0.0, ANGLE_NOISE, len(kept))
     frame = pd.DataFrame(
-        {"t_ms": 1e3 * (kept["time"] - kept["time"].iloc[0]), "angle_deg": np.mod(angle, 360.0), **noisy}
+        {
+            "t_ms": 1e3 * (kept["time"] - kept["time"].iloc[0]),
+            "angle_deg": np.mod(angle, 360.0),
+            **noisy,
+        }
     )
     frame.loc[frame.index[100:110], "acc_g"] = np.nan  # the sensor's cable was loose
     return frame.round({"t_ms": 4, "angle_deg": 2, "torque_Nm": 4, "acc_g": 4})

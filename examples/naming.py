@@ -1,4 +1,5 @@
-"""From a model and its data to the verdict, for all examples: the stages of docs/how_to/own_model.md."""
+"""From a model and its data to the verdict, for all examples: the stages of
+docs/how_to/own_model.md."""
 
 from dataclasses import dataclass
 
@@ -44,7 +45,9 @@ def name(model: Model) -> Named:
     alone, _ = fit_singles(base, signatures, limits)
     together, _ = fit_pairs(base, signatures, limits, alone)
     found = select_hypothesis(base, signatures, [*alone, *together], limits)
-    confirmed = confirm(model, numerics_noise(model, found.base.mapping, noise), found.base, found.proposed)
+    confirmed = confirm(
+        model, numerics_noise(model, found.base.mapping, noise), found.base, found.proposed
+    )
     return Named(base, final_verdict(found, confirmed), confirmed)
 
 
@@ -52,12 +55,17 @@ def estimates(found: Fit) -> list[str]:
     """A line for each parameter, with the 90 % interval that the data and the bounds leave."""
     named = [(p.key, f" {p.unit}", estimate) for p, estimate in nuisance_estimates(found)]
     for candidate in found.hypothesis:  # the names of their parameters end in the unit
-        named += [(f"{candidate.label}.{key}", "", one) for key, one in effect_estimates(found, candidate).items()]
+        named += [
+            (f"{candidate.label}.{key}", "", one)
+            for key, one in effect_estimates(found, candidate).items()
+        ]
     lines = []
     for label, unit, estimate in named:
         low, high = ("open" if end is None else f"{end:.4g}" for end in estimate["interval_90"])
         remark = f" ({estimate['remark']})" if "remark" in estimate else ""
-        lines.append(f"{label} = {estimate['value']:.4g}{unit}, 90 % interval {low} to {high}{remark}")
+        lines.append(
+            f"{label} = {estimate['value']:.4g}{unit}, 90 % interval {low} to {high}{remark}"
+        )
     return lines
 
 
@@ -69,6 +77,9 @@ def report(found: Named) -> None:
         print(f"certain, of those tried: {' + '.join(found.decision.certain)}")
     print(f"gap on the held-out data: {found.confirmed.test.summary}")
     for ranked in found.decision.ranking[:5]:
-        print(f"  {ranked.fit.label}: delta BIC {ranked.delta_bic:.0f}, explained share {ranked.share:.3f}")
+        print(
+            f"  {ranked.fit.label}: delta BIC {ranked.delta_bic:.0f}, explained share"
+            f" {ranked.share:.3f}"
+        )
     for line in estimates(found.chosen):
         print(f"  {line}")

@@ -10,7 +10,8 @@ from jointgap.core.errors import InputError
 
 
 def each(check: Callable, cases: Iterable) -> None:
-    """Call `check` with every case, a tuple of what it is given or the only thing; one failure tells of all."""
+    """Call `check` with every case, a tuple of what it is given or the only thing; one failure
+    tells of all."""
     told, count = [], 0
     for count, case in enumerate(cases, 1):  # noqa: B007
         try:
@@ -21,9 +22,11 @@ def each(check: Callable, cases: Iterable) -> None:
     assert not told, "\n".join([f"{len(told)} of {count} cases fail", *told])
 
 
-def refused(act: Callable, cases: Iterable, error: type[Exception] = InputError, starts: str = "") -> None:
-    """`act` with what each case gives, all but its last part, raises an error whose text holds the words of that
-    part, which ` ~ ` separates, and begins with `starts`.
+def refused(
+    act: Callable, cases: Iterable, error: type[Exception] = InputError, starts: str = ""
+) -> None:
+    """`act` with what each case gives, all but its last part, raises an error whose text holds the
+    words of that part, which ` ~ ` separates, and begins with `starts`.
     """
 
     def check(*case: object) -> None:

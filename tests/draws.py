@@ -8,13 +8,16 @@ CHANCE = 1e-4
 
 
 def check_rate(happened: ArrayLike, rate: float, most: float | None = None) -> None:
-    """What `happened` in each draw (n,) bool has the probability `rate`, or one between `rate` and `most`."""
+    """What `happened` in each draw (n,) bool has the probability `rate`, or one between `rate` and
+    `most`."""
     happened = np.asarray(happened, bool)
     least, most = (
         binom.ppf(0.5 * CHANCE, happened.size, rate),
         binom.isf(0.5 * CHANCE, happened.size, rate if most is None else most),
     )
-    assert least <= happened.sum() <= most, f"{happened.sum()} of {happened.size}, not {least:g} to {most:g}"
+    assert least <= happened.sum() <= most, (
+        f"{happened.sum()} of {happened.size}, not {least:g} to {most:g}"
+    )
 
 
 def check_uniform(p: ArrayLike) -> None:

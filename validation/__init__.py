@@ -1,1 +1,2 @@
-"""Blind trials: campaigns in which an effect is hidden, the naming of it without the truth at hand, and the score."""
+"""Blind trials: campaigns in which an effect is hidden, the naming of it without the truth at hand,
+and the score."""

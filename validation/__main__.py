@@ -1,17 +1,20 @@
 """Blind trials, as `make blind` calls them; only the score reads what was sealed.
 
-python -m validation conceal SETS NAME TRIAL CAMPAIGN SEALED: draw one trial of a set, write its campaign, and seal the
-ground truth elsewhere; analyse CAMPAIGN FOUND: identify what is missing in a campaign, in a folder that holds it alone;
-score NAME FOLDER TRIALS: open the seals in results/blind/SET, write the score, and publish it to MLflow; collect FOLDER
-TABLE CODE: add the trials of a folder to a table of all that one version of the code has analysed; report NAME TABLE
+python -m validation conceal SETS NAME TRIAL CAMPAIGN SEALED: draw one trial of a set, write its
+campaign, and seal the ground truth elsewhere; analyse CAMPAIGN FOUND: identify what is missing in a
+campaign, in a folder that holds it alone; score NAME FOLDER TRIALS: open the seals in
+results/blind/SET, write the score, and publish it to MLflow; collect FOLDER TABLE CODE: add the
+trials of a folder to a table of all that one version of the code has analysed; report NAME TABLE
 FOLDER: write the score of such a table.
 
-Other methods: train FEATURES WEIGHTS [SECONDS]: draw rigs for so long, on CORES=2, write FEATURES (used as they are if
-they exist), train the classifier; peer WHICH CAMPAIGN GIVEN OUT: what the `optimiser` names (GIVEN: what `analyse`
-wrote, whose processor time it has), or the `network` (GIVEN: WEIGHTS).
+Other methods: train FEATURES WEIGHTS [SECONDS]: draw rigs for so long, on CORES=2, write FEATURES
+(used as they are if they exist), train the classifier; peer WHICH CAMPAIGN GIVEN OUT: what the
+`optimiser` names (GIVEN: what `analyse` wrote, whose processor time it has), or the `network`
+(GIVEN: WEIGHTS).
 
-Benchmark: benchmark draw FOLDER [COUNT]: write its campaigns and truth.zip, on CORES=2; benchmark answers RECORDS OUT
-[METHOD]: collect what a method found into one file; benchmark score ANSWERS TRUTH FOLDER: score it.
+Benchmark: benchmark draw FOLDER [COUNT]: write its campaigns and truth.zip, on CORES=2; benchmark
+answers RECORDS OUT [METHOD]: collect what a method found into one file; benchmark score ANSWERS
+TRUTH FOLDER: score it.
 """
 
 import json
@@ -41,7 +44,12 @@ def analyse(campaign: str, found: str) -> None:
 
     record = analyse_trial(Path(campaign))
     _write(found, record)
-    print(record["id"], record.get("verdict", {}).get("verdict", record.get("error")), record["seconds"], "s")
+    print(
+        record["id"],
+        record.get("verdict", {}).get("verdict", record.get("error")),
+        record["seconds"],
+        "s",
+    )
 
 
 def train(features: str, weights: str, seconds: str = "3000") -> None:
@@ -82,7 +90,10 @@ def score(name: str, folder: str, *trials: str) -> None:
     own = Path(folder)
     print(write_score(name, score_trials(own, trials), own / "score"))
     records = mlflow_records(own / "score")
-    _write(own / "score/published.json", publish_records(name, DESCRIPTION, records, None, own.parents[1]))
+    _write(
+        own / "score/published.json",
+        publish_records(name, DESCRIPTION, records, None, own.parents[1]),
+    )
 
 
 def collect(folder: str, table: str, code: str) -> None:
@@ -92,10 +103,15 @@ def collect(folder: str, table: str, code: str) -> None:
 
     trials, path = score_trials(Path(folder)).assign(code=code), Path(table)
     if trials.empty:
-        raise InputError(f"{folder}: holds no verdicts/*.json; give the folder that `make blind` writes for a set")
+        raise InputError(
+            f"{folder}: holds no verdicts/*.json; give the folder that `make blind` writes for"
+            " a set"
+        )
     known = pd.read_csv(path, dtype={"id": str, "code": str}) if path.is_file() else trials[:0]
     if others := sorted({*known["code"]} - {code}):
-        raise InputError(f"{table}: holds trials of {', '.join(others)}; give another file for those of {code}")
+        raise InputError(
+            f"{table}: holds trials of {', '.join(others)}; give another file for those of {code}"
+        )
     whole = pd.concat([known[~known["id"].isin(trials["id"])], trials]).sort_values("id")
     beside = path.with_name(f".{path.name}")
     whole.to_csv(beside, index=False, float_format="%.6g")
@@ -119,7 +135,10 @@ def report(name: str, table: str, folder: str) -> None:
 if __name__ == "__main__":
     for library in ("OPENBLAS", "OMP", "MKL"):  # sums in another order would change the last bits
         os.environ[f"{library}_NUM_THREADS"] = "1"
-    verbs = {one.__name__: one for one in (conceal, analyse, score, collect, report, train, peer, benchmark)}
+    verbs = {
+        one.__name__: one
+        for one in (conceal, analyse, score, collect, report, train, peer, benchmark)
+    }
     if sys.argv[1:2] == [] or sys.argv[1] not in verbs:
         sys.exit(__doc__)
     try:

@@ -1,10 +1,11 @@
 """The slider-crank in Exudyn (https://exudyn.readthedocs.io), for blind trials, tests, benchmarks.
 
-It imports nothing of `jointgap.dynamics`: a second model of the mechanism, on purpose. Bodies are open chains, the
-crank so heavy that nothing disturbs it. Loose joints are Exudyn's spheres in hollow spheres: its Hunt-Crossley law
-with the restitution (1 + e^2) / 2 is the law of Lankarani and Nikravesh with the restitution e (H. M. Lankarani and
-P. E. Nikravesh, J. Mech. Des. 112 (1990) 369-376), its friction is "ambrosio" without a dead band. Explicit integrators
-take no constraints and the implicit one does not get through contacts: so with ideal joints a constraint closes the
+It imports nothing of `jointgap.dynamics`: a second model of the mechanism, on purpose. Bodies are
+open chains, the crank so heavy that nothing disturbs it. Loose joints are Exudyn's spheres in
+hollow spheres: its Hunt-Crossley law with the restitution (1 + e^2) / 2 is the law of Lankarani and
+Nikravesh with the restitution e (H. M. Lankarani and P. E. Nikravesh, J. Mech. Des. 112 (1990)
+369-376), its friction is "ambrosio" without a dead band. Explicit integrators take no constraints
+and the implicit one does not get through contacts: so with ideal joints a constraint closes the
 loop, else contacts do.
 """
 
@@ -27,8 +28,8 @@ FRICTION_ZONE = 1e-3
 # Steps per revolution of the implicit integrator
 STEPS = 1500
 
-# Contact force [N] that a step may end with past the beginning or end of contact. Exudyn's default of 1 N limits the
-# agreement with other codes to 1e-10 m, 1e-3 N to 1e-12 m at no cost
+# Contact force [N] that a step may end with past the beginning or end of contact. Exudyn's default
+# of 1 N limits the agreement with other codes to 1e-10 m, 1e-3 N to 1e-12 m at no cost
 _EVENT_TOLERANCE = 1e-3
 
 _SPECTRAL_RADIUS = 0.8  # of the implicit integrator: multipliers would ring without
@@ -36,7 +37,8 @@ _IMMOVABLE = 1e30  # inertia [kg m^2] of the crank: no force here changes a digi
 
 
 class _Link(NamedTuple):
-    """A link of an open chain: type of its joint, where that is on the link before [m], mass, centre [m], inertia."""
+    """A link of an open chain: type of its joint, where that is on the link before [m], mass,
+    centre [m], inertia."""
 
     joint: str
     at: float = 0.0
@@ -46,7 +48,8 @@ class _Link(NamedTuple):
 
 
 class _Body(NamedTuple):
-    """Object and node of a body, which link of a chain it is, and where the end at the crank pivot is on it [m]."""
+    """Object and node of a body, which link of a chain it is, and where the end at the crank pivot
+    is on it [m]."""
 
     item: int
     node: int
@@ -65,17 +68,21 @@ def _vector(place: complex) -> list[float]:
 class SliderCrank:
     """A `mechanism` whose crank turns at a constant `speed` [rad/s].
 
-    `perturbation` holds clearance vectors at the start [m] by joint. With `recorded` penetration and force are kept at
-    every step.
+    `perturbation` holds clearance vectors at the start [m] by joint. With `recorded` penetration
+    and force are kept at every step.
     """
 
-    def __init__(self, mechanism: Mechanism, speed: float, start_angle=0.0, perturbation=None, recorded=False):
+    def __init__(
+        self, mechanism: Mechanism, speed: float, start_angle=0.0, perturbation=None, recorded=False
+    ):
         with needs("a simulation by Exudyn", "peers"):
             import exudyn
             import exudyn.utilities
 
         self.exudyn, self.items = exudyn, exudyn.utilities
-        exudyn.config.printToConsole = False  # it warns of the memory that user functions take; errors are raised
+        exudyn.config.printToConsole = (
+            False  # it warns of the memory that user functions take; errors are raised
+        )
         self.container = exudyn.SystemContainer()
         self.system = self.container.AddSystem()
         self.mechanism, self.time = mechanism.applied(), 0.0
@@ -83,18 +90,26 @@ class SliderCrank:
         self.effects = {effect.name: effect.parameters for effect in self.mechanism.effects}
         self.loose = self.mechanism.loose
         if set(self.loose) == {"crank_pivot"}:
-            raise ValueError("neither pin is loose, and this model closes no loop; loosen one of them")
+            raise ValueError(
+                "neither pin is loose, and this model closes no loop; loosen one of them"
+            )
         gravity = getattr(self.effects.get("gravity"), "acceleration_m_s2", 0.0)
         self.gravity = gravity * _turned(self.mechanism.gravity_direction)
         self.bodies = {"frame": _Body(self.system.AddObject(self.items.ObjectGround()), -1)}
-        self._add_bodies({name: complex(*(perturbation or {}).get(name, (0.0, 0.0))) for name in FROM_FRAME})
+        self._add_bodies(
+            {name: complex(*(perturbation or {}).get(name, (0.0, 0.0))) for name in FROM_FRAME}
+        )
         self._add_slider_effects()
         self.connectors = {name: self._contact(name) for name in self.loose}
         if not self.loose:
             ends = [self._marker("rod", self.mechanism.rod.length), self._marker("slider", 0.0)]
-            self.connectors["piston_pin"] = self.system.AddObject(self.items.RevoluteJoint2D(markerNumbers=ends))
+            self.connectors["piston_pin"] = self.system.AddObject(
+                self.items.RevoluteJoint2D(markerNumbers=ends)
+            )
         self.recorded = {
-            (name, one): self._sensor(self.items.SensorObject, one, objectNumber=item, storeInternal=True)
+            (name, one): self._sensor(
+                self.items.SensorObject, one, objectNumber=item, storeInternal=True
+            )
             for name, item in self.connectors.items()
             for one in ("DisplacementLocal", "Force")
             if recorded
@@ -106,7 +121,8 @@ class SliderCrank:
         self.system.Assemble()
 
     def _add_bodies(self, gaps: dict[str, complex]) -> None:
-        """Crank, rod and slider with the speeds that ideal pins give them; open chains where a pin is ideal."""
+        """Crank, rod and slider with the speeds that ideal pins give them; open chains where a pin
+        is ideal."""
         crank, rod, slider = self.mechanism.crank, self.mechanism.rod, self.mechanism.slider
         angle, speed, pivot = self.start_angle, self.speed, gaps["crank_pivot"]
         end = pivot + crank.length * _turned(angle) + gaps["crank_pin"]
@@ -127,41 +143,74 @@ class SliderCrank:
             centre = crank.mass_centre if "crank_pivot" in self.loose else 0.0
             mass = crank.mass if "crank_pivot" in self.loose else _IMMOVABLE
             arm = centre * _turned(angle)
-            self._add_body("crank", mass, _IMMOVABLE, centre, pivot + arm, angle, 1j * speed * arm, speed)
+            self._add_body(
+                "crank", mass, _IMMOVABLE, centre, pivot + arm, angle, 1j * speed * arm, speed
+            )
         if set(PINS) <= set(self.loose):
             arm = rod.mass_centre * _turned(turn)
             motion = end + arm, turn, end_velocity + 1j * rate * arm, rate
             self._add_body("rod", rod.mass, rod.inertia, rod.mass_centre, *motion)
         if "crank_pin" in self.loose and "piston_pin" not in self.loose:
-            links = [_Link("PrismaticX", mass=slider.mass), swing._replace(at=0.0, centre=rod.mass_centre - rod.length)]
+            links = [
+                _Link("PrismaticX", mass=slider.mass),
+                swing._replace(at=0.0, centre=rod.mass_centre - rod.length),
+            ]
             self._add_chain(("slider", "rod"), links, [x, turn], [velocity, rate], slider.offset)
             self.bodies["rod"] = self.bodies["rod"]._replace(origin=-rod.length)
         else:
-            start = {"referenceCoordinates": [0.0], "initialCoordinates": [x], "initialVelocities": [velocity]}
+            start = {
+                "referenceCoordinates": [0.0],
+                "initialCoordinates": [x],
+                "initialVelocities": [velocity],
+            }
             node = self.system.AddNode(self.items.Node1D(**start))
             place = {"nodeNumber": node, "referencePosition": [0.0, slider.offset, 0.0]}
             item = self.system.AddObject(self.items.ObjectMass1D(mass=slider.mass, **place))
             self.bodies["slider"] = _Body(item, node)
 
     def _add_body(
-        self, name: str, mass: float, inertia: float, centre: float, place: complex, turn: float, v: complex, w: float
+        self,
+        name: str,
+        mass: float,
+        inertia: float,
+        centre: float,
+        place: complex,
+        turn: float,
+        v: complex,
+        w: float,
     ) -> None:
-        """A free body whose mass `centre` [m] is at a `place` [m], turned [rad], with the velocity `v` and rate `w`."""
-        start = {"initialCoordinates": [*_vector(place)[:2], turn], "initialVelocities": [*_vector(v)[:2], w]}
+        """A free body whose mass `centre` [m] is at a `place` [m], turned [rad], with the velocity
+        `v` and rate `w`."""
+        start = {
+            "initialCoordinates": [*_vector(place)[:2], turn],
+            "initialVelocities": [*_vector(v)[:2], w],
+        }
         node = self.system.AddNode(self.items.NodeRigidBody2D(**start))
         body = self.items.ObjectRigidBody2D(mass=mass, inertia=inertia, nodeNumber=node)
         self.bodies[name] = _Body(self.system.AddObject(body), node, None, -centre)
         if name == "rod":
-            marker = self.system.AddMarker(self.items.MarkerBodyMass(bodyNumber=self.bodies[name].item))
-            load = self.items.LoadMassProportional(markerNumber=marker, loadVector=_vector(self.gravity))
+            marker = self.system.AddMarker(
+                self.items.MarkerBodyMass(bodyNumber=self.bodies[name].item)
+            )
+            load = self.items.LoadMassProportional(
+                markerNumber=marker, loadVector=_vector(self.gravity)
+            )
             self.system.AddLoad(load)
 
-    def _add_chain(self, names: tuple, links: list[_Link], q: list[float], v: list[float], height: float) -> None:
+    def _add_chain(
+        self, names: tuple, links: list[_Link], q: list[float], v: list[float], height: float
+    ) -> None:
         """An open chain from (0, `height`) whose last links are the bodies `names`."""
         vectors, matrices = self.exudyn.Vector3DList, self.exudyn.Matrix3DList
         size = len(links)
-        start = {"referenceCoordinates": [0.0] * size, "initialCoordinates": q, "initialCoordinates_t": v}
-        node = self.system.AddNode(self.items.NodeGenericODE2(numberOfODE2Coordinates=size, **start))
+        start = {
+            "referenceCoordinates": [0.0] * size,
+            "initialCoordinates": q,
+            "initialCoordinates_t": v,
+        }
+        node = self.system.AddNode(
+            self.items.NodeGenericODE2(numberOfODE2Coordinates=size, **start)
+        )
         chain = self.items.ObjectKinematicTree(
             nodeNumber=node,
             gravity=_vector(self.gravity),
@@ -181,12 +230,20 @@ class SliderCrank:
     def _place(self, name: str, distance: float) -> dict:
         """A point on a body at a distance [m] from its end at the crank pivot."""
         body = self.bodies[name]
-        on = {"bodyNumber": body.item} if body.link is None else {"objectNumber": body.item, "linkNumber": body.link}
+        on = (
+            {"bodyNumber": body.item}
+            if body.link is None
+            else {"objectNumber": body.item, "linkNumber": body.link}
+        )
         return {**on, "localPosition": [body.origin + distance, 0.0, 0.0]}
 
     def _marker(self, name: str, distance: float) -> int:
         place = self._place(name, distance)
-        make = self.items.MarkerBodyRigid if "bodyNumber" in place else self.items.MarkerKinematicTreeRigid
+        make = (
+            self.items.MarkerBodyRigid
+            if "bodyNumber" in place
+            else self.items.MarkerKinematicTreeRigid
+        )
         return self.system.AddMarker(make(**place))
 
     def _sensor(self, make: Callable, variable: str, **more: Any) -> int:
@@ -197,13 +254,23 @@ class SliderCrank:
         joint, law = self.mechanism.joint(name), self.mechanism.joint(name).contact
         crank, rod = self.mechanism.crank.length, self.mechanism.rod.length
         lengths = {("crank_pin", "crank"): crank, ("piston_pin", "rod"): rod}
-        bodies = sorted((JOINT[name].partner, JOINT[name].body), key=lambda body: body != joint.journal)
-        data = self.items.NodeGenericData(initialCoordinates=[1.0, 0.0, 0.0, 0.0], numberOfDataCoordinates=4)
+        bodies = sorted(
+            (JOINT[name].partner, JOINT[name].body), key=lambda body: body != joint.journal
+        )
+        data = self.items.NodeGenericData(
+            initialCoordinates=[1.0, 0.0, 0.0, 0.0], numberOfDataCoordinates=4
+        )
         compliance = 2 * (1 - law.poisson_ratio**2) / law.youngs_modulus
-        hertz = 4 / (3 * compliance) * math.sqrt(joint.bearing_radius * joint.journal_radius / joint.clearance)
+        hertz = (
+            4
+            / (3 * compliance)
+            * math.sqrt(joint.bearing_radius * joint.journal_radius / joint.clearance)
+        )
         return self.system.AddObject(
             self.items.ObjectContactSphereSphere(
-                markerNumbers=[self._marker(body, lengths.get((name, body), 0.0)) for body in bodies],
+                markerNumbers=[
+                    self._marker(body, lengths.get((name, body), 0.0)) for body in bodies
+                ],
                 nodeNumber=self.system.AddNode(data),
                 isHollowSphere1=True,
                 impactModel=1,
@@ -223,7 +290,12 @@ class SliderCrank:
         node = self.bodies["slider"].node
         slider = add.AddMarker(items.MarkerNodeCoordinate(nodeNumber=node, coordinate=0))
         ground = add.AddNode(items.NodePointGround())
-        ends = {"markerNumbers": [add.AddMarker(items.MarkerNodeCoordinate(nodeNumber=ground, coordinate=0)), slider]}
+        ends = {
+            "markerNumbers": [
+                add.AddMarker(items.MarkerNodeCoordinate(nodeNumber=ground, coordinate=0)),
+                slider,
+            ]
+        }
         for name, own in self.effects.items():
             if name == "slider_constant_force":
                 add.AddLoad(items.LoadCoordinate(markerNumber=slider, load=own.force_N))
@@ -233,7 +305,10 @@ class SliderCrank:
             elif name == "slider_viscous_friction":
                 add.AddObject(items.CoordinateSpringDamper(**ends, damping=own.damping_N_s_m))
             elif name == "slider_coulomb_friction":
-                dry = {"dynamicFrictionForce": own.force_N, "frictionProportionalZone": FRICTION_ZONE}
+                dry = {
+                    "dynamicFrictionForce": own.force_N,
+                    "frictionProportionalZone": FRICTION_ZONE,
+                }
                 add.AddObject(items.CoordinateSpringDamperExt(**ends, **dry))
             elif name == "slider_quadratic_drag":
 
@@ -242,10 +317,13 @@ class SliderCrank:
 
                 add.AddObject(items.CoordinateSpringDamper(**ends, springForceUserFunction=drag))
 
-    def advance(self, end: float, tolerance: float = TOLERANCE, longest: float = 1e-4) -> np.ndarray:
+    def advance(
+        self, end: float, tolerance: float = TOLERANCE, longest: float = 1e-4
+    ) -> np.ndarray:
         """Go on to the time `end` [s] with steps of at most `longest` [s]; the `positions` there.
 
-        `tolerance` is absolute, of all coordinates and velocities; with ideal joints it does not count.
+        `tolerance` is absolute, of all coordinates and velocities; with ideal joints it does not
+        count.
         """
         settings = self.exudyn.SimulationSettings()
         settings.solution.file.write = False
@@ -260,7 +338,11 @@ class SliderCrank:
         time.absoluteTolerance, time.relativeTolerance = tolerance, 0.0
         time.discontinuous.iterationTolerance = _EVENT_TOLERANCE
         time.explicit.computeEndOfStepAccelerations = True
-        solver = self.exudyn.DynamicSolverType.DOPRI5 if self.loose else self.exudyn.DynamicSolverType.GeneralizedAlpha
+        solver = (
+            self.exudyn.DynamicSolverType.DOPRI5
+            if self.loose
+            else self.exudyn.DynamicSolverType.GeneralizedAlpha
+        )
         if self.system.SolveDynamic(settings, solverType=solver, updateInitialValues=True) is False:
             raise SimulationError(f"Exudyn's integrator stopped before {end:g} s")
         self.time = end
@@ -275,10 +357,13 @@ class SliderCrank:
 
     def positions(self) -> np.ndarray:
         """Rod's mass centre x, y [m], rod angle [rad], slider position [m]."""
-        return np.array([*self._rod("Position")[:2], self._rod("Rotation")[-1], self._slider("Coordinates")])
+        return np.array(
+            [*self._rod("Position")[:2], self._rod("Rotation")[-1], self._slider("Coordinates")]
+        )
 
     def readings(self, times: np.ndarray, tolerance: float = TOLERANCE) -> dict[str, np.ndarray]:
-        """Readings [SI] by channel at `times` [s] after the start, of a mechanism whose crank pivot is ideal."""
+        """Readings [SI] by channel at `times` [s] after the start, of a mechanism whose crank pivot
+        is ideal."""
         rows = []
         for time in times:
             self.advance(time, tolerance)
@@ -289,7 +374,9 @@ class SliderCrank:
         crank, rod, slider = self.mechanism.crank, self.mechanism.rod, self.mechanism.slider
         angle = self.start_angle + self.speed * self.time
         arm, x = _turned(angle), self._slider("Coordinates")
-        centre, acceleration = (complex(*self._rod(name)[:2]) for name in ("Position", "Acceleration"))
+        centre, acceleration = (
+            complex(*self._rod(name)[:2]) for name in ("Position", "Acceleration")
+        )
         turn = self._rod("Rotation")[-1]
         foot = centre - rod.mass_centre * _turned(turn)
         forces = {name: self._force_on_rod(name, item) for name, item in self.connectors.items()}
@@ -306,7 +393,10 @@ class SliderCrank:
         dry = getattr(self.effects.get("crank_coulomb_friction"), "torque_N_m", 0.0)
         viscous = getattr(self.effects.get("crank_viscous_friction"), "damping_N_m_s", 0.0)
         own = crank.mass * crank.mass_centre * arm
-        frame = crank.mass * (crank.mass_centre * self.speed**2 * arm + self.gravity) - forces["crank_pin"]
+        frame = (
+            crank.mass * (crank.mass_centre * self.speed**2 * arm + self.gravity)
+            - forces["crank_pin"]
+        )
         torque = (point.conjugate() * forces["crank_pin"] - own.conjugate() * self.gravity).imag
         return {
             "crank_angle": angle,
@@ -325,12 +415,19 @@ class SliderCrank:
 
     def _force_on_rod(self, name: str, item: int) -> complex:
         """Force [N] of a contact, whose output is that on the journal, or of an ideal pin."""
-        force = complex(*self.system.GetObjectOutput(item, self.exudyn.OutputVariableType.Force)[:2])
-        return -force if name in self.loose and self.mechanism.joint(name).journal != "rod" else force
+        force = complex(
+            *self.system.GetObjectOutput(item, self.exudyn.OutputVariableType.Force)[:2]
+        )
+        return (
+            -force if name in self.loose and self.mechanism.joint(name).journal != "rod" else force
+        )
 
     def record(self) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray]]:
-        """Time [s], and by joint penetration [m] and size of the force [N], at every step of the latest advance."""
-        stored = {key: self.system.GetSensorStoredData(sensor) for key, sensor in self.recorded.items()}
+        """Time [s], and by joint penetration [m] and size of the force [N], at every step of the
+        latest advance."""
+        stored = {
+            key: self.system.GetSensorStoredData(sensor) for key, sensor in self.recorded.items()
+        }
         return (
             next(iter(stored.values()))[:, 0],
             {name: -stored[name, "DisplacementLocal"][:, 1] for name in self.loose},

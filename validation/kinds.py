@@ -23,8 +23,8 @@ CLEARANCES = tuple(f"{joint}_clearance" for joint in JOINTS)
 _NAMES = {"listed": LISTED, "off_list": OFF_LIST, "clearances": CLEARANCES, "damages": DAMAGES}
 _NAMES["exudyn"] = RECIPE["exudyn"]
 
-# How many trials of each kind a set has, the share of them whose crank follows the angle read, and the share of these
-# whose speed drifts slowly
+# How many trials of each kind a set has, the share of them whose crank follows the angle read, and
+# the share of these whose speed drifts slowly
 TrialSet = create_model(
     "TrialSet",
     __base__=ConfigModel,
@@ -50,10 +50,14 @@ class Trial:
     size: float = 0.0  # Gap that each effect is to cause; 0 where nothing is injected
     effects: tuple[str, ...] = ()
     damage: str = ""
-    loose: str = ""  # A joint that has to be loose in the analyst's model; empty where it may be any
+    loose: str = (
+        ""  # A joint that has to be loose in the analyst's model; empty where it may be any
+    )
     measured_angle: bool = False
     drift: bool = False  # Whether the speed of a measured crank drifts slowly
-    shown: tuple[float, float] | None = None  # Between which the gap has to lie of a size that is drawn
+    shown: tuple[float, float] | None = (
+        None  # Between which the gap has to lie of a size that is drawn
+    )
     number: int = 0  # Its place in the set
     id: str = ""  # Says nothing about it
 
@@ -73,19 +77,36 @@ def read_set(path: Path | str, name: str) -> Any:
 
 def plan_trials(chosen: Any, count: int | None = None) -> list[Trial]:
     """The trials of a set, shuffled: all, or the first `count`, which are a random part."""
-    trials = [trial for stream, key in enumerate(RECIPE["kinds"], 1) for trial in _of_kind(chosen, key, stream)]
-    if count is not None and (isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= len(trials)):
-        raise InputError(f"trials: is {count!r}; give a whole number from 1 to {len(trials)}, how many the set has")
+    trials = [
+        trial
+        for stream, key in enumerate(RECIPE["kinds"], 1)
+        for trial in _of_kind(chosen, key, stream)
+    ]
+    if count is not None and (
+        isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= len(trials)
+    ):
+        raise InputError(
+            f"trials: is {count!r}; give a whole number from 1 to {len(trials)}, how many the"
+            " set has"
+        )
     rng = np.random.default_rng([chosen.seed, 0])
-    ids = [hashlib.sha256(f"{chosen.seed} {number}".encode()).hexdigest()[:12] for number in range(len(trials))]
+    ids = [
+        hashlib.sha256(f"{chosen.seed} {number}".encode()).hexdigest()[:12]
+        for number in range(len(trials))
+    ]
     order = rng.permutation(len(trials))
-    shuffled = [replace(trials[place], id=ids[number], number=number) for number, place in enumerate(order)]
+    shuffled = [
+        replace(trials[place], id=ids[number], number=number) for number, place in enumerate(order)
+    ]
     steady = {name for name, effect in EFFECTS.items() if effect.DRIVE == "constant"}
-    able = [trial.number for trial in shuffled if not trial.damage and not steady & set(trial.effects)]
+    able = [
+        trial.number for trial in shuffled if not trial.damage and not steady & set(trial.effects)
+    ]
     measured = set(rng.permutation(able)[: round(chosen.measured_angle * len(able))])
     drifting = set(rng.permutation(sorted(measured))[: round(chosen.drift * len(measured))])
     return [
-        replace(trial, measured_angle=trial.number in measured, drift=trial.number in drifting) for trial in shuffled
+        replace(trial, measured_angle=trial.number in measured, drift=trial.number in drifting)
+        for trial in shuffled
     ][:count]
 
 
@@ -95,7 +116,11 @@ def _of_kind(chosen: Any, key: str, stream: int) -> list[Trial]:
     rng, trials = np.random.default_rng([chosen.seed, stream]), []
     hidden = [name for word in kind["hidden"] for name in _NAMES.get(word, (word or "",))]
     each, bases = kind.get("each", 1), kind.get("bases", RECIPE["bases"])
-    names = [str(name) for _ in range(-(-each * count // len(hidden))) for name in rng.permutation(hidden)]
+    names = [
+        str(name)
+        for _ in range(-(-each * count // len(hidden)))
+        for name in rng.permutation(hidden)
+    ]
     for number in range(count):
         base, loose = str(rng.choice(list(bases), p=list(bases.values()))), ""
         own = [name for name in names[each * number : each * (number + 1)] if name]
@@ -110,7 +135,12 @@ def _of_kind(chosen: Any, key: str, stream: int) -> list[Trial]:
                 base, loose = "loose" if base == "ideal" else base, name.partition(":")[2]
             elif name in CLEARANCES and key == "exudyn_loose":
                 base = str(rng.choice(["ideal", "loose"]))
-            elif name in CLEARANCES and key == "clearances" and base != "ideal" and rng.random() < 0.5:
+            elif (
+                name in CLEARANCES
+                and key == "clearances"
+                and base != "ideal"
+                and rng.random() < 0.5
+            ):
                 loose = joint if joint in PINS else ""
         shown = tuple(kind["shown"]) if "shown" in kind else None
         size = RECIPE["gaps"][number % len(RECIPE["gaps"])] if own and not shown else 0.0

@@ -6,7 +6,16 @@ import pandas as pd
 
 from jointgap.campaign.figures import list_rows
 from jointgap.core import plot
-from jointgap.core.page import FigureBlock, Heading, Page, Paragraph, TableBlock, to_html, to_markdown, written_today
+from jointgap.core.page import (
+    FigureBlock,
+    Heading,
+    Page,
+    Paragraph,
+    TableBlock,
+    to_html,
+    to_markdown,
+    written_today,
+)
 from jointgap.core.plot import Quantity, Sheet
 from jointgap.core.publish import Record
 from validation.rig import RECIPE
@@ -18,7 +27,9 @@ DESCRIPTION = "Blind trials: campaigns with hidden effects, analysed without the
 # Rates that the trials are to reach, and from which side
 GOALS = {what: rate["goal"].split() for what, rate in RECIPE["rates"].items() if "goal" in rate}
 
-_SHOWN = "id kind base gap_caused numerics_gap detectable hidden verdict named outcome cause reason".split()
+_SHOWN = (
+    "id kind base gap_caused numerics_gap detectable hidden verdict named outcome cause reason"
+).split()
 
 FILES = [f"{name}.{end}" for name in ("rates", "curves") for end in ("svg", "png")]
 FILES += ["summary.html", "summary.md", "trials.csv", "rates.csv", "confusion.csv"]
@@ -40,19 +51,30 @@ def write_score(name: str, trials: pd.DataFrame, folder: Path) -> str:
         for row in table.itertuples(name="Rate")
     ]
     abstained = (trials["kind"] == "off_list") & (trials["outcome"] == "unexplained")
-    others = trials.loc[(trials["outcome"] != "right") & ~abstained, _SHOWN].sort_values(["outcome", "kind"]).round(2)
+    others = (
+        trials.loc[(trials["outcome"] != "right") & ~abstained, _SHOWN]
+        .sort_values(["outcome", "kind"])
+        .round(2)
+    )
     page = Page(
         f"Blind trials: {name}",
         (
             Paragraph(
-                f"{len(trials)} campaigns, all in trials.csv. Shares have 95 % intervals of Clopper and Pearson, "
-                "medians those of order statistics. confusion.csv counts what was named where what was hidden."
+                f"{len(trials)} campaigns, all in trials.csv. Shares have 95 % intervals of Clopper"
+                " and Pearson, medians those of order statistics. confusion.csv counts what was"
+                " named where what was hidden."
             ),
             FigureBlock("rates", "Shares of right and wrong verdicts"),
-            FigureBlock("curves", "Right names over the size of the effect, and how often intervals hold the truth"),
+            FigureBlock(
+                "curves",
+                "Right names over the size of the effect, and how often intervals hold the truth",
+            ),
             TableBlock(("what", "group", "of", "value", "95 %"), tuple(numbers), "llrrl"),
             Heading("Trials that are not right"),
-            TableBlock(tuple(_SHOWN), tuple(others.astype(object).fillna("").astype(str).itertuples(index=False))),
+            TableBlock(
+                tuple(_SHOWN),
+                tuple(others.astype(object).fillna("").astype(str).itertuples(index=False)),
+            ),
         ),
         footer=written_today(),
     )
@@ -72,10 +94,22 @@ def draw_rates(table: pd.DataFrame) -> plot.Drawing:
     sheet = Sheet(1.2 + 0.22 * max(len(shown), 3), 1, 1)
     quantities = Quantity("share of the trials", "1"), Quantity("what, and of which trials", "")
     panel = sheet.panel((0, 0), "how often, with 95 % intervals", *quantities)
-    for words, colour, own in (("as asked for", "after", met), ("not as asked for", "before", ~met)):
+    for words, colour, own in (
+        ("as asked for", "after", met),
+        ("not as asked for", "before", ~met),
+    ):
         part = shown[own]
         if len(part):
-            panel.marks(words, part["value"], part.index, colour, part["low"], part["high"], names[own], along="x")
+            panel.marks(
+                words,
+                part["value"],
+                part.index,
+                colour,
+                part["low"],
+                part["high"],
+                names[own],
+                along="x",
+            )
     panel.marks("asked for", goals, shown.index, "limit", labels=names, marker="|", markersize=9.0)
     list_rows(panel, names.tolist())
     panel.axes.set_xlim(-0.02, 1.02)
@@ -85,21 +119,34 @@ def draw_rates(table: pd.DataFrame) -> plot.Drawing:
 
 
 def draw_curves(table: pd.DataFrame) -> plot.Drawing:
-    """Right and wrong names over the gap that the effect causes, and the share of intervals that hold the truth over
-    the probability that they state."""
+    """Right and wrong names over the gap that the effect causes, and the share of intervals that
+    hold the truth over the probability that they state."""
     sheet = Sheet(3.2, 1, 2)
     share = Quantity("share of the trials", "1")
-    power = sheet.panel((0, 0), "names by the size of the effect", Quantity("gap that the effect causes", "1"), share)
-    for words, what, colour in (("right", "right name", "after"), ("wrong", "wrong name", "before")):
+    power = sheet.panel(
+        (0, 0),
+        "names by the size of the effect",
+        Quantity("gap that the effect causes", "1"),
+        share,
+    )
+    for words, what, colour in (
+        ("right", "right name", "after"),
+        ("wrong", "wrong name", "before"),
+    ):
         part = table[(table["what"] == what) & table["group"].str.fullmatch(r"gap [\d.]+")]
         gaps = part["group"].str.removeprefix("gap ").astype(float)
         power.marks(words, gaps, part["value"], colour, part["low"], part["high"])
     power.axes.set_ylim(-0.02, 1.02)
     power.axes.set_xlim(1.0, 1.1 * max(RECIPE["gaps"]))
     stated = Quantity("probability stated", "1")
-    panel = sheet.panel((0, 1), "intervals that hold the truth", stated, Quantity("share of the intervals", "1"))
+    panel = sheet.panel(
+        (0, 1), "intervals that hold the truth", stated, Quantity("share of the intervals", "1")
+    )
     panel.line("as stated", [0.0, 1.0], [0.0, 1.0], "limit")
-    for words, what, colour in (("sizes", "size within", "after"), ("nuisances", "nuisance within its", "before")):
+    for words, what, colour in (
+        ("sizes", "size within", "after"),
+        ("nuisances", "nuisance within its", "before"),
+    ):
         of_all = table[table["group"] == "all"]
         part = of_all[of_all["what"].str.startswith(what) & of_all["what"].str.endswith("interval")]
         levels = part["what"].str.extract(r"(\d+) %")[0].astype(float) / 100
@@ -112,10 +159,20 @@ def mlflow_records(folder: Path) -> list[Record]:
     """The set as one run of MLflow with every score, so that sets can be compared."""
     table, trials = pd.read_csv(folder / "rates.csv"), pd.read_csv(folder / "trials.csv")
     # MLflow takes no comma and no % in a name, and groups by what stands before a slash
-    names = (table["what"] + ", " + table["group"]).replace({": ": "/", ", ": "/", "%": "percent"}, regex=True)
+    names = (table["what"] + ", " + table["group"]).replace(
+        {": ": "/", ", ": "/", "%": "percent"}, regex=True
+    )
     scores = table.set_index(names)["value"]
     costly = scores.index.str.startswith("seconds")
-    files = {name: folder / name for name in ("summary.md", "trials.csv", "rates.csv", "confusion.csv")}
+    files = {
+        name: folder / name for name in ("summary.md", "trials.csv", "rates.csv", "confusion.csv")
+    }
     files |= {f"figures/{name}": folder / name for name in FILES if name.endswith((".svg", ".png"))}
-    counts = {f"trials/{kind}": float(count) for kind, count in trials["kind"].value_counts().items()}
-    return [Record("blind", metrics=counts | dict(scores[~costly]), costs=dict(scores[costly]), files=files)]
+    counts = {
+        f"trials/{kind}": float(count) for kind, count in trials["kind"].value_counts().items()
+    }
+    return [
+        Record(
+            "blind", metrics=counts | dict(scores[~costly]), costs=dict(scores[costly]), files=files
+        )
+    ]

@@ -1,4 +1,5 @@
-"""Virtual test rigs, drawn at random with the effects hidden in them; and what their sensors read without noise."""
+"""Virtual test rigs, drawn at random with the effects hidden in them; and what their sensors read
+without noise."""
 
 import math
 import re
@@ -38,12 +39,17 @@ from validation.exudyn import SliderCrank
 
 RECIPE = read_yaml(Path(__file__).with_name("recipe.yaml"))
 
-_FIRST, _MOST = 3.0, 600.0  # sizes [steps of a fit] with which a search begins, and at which it ends
+_FIRST, _MOST = (
+    3.0,
+    600.0,
+)  # sizes [steps of a fit] with which a search begins, and at which it ends
 _HIGHEST_ORDER = {"speed_fluctuation": 4, "crank_periodic_torque": 6}  # that is drawn
 _VISCOSITIES = (0.03, 1.0)  # [Pa s] thinner ones are hardly films
 
 # The shape [1] at which the law of a family is an effect, by the law and the effect
-SHAPES = {law.NAME: dict(law.MEMBERS) | RECIPE["families"].get(law.NAME, {}) for law in EFFECTS.values()}
+SHAPES = {
+    law.NAME: dict(law.MEMBERS) | RECIPE["families"].get(law.NAME, {}) for law in EFFECTS.values()
+}
 SHAPES[LAG_AND_DELAY] = DELAY_SHARES
 
 
@@ -53,12 +59,16 @@ class Hidden:
 
     name: str  # As in a verdict; of an effect that is not on the list, its own name
     site: str
-    parameters: Callable[[float], dict[str, float]]  # From the size to the parameters of a verdict [SI]
+    parameters: Callable[
+        [float], dict[str, float]
+    ]  # From the size to the parameters of a verdict [SI]
     first: float  # Size with which a search begins
     most: float
     least: float = 0.0
     sensor: str = ""  # Channel of a sensor's fault, else empty
-    law: Mapping[str, Any] | None = None  # Formula and coefficients of a force that is not on the list
+    law: Mapping[str, Any] | None = (
+        None  # Formula and coefficients of a force that is not on the list
+    )
 
     def in_file(self, size: float) -> list[dict]:
         """Entries of a mechanism file's effects; none for a sensor's fault."""
@@ -72,8 +82,11 @@ class Hidden:
         return [{"name": self.name, **site, "parameters": self.parameters(size)}]
 
 
-def candidates(mechanism: Mechanism, speed: float, nuisances: Mapping[str, Parameter]) -> dict[str, Candidate]:
-    """The physical effects that could be missing in a mechanism whose crank turns at `speed` [rad/s], by label."""
+def candidates(
+    mechanism: Mechanism, speed: float, nuisances: Mapping[str, Parameter]
+) -> dict[str, Candidate]:
+    """The physical effects that could be missing in a mechanism whose crank turns at `speed`
+    [rad/s], by label."""
     scale = MotionScale.of(mechanism, speed)
     context = FitContext(mechanism, scale, nuisances, True, speed / tau, (None, None))
     return {candidate.label: candidate for candidate in physical_candidates(context)}
@@ -87,26 +100,39 @@ LISTED = (
 
 OFF_LIST = (*RECIPE["laws"], *RECIPE["faults"])
 
-# Labels that can be right: effects, an encoder's fault among them; then faults of a sensor, each with its channel
+# Labels that can be right: effects, an encoder's fault among them; then faults of a sensor, each
+# with its channel
 CHANNELS = tuple(name for names in RECIPE["channels"].values() for name in names)
 SENSOR_FAULTS = tuple(name for name in LISTED if name in FAULTS and name != ENCODER_OFFSET)
 PLAIN = tuple(name for name in LISTED if name not in SENSOR_FAULTS)
 LABELS = (*PLAIN, *(f"{fault}:{channel}" for channel in CHANNELS for fault in SENSOR_FAULTS))
 
 
-def draw_effect(label: str, rig: Any, spread: Mapping[str, float], rng: np.random.Generator) -> Hidden | None:
-    """The effect `label` of a `rig` whose channels have the standard deviations `spread` [SI]; None where it cannot
-    act."""
+def draw_effect(
+    label: str, rig: Any, spread: Mapping[str, float], rng: np.random.Generator
+) -> Hidden | None:
+    """The effect `label` of a `rig` whose channels have the standard deviations `spread` [SI]; None
+    where it cannot act."""
     channel = "crank_angle" if label == ENCODER_OFFSET else str(rng.choice(list(rig.sensors)))
     if label in RECIPE["faults"]:
         fault = RECIPE["faults"][label]
         unit = spread[channel] if fault["of_spread"] else 1.0
-        return Hidden(label, channel, lambda size: {label: size * unit}, fault["first"], fault["most"], 0.0, channel)
+        return Hidden(
+            label,
+            channel,
+            lambda size: {label: size * unit},
+            fault["first"],
+            fault["most"],
+            0.0,
+            channel,
+        )
     if label in RECIPE["laws"]:
         return _law(label, rig, rng)
     if label in FAULTS:
         site = "sensor" if label == ENCODER_OFFSET else channel
-        candidate = FAULTS[label].candidate(site, Reading(spread.get(channel, 0.0), "", rig.fastest))
+        candidate = FAULTS[label].candidate(
+            site, Reading(spread.get(channel, 0.0), "", rig.fastest)
+        )
         return _sized(candidate, rng, {}, channel)
     candidate = candidates(rig.nominal, rig.fastest, rig.nuisances).get(label)
     return candidate and _sized(candidate, rng, rig.nuisances)
@@ -114,7 +140,12 @@ def draw_effect(label: str, rig: Any, spread: Mapping[str, float], rng: np.rando
 
 def _law(label: str, rig: Any, rng: np.random.Generator) -> Hidden:
     own, crank = RECIPE["laws"][label], rig.true.crank.length
-    coefficients = {"V": crank * rig.fastest, "R": crank, "X": rig.true.rod.length, "A": float(rng.uniform(0, 6))}
+    coefficients = {
+        "V": crank * rig.fastest,
+        "R": crank,
+        "X": rig.true.rod.length,
+        "A": float(rng.uniform(0, 6)),
+    }
     used = set(re.findall("[A-Z]", own["formula"]))
     first = own["first"] * rig.true.slider.mass * crank ** (1 + own["power"]) * rig.fastest**2
     site = "crank" if "theta" in own["formula"] else "slider"
@@ -122,17 +153,30 @@ def _law(label: str, rig: Any, rng: np.random.Generator) -> Hidden:
     return Hidden(label, site, lambda size: {"s": size}, first, 200 * first, law=law)
 
 
-def _sized(candidate: Candidate, rng: np.random.Generator, nuisances: Mapping[str, Parameter], sensor="") -> Hidden:
-    """A candidate whose amplitudes grow with the size along a direction that is drawn, as its shape parameters are."""
+def _sized(
+    candidate: Candidate, rng: np.random.Generator, nuisances: Mapping[str, Parameter], sensor=""
+) -> Hidden:
+    """A candidate whose amplitudes grow with the size along a direction that is drawn, as its shape
+    parameters are."""
     sizes = {p.key: p for p in candidate.coordinates if p.key in candidate.amplitudes}
-    steps = {key: part * sizes[key].step for key, part in zip(sizes, _direction(candidate, rng), strict=True)}
+    steps = {
+        key: part * sizes[key].step
+        for key, part in zip(sizes, _direction(candidate, rng), strict=True)
+    }
     steps = dict(sorted(steps.items(), key=lambda item: -abs(item[1] / sizes[item[0]].step)))
     shapes = {p.key: _shape(candidate, p, rng) for p in candidate.coordinates if p.key not in sizes}
-    ends = [(sizes[key].high if step > 0 else sizes[key].low) / step for key, step in steps.items() if step]
+    ends = [
+        (sizes[key].high if step > 0 else sizes[key].low) / step
+        for key, step in steps.items()
+        if step
+    ]
     if candidate.name == "rod_flexibility":
         ends = [0.4 * ends[0]]  # five times as fast as the crank at least
     least, most = 0.0, min(ends + [_MOST])
-    for name, key in candidate.replaces.items():  # beyond what the campaign states of the same parameter
+    for (
+        name,
+        key,
+    ) in candidate.replaces.items():  # beyond what the campaign states of the same parameter
         if steps[key]:
             least = (nuisances[name].high - nuisances[name].low) / abs(steps[key])
     searched = _VISCOSITIES if candidate.name == "lubricated_joint" else candidate.search_range
@@ -148,8 +192,8 @@ def _sized(candidate: Candidate, rng: np.random.Generator, nuisances: Mapping[st
 
 
 def _direction(candidate: Candidate, rng: np.random.Generator) -> list[float]:
-    """A unit size in steps of each amplitude: a spring rests near the middle of the stroke, one of two lengths is
-    wrong, and all others with two amplitudes have a phase."""
+    """A unit size in steps of each amplitude: a spring rests near the middle of the stroke, one of
+    two lengths is wrong, and all others with two amplitudes have a phase."""
     low = candidate.coordinates[0].low
     sign = float(rng.choice([-1.0, 1.0])) if low < 0 and not candidate.is_perturbation else 1.0
     if candidate.name == "slider_spring":
@@ -176,12 +220,15 @@ UNLISTED_FAULTS = {
     "drift": lambda u, size: u + size * np.linspace(0.0, 1.0, u.size),
     "quantisation": lambda u, size: size * (np.floor(u / size) + 0.5),
     "saturation": lambda u, size: np.clip(u, None, u.max() - size * np.ptp(u)),
-    "cubic_sensor": lambda u, size: u + size * (u - 0.5 * (u.max() + u.min())) ** 3 / (0.5 * np.ptp(u)) ** 2,
+    "cubic_sensor": lambda u, size: (
+        u + size * (u - 0.5 * (u.max() + u.min())) ** 3 / (0.5 * np.ptp(u)) ** 2
+    ),
 }
 
 _LOOSE = (PINS, PINS, PINS, ("piston_pin",), ("piston_pin",), ("crank_pin",))
 
-# Share of a channel's standard deviation by which settled revolutions may differ: far below any sensor noise
+# Share of a channel's standard deviation by which settled revolutions may differ: far below any
+# sensor noise
 _REPEATS_BELOW = 3e-3
 
 # The same share above which samples cannot be compared, so that only statistics can
@@ -189,9 +236,14 @@ _CHAOTIC_ABOVE = 0.05
 
 _MOST_DRAWS = 200  # mechanisms, until one moves as its base asks at all three speeds
 
-_DRIFT_GRID = 240  # knots per revolution of a drifting crank: its angle between them is exact to 1e-11 rad
-_LAG_GRID = 2880  # samples per revolution on which a lag is applied: between them the signal is linear enough
-_LAGS_BEFORE = 5.0  # lags that are simulated before the first sample: what was before has decayed to 1 %
+_DRIFT_GRID = (
+    240  # knots per revolution of a drifting crank: its angle between them is exact to 1e-11 rad
+)
+# samples per revolution on which a lag is applied: between them the signal is linear enough
+_LAG_GRID = 2880
+_LAGS_BEFORE = (
+    5.0  # lags that are simulated before the first sample: what was before has decayed to 1 %
+)
 
 # Of one run by channel, SI
 Readings = dict[str, np.ndarray]
@@ -202,8 +254,11 @@ class Numerics:
     """What an integrator may choose."""
 
     tolerance: float = 1e-10  # Local error of a step [m]
-    friction_law: str = "coulomb"  # ``coulomb`` (a hyperbolic tangent), ``threlfall`` (an exponential), ``ambrosio``
-    friction_factor: float = 1.0  # Factor on the sliding speed over which friction in loose joints is regularised
+    # ``coulomb`` (a hyperbolic tangent), ``threlfall`` (an exponential), ``ambrosio``
+    friction_law: str = "coulomb"
+    friction_factor: float = (
+        1.0  # Factor on the sliding speed over which friction in loose joints is regularised
+    )
     sign_factor: float = 1.0  # Factor on the width of the slider's and the crank's sign functions
 
 
@@ -253,17 +308,26 @@ class Sensor:
 class Rig:
     """One rig with its true, hidden values."""
 
-    base: str  # The motion without an effect: ideal, loose (settles to a cycle) or chaotic (never repeats)
-    content: Mapping  # Of the analyst's mechanism file, but for a swing of the crank among the effects
-    bounds: Mapping[str, tuple[float, float]]  # Of nuisances by key of the campaign file, SI; of ``speed`` as a share
+    # The motion without an effect: ideal, loose (settles to a cycle) or chaotic (never repeats)
+    base: str
+    content: (
+        Mapping  # Of the analyst's mechanism file, but for a swing of the crank among the effects
+    )
+    bounds: Mapping[
+        str, tuple[float, float]
+    ]  # Of nuisances by key of the campaign file, SI; of ``speed`` as a share
     values: Mapping[str, float]  # True values of nuisances, SI
     runs: Mapping[str, Run]  # By id, in the order of the campaign file
     confirm: str  # The held-out run
     sensors: Mapping[str, Sensor]  # By channel
     numerics: Numerics
     noise_is_stated: bool
-    angle_noise: float = 0.0  # Standard deviation of the crank angle's reading [rad]; 0 where there is no encoder
-    angle_step: float = 0.0  # Of the encoder [rad], where the campaign file states that in place of its noise
+    angle_noise: float = (
+        0.0  # Standard deviation of the crank angle's reading [rad]; 0 where there is no encoder
+    )
+    angle_step: float = (
+        0.0  # Of the encoder [rad], where the campaign file states that in place of its noise
+    )
     drive: str = "constant_speed"
 
     @cached_property
@@ -290,21 +354,28 @@ class Rig:
     def nuisances(self) -> dict[str, Parameter]:
         """What the campaign states of nuisances that all runs share, by name."""
         return {
-            key: Parameter(key, 0.5 * (low + high), low, high, 0.02 * (high - low), NUISANCES[key] or "1")
+            key: Parameter(
+                key, 0.5 * (low + high), low, high, 0.02 * (high - low), NUISANCES[key] or "1"
+            )
             for key, (low, high) in self.bounds.items()
             if key != "speed"
         }
 
 
-def simulate(mechanism: Mechanism, run: Run, numerics: Numerics, effects: Effects = (), perturbation=None) -> Readings:
-    """All signals at the samples of a run, without sensors; `effects` with their sizes act on the motion."""
+def simulate(
+    mechanism: Mechanism, run: Run, numerics: Numerics, effects: Effects = (), perturbation=None
+) -> Readings:
+    """All signals at the samples of a run, without sensors; `effects` with their sizes act on the
+    motion."""
     data = with_effects(mechanism, effects).model_dump()
     for joint in data["joints"].values():
         width = numerics.friction_factor * joint["contact"]["friction_speed"]
         joint["contact"] |= {"friction_law": numerics.friction_law, "friction_speed": width}
     mechanism = validate(Mechanism, data, "a drawn mechanism")
     wave = mechanism.effect("speed_fluctuation")
-    mean = run.speed / math.sqrt(1 - wave.ratio**2) if wave else run.speed  # the law's w0 is the mean over the angle
+    mean = (
+        run.speed / math.sqrt(1 - wave.ratio**2) if wave else run.speed
+    )  # the law's w0 is the mean over the angle
     p = parameters(mechanism, options_of(mean, run.start_angle, numerics.tolerance))
     p.effects.slider_sign_speed *= numerics.sign_factor
     p.effects.crank_sign_speed *= numerics.sign_factor
@@ -312,15 +383,22 @@ def simulate(mechanism: Mechanism, run: Run, numerics: Numerics, effects: Effect
     if run.drift:
         p, times = _drifting(p, run)
     angles = prescribed_angles(p, times)
-    return channels_at(p, angles, numerics.tolerance, perturbation) | {"crank_angle": angles - tau * run.settling}
+    return channels_at(p, angles, numerics.tolerance, perturbation) | {
+        "crank_angle": angles - tau * run.settling
+    }
 
 
 def _drifting(p: Parameters, run: Run) -> tuple[Parameters, np.ndarray]:
-    """The crank of a run with drift, from one without, and the times of the samples since its start [s]."""
-    begin = brentq(lambda t: t + run.drift.ahead(np.array([t]))[0] + run.lead, -2.0 * run.lead - 1.0, 0.0)
+    """The crank of a run with drift, from one without, and the times of the samples since its start
+    [s]."""
+    begin = brentq(
+        lambda t: t + run.drift.ahead(np.array([t]))[0] + run.lead, -2.0 * run.lead - 1.0, 0.0
+    )
     step = tau / run.speed / _DRIFT_GRID
     knots = np.arange(begin, run.times[-1] + 8.0 * step, step)
-    smooth = make_interp_spline(knots, prescribed_angles(p, knots + run.drift.ahead(knots) + run.lead), k=5)
+    smooth = make_interp_spline(
+        knots, prescribed_angles(p, knots + run.drift.ahead(knots) + run.lead), k=5
+    )
     powers = [smooth(knots[:-1], k) / math.factorial(k) for k in range(5, -1, -1)]
     table = np.column_stack([knots[:-1] - begin, *powers])
     drive = DriveParameters(kind=MEASURED, speed=run.speed, start_angle=float(table[0, 6]))
@@ -330,7 +408,10 @@ def _drifting(p: Parameters, run: Run) -> tuple[Parameters, np.ndarray]:
 def with_effects(mechanism: Mechanism, effects: Effects) -> Mechanism:
     """A mechanism with those of `effects` that act on the motion, each at its size."""
     data = mechanism.model_dump()
-    data["effects"] = [*data["effects"], *(entry for effect, size in effects for entry in effect.in_file(size))]
+    data["effects"] = [
+        *data["effects"],
+        *(entry for effect, size in effects for entry in effect.in_file(size)),
+    ]
     return validate(Mechanism, data, "a drawn mechanism")
 
 
@@ -353,7 +434,9 @@ def read(mechanism: Mechanism, run: Run, numerics: Numerics, effects: Effects = 
                 faulty = at(run.times - value)
             elif fault.over_time:
                 step = tau / run.speed / _LAG_GRID
-                grid = np.arange(run.times[0] - _LAGS_BEFORE * value - step, run.times[-1] + 2 * step, step)
+                grid = np.arange(
+                    run.times[0] - _LAGS_BEFORE * value - step, run.times[-1] + 2 * step, step
+                )
                 faulty = np.interp(run.times, grid, fault.over_time(at(grid), step, 0.0, value))
             else:
                 faulty = (fault.before_filter or fault.after_filter)(true, value)
@@ -362,7 +445,8 @@ def read(mechanism: Mechanism, run: Run, numerics: Numerics, effects: Effects = 
 
 
 def read_truth(rig: Rig, run: Run, effects: Effects, by_exudyn: bool) -> Readings:
-    """What the rig's sensors without noise read of a run, by the package's simulation or Exudyn's."""
+    """What the rig's sensors without noise read of a run, by the package's simulation or
+    Exudyn's."""
     if not by_exudyn:
         return read(rig.true, run, rig.numerics, effects)
     model = SliderCrank(with_effects(rig.true, effects), run.speed, run.start_angle)
@@ -375,12 +459,15 @@ def visited(rig: Rig, effects: Effects) -> pd.DataFrame:
     frames = []
     for run in rig.runs.values():
         times = np.arange(100) / 100 * tau / run.speed
-        frames.append(pd.DataFrame(simulate(rig.true, Run(run.speed, 0.0, times), rig.numerics, effects)))
+        frames.append(
+            pd.DataFrame(simulate(rig.true, Run(run.speed, 0.0, times), rig.numerics, effects))
+        )
     return pd.concat(frames, ignore_index=True)
 
 
 def draw_rig(rng: np.random.Generator, trial: Any) -> Rig:
-    """Draw a rig whose settled motion is as the trial's base says: the same in each revolution, or not."""
+    """Draw a rig whose settled motion is as the trial's base says: the same in each revolution, or
+    not."""
 
     def drawn(key: str, size: int | None = None) -> Any:
         return rng.uniform(*RECIPE["rig"][key], size)
@@ -391,7 +478,10 @@ def draw_rig(rng: np.random.Generator, trial: Any) -> Rig:
         speeds = np.round(rng.permutation(speeds)) * tau / 60
         mechanism = validate(Mechanism, content, "a drawn mechanism")
         spreads = (revolution_spread(mechanism, speed) for speed in speeds if trial.base != "ideal")
-        if all(one < _REPEATS_BELOW if trial.base == "loose" else one > _CHAOTIC_ABOVE for one in spreads):
+        if all(
+            one < _REPEATS_BELOW if trial.base == "loose" else one > _CHAOTIC_ABOVE
+            for one in spreads
+        ):
             break
     else:
         raise RuntimeError(f"no rig with a {trial.base} motion in {_MOST_DRAWS} draws")
@@ -401,7 +491,10 @@ def draw_rig(rng: np.random.Generator, trial: Any) -> Rig:
     bounds = ({} if speed_known else {"speed": (-0.003, 0.003)}) | _draw_bounds(rng, content)
     bounds |= {"encoder_lag": tuple(RECIPE["rig"]["encoder_late"])} if late else {}
     inside = {key: 0.5 + 0.9 * (float(rng.random()) - 0.5) for key in bounds if key != "speed"}
-    values = {key: bounds[key][0] + share * (bounds[key][1] - bounds[key][0]) for key, share in inside.items()}
+    values = {
+        key: bounds[key][0] + share * (bounds[key][1] - bounds[key][0])
+        for key, share in inside.items()
+    }
     if trial.kind != "exudyn":
         loose = [name for name, joint in content["joints"].items() if joint["loose"]]
         values |= {f"lasting_damping_{joint}": float(drawn("log_damping")) for joint in loose}
@@ -409,23 +502,37 @@ def draw_rig(rng: np.random.Generator, trial: Any) -> Rig:
     for number, nominal in enumerate(map(float, speeds), 1):
         speed = nominal * (1 + float(drawn("speed_off")))
         samples = min(round(drawn("samples")), 100 if chaotic else 200)
-        times = np.arange(int((30 if chaotic else drawn("revolutions")) * samples)) * (tau / speed / samples)
+        times = np.arange(int((30 if chaotic else drawn("revolutions")) * samples)) * (
+            tau / speed / samples
+        )
         if rng.random() < 0.25:
             times[1:] += drawn("jitter", times.size - 1) * times[1]
         phase, start = (float(angle) for angle in rng.uniform(0, tau, 2))
         runs[f"run{number}"] = Run(speed, phase, times, start, int(drawn("settling")), nominal)
-    sensors, slower = {}, int(rng.integers(*RECIPE["rig"]["slower"], endpoint=True)) if rng.random() < 0.2 else 1
+    sensors, slower = (
+        {},
+        int(rng.integers(*RECIPE["rig"]["slower"], endpoint=True)) if rng.random() < 0.2 else 1,
+    )
     for channel in _draw_channels(rng, trial.base):
         correlation = float(drawn("correlation")) if rng.random() < 0.25 else 0.0
         every = slower if rng.random() < 0.5 else 1
-        sensors[channel] = Sensor(float(drawn("noise")), correlation, bool(rng.random() < 0.15), every)
+        sensors[channel] = Sensor(
+            float(drawn("noise")), correlation, bool(rng.random() < 0.15), every
+        )
     law, width = (("coulomb", 0.5), ("coulomb", 1.5), ("threlfall", 1.5))[rng.integers(3)]
-    noise, step = math.radians(drawn("driving_encoder_deg" if trial.measured_angle else "encoder_deg")), 0.0
+    noise, step = (
+        math.radians(drawn("driving_encoder_deg" if trial.measured_angle else "encoder_deg")),
+        0.0,
+    )
     if trial.measured_angle and rng.random() < 0.5:
         step = tau / int(rng.choice([1000, 2000, 3600, 10_000]))
         noise = step * float(drawn("noise_of_step"))
     if trial.measured_angle and trial.kind != "exudyn" and rng.random() < 0.3:
-        swing = {"ratio": float(drawn("swing")), "order": 0.5, "phase_rad": float(rng.uniform(0, tau))}
+        swing = {
+            "ratio": float(drawn("swing")),
+            "order": 0.5,
+            "phase_rad": float(rng.uniform(0, tau)),
+        }
         content["effects"] = [{"name": "speed_fluctuation", "parameters": swing}]
     rig = Rig(
         base=trial.base,
@@ -435,14 +542,20 @@ def draw_rig(rng: np.random.Generator, trial: Any) -> Rig:
         runs=runs,
         confirm=str(rng.choice(list(runs))),
         sensors=sensors,
-        numerics=Numerics(10 ** float(drawn("log_tolerance")), law, width, float(rng.choice([0.5, 1.0, 1.5]))),
+        numerics=Numerics(
+            10 ** float(drawn("log_tolerance")), law, width, float(rng.choice([0.5, 1.0, 1.5]))
+        ),
         noise_is_stated=bool(rng.random() < 0.8),
         angle_noise=noise if encoder else 0.0,
         angle_step=step,
         drive="measured_angle" if trial.measured_angle else "constant_speed",
     )
     for name, run in runs.items() if trial.drift and trial.kind != "exudyn" and not chaotic else ():
-        sizes, turns, phases = rng.uniform(0.3, 1.0, 3), drawn("drift_turns", 3), rng.uniform(0, tau, 3)
+        sizes, turns, phases = (
+            rng.uniform(0.3, 1.0, 3),
+            drawn("drift_turns", 3),
+            rng.uniform(0, tau, 3),
+        )
         sizes *= drawn("drift") / sizes.sum()
         runs[name] = replace(run, drift=Drift(sizes, run.speed / turns, phases))
     return rig
@@ -464,27 +577,39 @@ def _draw_mechanism(rng: np.random.Generator, drawn: Callable[..., Any], trial: 
     bodies["rod"]["mass_centre"] = rod * drawn("rod_centre")
     journal, joints = round(float(drawn("journal_radius")), 5), {}
     for name, body in (("crank_pivot", "crank"), ("crank_pin", "crank"), ("piston_pin", "slider")):
-        radii = {"journal_radius": journal, "bearing_radius": round(journal + 10 ** float(drawn("log_clearance")), 6)}
+        radii = {
+            "journal_radius": journal,
+            "bearing_radius": round(journal + 10 ** float(drawn("log_clearance")), 6),
+        }
         joints[name] = {"loose": name in loose, "journal": body, **radii, "contact": "steel"}
     steel = {"law": "lankarani_nikravesh", "restitution": round(float(drawn("restitution")), 3)}
     steel["friction"] = round(float(drawn(f"friction_{trial.base}")), 3)
     if trial.kind == "exudyn":
         steel["memory"] = "published"  # Exudyn's contacts know no other
-    rounded = {body: {key: float(f"{value:.5g}") for key, value in own.items()} for body, own in bodies.items()}
+    rounded = {
+        body: {key: float(f"{value:.5g}") for key, value in own.items()}
+        for body, own in bodies.items()
+    }
     shared = {"contacts": {"steel": steel}, "gravity_direction": -math.pi / 2, "effects": []}
     return rounded | {"joints": joints} | shared
 
 
 def revolution_spread(mechanism: Mechanism, speed: float) -> float:
-    """RMS difference of settled revolutions that began differently or are some apart, over the standard deviation."""
+    """RMS difference of settled revolutions that began differently or are some apart, over the
+    standard deviation."""
     times = np.arange(90) / 90 * tau / speed
     nudge = [1e-7 if pin in mechanism.loose else 0.0 for pin in PINS]  # [m]
     first, *others = (
-        pd.DataFrame(simulate(mechanism, Run(speed, 0.3, times, settling=turns), Numerics(), (), start))
+        pd.DataFrame(
+            simulate(mechanism, Run(speed, 0.3, times, settling=turns), Numerics(), (), start)
+        )
         for start, turns in ((None, 12), ([nudge[0], 0.0, 0.0, nudge[1]], 2), (None, 15))
     )
     seen = ["slider_acceleration", "crank_torque"]
-    return max(float((((first - one)[seen] ** 2).mean() ** 0.5 / first[seen].std()).max()) for one in others)
+    return max(
+        float((((first - one)[seen] ** 2).mean() ** 0.5 / first[seen].std()).max())
+        for one in others
+    )
 
 
 def _draw_bounds(rng: np.random.Generator, content: Mapping) -> dict[str, tuple[float, float]]:
@@ -502,7 +627,10 @@ def _draw_bounds(rng: np.random.Generator, content: Mapping) -> dict[str, tuple[
     if any(joint["loose"] for joint in joints.values()):
         bounds["restitution"] = 0.3, 0.9
         if steel["friction"]:
-            bounds["joint_friction"] = round(0.5 * steel["friction"], 3), round(1.6 * steel["friction"], 3)
+            bounds["joint_friction"] = (
+                round(0.5 * steel["friction"], 3),
+                round(1.6 * steel["friction"], 3),
+            )
     return bounds
 
 
@@ -514,5 +642,10 @@ def _draw_channels(rng: np.random.Generator, base: str) -> list[str]:
     others = [name for names in kinds.values() for name in names if name != first]
     return [
         first,
-        *map(str, rng.permutation(others)[: int(rng.integers(*RECIPE["rig"]["channels"], endpoint=True)) - 1]),
+        *map(
+            str,
+            rng.permutation(others)[
+                : int(rng.integers(*RECIPE["rig"]["channels"], endpoint=True)) - 1
+            ],
+        ),
     ]

@@ -1,4 +1,5 @@
-"""The score: each verdict against its sealed ground truth, one row a trial, and the rates of a set."""
+"""The score: each verdict against its sealed ground truth, one row a trial, and the rates of a
+set."""
 
 import json
 import math
@@ -21,12 +22,15 @@ from validation.rig import RECIPE, SHAPES
 from validation.trial import GAP_TOLERANCE, formula_values
 
 # Effects whose site has to be right too
-WITH_SITE = {name for name, page in EFFECTS.items() if page.sites()} | (FAULTS.keys() - set(ENCODER_FAULTS))
+WITH_SITE = {name for name, page in EFFECTS.items() if page.sites()} | (
+    FAULTS.keys() - set(ENCODER_FAULTS)
+)
 
 NOTHING_NAMED = ("no_disagreement", "parameters_only")
 NAMED = ("named", "named_with_remaining_misfit")
 
-# A trial whose effect causes less, since it cannot be larger on any rig that was drawn, counts as undetectable
+# A trial whose effect causes less, since it cannot be larger on any rig that was drawn, counts as
+# undetectable
 LEAST_GAP = 1.5 * (1 - GAP_TOLERANCE)
 
 # RMS share by which a discovered force may differ from the true one over the visited states
@@ -35,24 +39,34 @@ SAME_FORCE_RMS = 0.1
 # Gap of the held-out run from which on the share of its excess that is closed says something
 CLOSED_FROM_GAP = 1.5
 
-# Root mean square of a difference over the noise, in a bin of the crank angle: from the larger on the map has to flag
-# it, up to the smaller it must not; between them either is right
+# Root mean square of a difference over the noise, in a bin of the crank angle: from the larger on
+# the map has to flag it, up to the smaller it must not; between them either is right
 SHOWS_FROM, HIDDEN_UP_TO = 0.5, 0.1
 
-# Methods beside the identification: the least BIC of its fits, one effect at a time; sparse regression of the residual;
-# the least BIC by a global optimiser; a network classifier
+# Methods beside the identification: the least BIC of its fits, one effect at a time; sparse
+# regression of the residual; the least BIC by a global optimiser; a network classifier
 BASELINES = ("greedy", "sparse", "optimiser", "network")
 
 _NUMBERS = (
-    "error", *(f"covered_{level}" for level in LEVELS),
-    "map_hit", "map_false", "map_missed", "names_hit", "names_false", "names_missed",
-    "nuisances", *(f"nuisances_covered_{level}" for level in LEVELS), "gap_before", "gap_after", "closed",
-)  # fmt: skip
+    "error",
+    *(f"covered_{level}" for level in LEVELS),
+    "map_hit",
+    "map_false",
+    "map_missed",
+    "names_hit",
+    "names_false",
+    "names_missed",
+    "nuisances",
+    *(f"nuisances_covered_{level}" for level in LEVELS),
+    "gap_before",
+    "gap_after",
+    "closed",
+)
 
 
 def score_trials(folder: Path, trials: Iterable[str] = ()) -> pd.DataFrame:
-    """A row a trial (docs/validation.md) from the files ``sealed/{trial}.json`` and ``verdicts/{trial}.json``, by
-    default of all that have a verdict."""
+    """A row a trial (docs/validation.md) from the files ``sealed/{trial}.json`` and
+    ``verdicts/{trial}.json``, by default of all that have a verdict."""
     names = sorted(trials or (path.stem for path in (folder / "verdicts").glob("*.json")))
     rows = []
     for name in names:
@@ -68,7 +82,9 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); run `make blind` again, which writes it") from error
+        raise InputError(
+            f"{path}: cannot be read ({error}); run `make blind` again, which writes it"
+        ) from error
 
 
 def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[str, Any]:
@@ -84,7 +100,9 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
         "kind": truth["kind"],
         "base": truth["base"],
         "drive": truth["drive"],
-        "hidden": f"{damaged['what']}: {' + '.join(damaged['channels'])}" if damaged else _joined(hidden),
+        "hidden": (
+            f"{damaged['what']}: {' + '.join(damaged['channels'])}" if damaged else _joined(hidden)
+        ),
         "verdict": "failed",
         "named": "",
         "outcome": outcome,
@@ -129,10 +147,11 @@ def labels(effects: Iterable[Mapping[str, Any]]) -> frozenset[str]:
 
 
 def named_labels(effects: Iterable[Mapping[str, Any]], hidden: frozenset[str]) -> frozenset[str]:
-    """Labels of effects of a verdict; of a named family that of the `hidden` effect that lies in it, else its law's.
+    """Labels of effects of a verdict; of a named family that of the `hidden` effect that lies in
+    it, else its law's.
 
-    An effect lies in it where the interval of the shape holds the one at which the law is that effect. Of a sensor
-    fault with alternatives that of the hidden one among them.
+    An effect lies in it where the interval of the shape holds the one at which the law is that
+    effect. Of a sensor fault with alternatives that of the hidden one among them.
     """
 
     def label(effect: Mapping[str, Any]) -> str:
@@ -143,7 +162,8 @@ def named_labels(effects: Iterable[Mapping[str, Any]], hidden: frozenset[str]) -
             one
             for family in families_named(effect)
             for one, (name, _, site) in ((one, one.partition(":")) for one in hidden)
-            if site in ("", effect["site"]) and _within(SHAPES[family["law"]].get(name), family["interval_99"])
+            if site in ("", effect["site"])
+            and _within(SHAPES[family["law"]].get(name), family["interval_99"])
         ]
         return min(inside, default=name_stated(effect))
 
@@ -177,26 +197,36 @@ def _is_fault_of(effect: Mapping, channels: Sequence[str]) -> bool:
 
 
 def _told(damaged: Sequence[str], analysis: Mapping[str, Any]) -> bool:
-    """Whether a damaged channel, of two swapped ones either, is told by a remark, a refusal or as a faulty sensor."""
+    """Whether a damaged channel, of two swapped ones either, is told by a remark, a refusal or as a
+    faulty sensor."""
     verdict, error = analysis.get("verdict"), analysis.get("error", "")
-    doubted = {name for doubt in analysis.get("doubts", ()) for name in (doubt["channel"], doubt["other"])}
+    doubted = {
+        name for doubt in analysis.get("doubts", ()) for name in (doubt["channel"], doubt["other"])
+    }
     named = [*verdict["effects"], *verdict["certain"]] if verdict else ()
     words = [*damaged, *(("speed",) if "time" in damaged else ())]
     refused = error.startswith("InputError") and any(word in error for word in words)
-    return refused or bool(doubted & {*damaged}) or any(_is_fault_of(effect, damaged) for effect in named)
+    return (
+        refused
+        or bool(doubted & {*damaged})
+        or any(_is_fault_of(effect, damaged) for effect in named)
+    )
 
 
 def _outcome(truth: Mapping, verdict: Mapping | None, hidden: frozenset[str], told: bool) -> str:
     """right, wrong, partly, ambiguous, unexplained, missed or failed.
 
-    Of damaged data: wrong where anything but a fault of a damaged sensor is named or called certain, else right where
-    the channel is told.
+    Of damaged data: wrong where anything but a fault of a damaged sensor is named or called
+    certain, else right where the channel is told.
     """
     if verdict is None:
         return "right" if told else "failed"  # the files were refused for what is wrong with them
     kind, effects = verdict["verdict"], verdict["effects"]
     if "damage" in truth:
-        if not all(_is_fault_of(effect, truth["damage"]["channels"]) for effect in (*effects, *verdict["certain"])):
+        if not all(
+            _is_fault_of(effect, truth["damage"]["channels"])
+            for effect in (*effects, *verdict["certain"])
+        ):
             return "wrong"
         return "right" if told else "ambiguous" if kind == "ambiguous" else "missed"
     if kind in NOTHING_NAMED:
@@ -208,7 +238,9 @@ def _outcome(truth: Mapping, verdict: Mapping | None, hidden: frozenset[str], to
             return "wrong"
         explanations = _equivalent(verdict)
         merged = [set(group) for group in verdict["preflight"]["merged"]]
-        foreseen = hidden in explanations and all(_inseparable(own, hidden, merged) for own in explanations)
+        foreseen = hidden in explanations and all(
+            _inseparable(own, hidden, merged) for own in explanations
+        )
         return "right" if foreseen else "ambiguous"
     named = named_labels(effects, hidden)
     if _is_off_list(truth):
@@ -217,7 +249,8 @@ def _outcome(truth: Mapping, verdict: Mapping | None, hidden: frozenset[str], to
 
 
 def _baseline_outcome(truth: Mapping, hidden: frozenset[str], named: Collection[str] | None) -> str:
-    """The outcome of a baseline method, which names effects or finds nothing; None where it was not asked."""
+    """The outcome of a baseline method, which names effects or finds nothing; None where it was not
+    asked."""
     if named is None:
         return "not asked"
     if not named:
@@ -236,11 +269,18 @@ def _outcome_of_names(hidden: frozenset[str], named: frozenset[str]) -> str:
 
 def _equivalent(verdict: Mapping) -> list[frozenset[str]]:
     """The explanations that an ambiguous verdict holds to be equal; of other verdicts none."""
-    return [labels(explanation) for explanation in verdict["equivalent"] if verdict["verdict"] == "ambiguous"]
+    return [
+        labels(explanation)
+        for explanation in verdict["equivalent"]
+        if verdict["verdict"] == "ambiguous"
+    ]
 
 
-def _inseparable(explanation: frozenset[str], hidden: frozenset[str], merged: Sequence[set[str]]) -> bool:
-    """Whether an explanation differs from the truth only by effects that preflight could not separate."""
+def _inseparable(
+    explanation: frozenset[str], hidden: frozenset[str], merged: Sequence[set[str]]
+) -> bool:
+    """Whether an explanation differs from the truth only by effects that preflight could not
+    separate."""
     extra, absent = explanation - hidden, hidden - explanation
     return len(extra) == len(absent) and any(
         all(any({a, b} <= group for group in merged) for a, b in zip(extra, order, strict=True))
@@ -249,28 +289,40 @@ def _inseparable(explanation: frozenset[str], hidden: frozenset[str], merged: Se
 
 
 def _is_the_force(truth: Mapping, verdict: Mapping) -> bool:
-    """Whether the one effect named is a discovered force within `SAME_FORCE_RMS` of the true one."""
+    """Whether the one effect named is a discovered force within `SAME_FORCE_RMS` of the true
+    one."""
     force = truth["effects"][0].get("force")
     if force is None or [effect["name"] for effect in verdict["effects"]] != [force["kind"]]:
         return False
     values = {key: entry["value"] for key, entry in verdict["effects"][0]["parameters"].items()}
-    found, true = formula_values(values.pop("formula"), values, pd.DataFrame(force["states"])), np.array(force["value"])
-    return float(np.sqrt(np.mean((found - true) ** 2))) <= SAME_FORCE_RMS * float(np.sqrt(np.mean(true**2)))
+    found, true = (
+        formula_values(values.pop("formula"), values, pd.DataFrame(force["states"])),
+        np.array(force["value"]),
+    )
+    return float(np.sqrt(np.mean((found - true) ** 2))) <= SAME_FORCE_RMS * float(
+        np.sqrt(np.mean(true**2))
+    )
 
 
 def _size_errors(truth: Mapping, verdict: Mapping) -> dict[str, float]:
-    """Relative error of the sizes of effects named right, and the share of them within their intervals.
+    """Relative error of the sizes of effects named right, and the share of them within their
+    intervals.
 
-    The size of an effect is its first parameter in the seal. One whose estimate has no interval, since it came to a
-    bound, is not covered.
+    The size of an effect is its first parameter in the seal. One whose estimate has no interval,
+    since it came to a bound, is not covered.
     """
     named = {effect_label(effect): effect["parameters"] for effect in verdict["effects"]}
     rows = []
     for effect in truth["effects"]:
         key, true = next(iter(effect["parameters"].items()))
-        estimate = named.get(effect_label(effect), {}).get(key)  # none where its family is named by another member
+        estimate = named.get(effect_label(effect), {}).get(
+            key
+        )  # none where its family is named by another member
         if estimate is not None and true:
-            covered = {f"covered_{level}": _within(true, estimate.get(f"interval_{level}")) for level in LEVELS}
+            covered = {
+                f"covered_{level}": _within(true, estimate.get(f"interval_{level}"))
+                for level in LEVELS
+            }
             rows.append({"error": abs(estimate["value"] / true - 1), **covered})
     return pd.DataFrame(rows).mean().to_dict()
 
@@ -278,17 +330,25 @@ def _size_errors(truth: Mapping, verdict: Mapping) -> dict[str, float]:
 def _nuisances_covered(truth: Mapping, verdict: Mapping) -> dict[str, float]:
     """How many nuisances have intervals, and how many true values lie in them."""
     known, counts = truth.get("nuisances", {}), {}
-    stated = [(known[key], estimate) for key, estimate in verdict.get("nuisances", {}).items() if key in known]
+    stated = [
+        (known[key], estimate)
+        for key, estimate in verdict.get("nuisances", {}).items()
+        if key in known
+    ]
     for level in LEVELS:
         ends = [(true, estimate.get(f"interval_{level}") or (None,)) for true, estimate in stated]
         inside = [_within(true, interval) for true, interval in ends if None not in interval]
         if inside:
-            counts |= {"nuisances": float(len(inside)), f"nuisances_covered_{level}": float(sum(inside))}
+            counts |= {
+                "nuisances": float(len(inside)),
+                f"nuisances_covered_{level}": float(sum(inside)),
+            }
     return counts
 
 
 def _bins_found(truth: Mapping, analysis: Mapping) -> dict[str, int]:
-    """Bins of the crank angle, of all channels and runs for fitting, that the map flags rightly, falsely and not."""
+    """Bins of the crank angle, of all channels and runs for fitting, that the map flags rightly,
+    falsely and not."""
     if not truth.get("where") or "map" not in analysis:
         return {}
     hit = false = missed = 0
@@ -302,13 +362,16 @@ def _bins_found(truth: Mapping, analysis: Mapping) -> dict[str, int]:
 
 
 def _names_found(truth: Mapping, verdict: Mapping, hidden: frozenset[str]) -> dict[str, int]:
-    """How many effects are named rightly, falsely and not; one that is not on the list cannot be missed."""
+    """How many effects are named rightly, falsely and not; one that is not on the list cannot be
+    missed."""
     named = named_labels(verdict["effects"], hidden)
     if _is_off_list(truth):
         own = len(named & hidden) or int(_is_the_force(truth, verdict))
         return {"names_hit": own, "names_false": len(named) - own, "names_missed": 0}
     if "damage" in truth:
-        faults = sum(_is_fault_of(effect, truth["damage"]["channels"]) for effect in verdict["effects"])
+        faults = sum(
+            _is_fault_of(effect, truth["damage"]["channels"]) for effect in verdict["effects"]
+        )
         return {"names_hit": 0, "names_false": len(named) - faults, "names_missed": 0}
     return {
         "names_hit": len(named & hidden),
@@ -327,35 +390,54 @@ def _cause(hidden: frozenset[str], bic: Mapping[str, float]) -> str:
     best = min(by_labels, key=by_labels.__getitem__)
     if best == hidden:
         return "the hidden effects fit best, and the decision asks for more"
-    return f"{' + '.join(sorted(best))} fits better, BIC lower by {by_labels[hidden] - by_labels[best]:.4g}"
+    return (
+        f"{' + '.join(sorted(best))} fits better, BIC lower by"
+        f" {by_labels[hidden] - by_labels[best]:.4g}"
+    )
 
 
 def ratio_row(part: pd.DataFrame, counted: str, of: str) -> dict[str, float]:
-    """Precision, recall or F1 of what was found in all trials, with the 95 % interval of Clopper and Pearson for the
-    number of independent finds that scatters as much between trials (Korn and Graubard, Survey Methodology 24 (1998)
-    193); the number of trials where they do not differ.
+    """Precision, recall or F1 of what was found in all trials, with the 95 % interval of Clopper
+    and Pearson for the number of independent finds that scatters as much between trials (Korn and
+    Graubard, Survey Methodology 24 (1998) 193); the number of trials where they do not differ.
     """
-    hit, false, missed = part[[f"{counted}_{end}" for end in ("hit", "false", "missed")]].to_numpy(float).T
-    false_share, missed_share = {"precision": (1.0, 0.0), "recall": (0.0, 1.0), "F1": (0.5, 0.5)}[of]
+    hit, false, missed = (
+        part[[f"{counted}_{end}" for end in ("hit", "false", "missed")]].to_numpy(float).T
+    )
+    false_share, missed_share = {"precision": (1.0, 0.0), "recall": (0.0, 1.0), "F1": (0.5, 0.5)}[
+        of
+    ]
     asked = hit + false_share * false + missed_share * missed
     number, value = max(np.count_nonzero(asked), 1), hit.sum() / max(asked.sum(), 1e-9)
     if (scatter := np.sum((hit - value * asked) ** 2)) > 0.0:
         number = value * (1.0 - value) * asked.sum() ** 2 * (1.0 - 1.0 / number) / scatter
     found = value * number
-    low, high = beta.ppf(0.025, found, number - found + 1.0), beta.ppf(0.975, found + 1.0, number - found)
+    low, high = (
+        beta.ppf(0.025, found, number - found + 1.0),
+        beta.ppf(0.975, found + 1.0, number - found),
+    )
     low, high = np.nan_to_num(low, nan=0.0), np.nan_to_num(high, nan=1.0)  # nothing found, or all
     return {"count": len(part), "value": float(value), "low": float(low), "high": float(high)}
 
 
 def confusion(trials: pd.DataFrame) -> pd.DataFrame:
-    """How often what was named where what was hidden: hidden, named, count; data wired wrongly by what is wrong."""
-    hidden = trials["hidden"].where(trials["kind"] != "wiring", trials["hidden"].str.split(":").str[0])
+    """How often what was named where what was hidden: hidden, named, count; data wired wrongly by
+    what is wrong."""
+    hidden = trials["hidden"].where(
+        trials["kind"] != "wiring", trials["hidden"].str.split(":").str[0]
+    )
     named = trials["named"].where(trials["named"] != "", trials["verdict"])
-    return pd.DataFrame({"hidden": hidden, "named": named}).value_counts().rename("count").reset_index()
+    return (
+        pd.DataFrame({"hidden": hidden, "named": named})
+        .value_counts()
+        .rename("count")
+        .reset_index()
+    )
 
 
 def _held_out_gaps(verdict: Mapping) -> dict[str, float]:
-    """Gaps of the held-out run; without a named effect, or if it cannot be simulated, none of the excess is closed."""
+    """Gaps of the held-out run; without a named effect, or if it cannot be simulated, none of the
+    excess is closed."""
     gap = verdict["gap"].get("confirm") or {}
     if not verdict.get("effects"):  # nothing was added
         gap = gap | {"after": gap.get("before")}
@@ -369,14 +451,16 @@ def _held_out_gaps(verdict: Mapping) -> dict[str, float]:
 def rates(trials: pd.DataFrame) -> pd.DataFrame:
     """The rates and medians of a set, one a row: what, group, count, value, low, high.
 
-    Shares have the 95 % interval of Clopper and Pearson (Biometrika 26 (1934) 404-413), medians that of order
-    statistics.
+    Shares have the 95 % interval of Clopper and Pearson (Biometrika 26 (1934) 404-413), medians
+    that of order statistics.
     """
     one = trials["kind"].isin(["single", "exudyn", "clearance"]) & (trials["hidden"] != "nothing")
     trials = trials.assign(one=one, loosened=trials["hidden"].isin(CLEARANCES))
     rows = []
     for what, rate in RECIPE["rates"].items():
-        for group, part in _groups(trials.query(RECIPE["parts"][rate["of"]]), rate.get("by", ["all"])).items():
+        for group, part in _groups(
+            trials.query(RECIPE["parts"][rate["of"]]), rate.get("by", ["all"])
+        ).items():
             part = part.query(rate.get("where", "index == index"))
             if "quantile" in rate:
                 row = _quantile(part[rate["quantile"]], rate.get("share", 0.5))
@@ -419,10 +503,16 @@ def share_row(hits: float, count: int) -> dict[str, float]:
 
 
 def _quantile(values: pd.Series, share: float) -> dict[str, float]:
-    """The value below which a share of all lies, between two of the sorted values; the outermost where few are."""
+    """The value below which a share of all lies, between two of the sorted values; the outermost
+    where few are."""
     known = values.dropna().to_numpy(float)
     if not known.size:
         return {"count": 0}
     low, high = quantile_test(known, p=share).confidence_interval(0.95)
     low, high = np.nan_to_num(low, nan=known.min()), np.nan_to_num(high, nan=known.max())
-    return {"count": known.size, "value": np.quantile(known, share), "low": float(low), "high": float(high)}
+    return {
+        "count": known.size,
+        "value": np.quantile(known, share),
+        "low": float(low),
+        "high": float(high),
+    }

@@ -1,4 +1,5 @@
-"""Ways in which the data of a campaign are wired wrongly: nothing is wrong with the mechanism, but with its files."""
+"""Ways in which the data of a campaign are wired wrongly: nothing is wrong with the mechanism, but
+with its files."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -11,17 +12,24 @@ from jointgap.core.units import unit_factor
 
 _ZERO_OFF_DEG = (20.0, 180.0)  # of the encoder, to either side: less is an effect of the list
 _GAINS = (1.3, 3.0)  # [1] or one over it: less is a fault of the list
-_STRETCHES = (1.15, 1.9)  # [1] of times or a stated speed, or one over it: what files are not refused for
+_STRETCHES = (
+    1.15,
+    1.9,
+)  # [1] of times or a stated speed, or one over it: what files are not refused for
 _CLIPPED = (0.03, 0.15)  # [1] share of the samples beyond the range of an amplifier, on one side
 
 
 class _Data:
     """The content of a campaign file and the samples by run, to damage."""
 
-    def __init__(self, rng: np.random.Generator, campaign: dict[str, Any], frames: dict[str, pd.DataFrame]):
+    def __init__(
+        self, rng: np.random.Generator, campaign: dict[str, Any], frames: dict[str, pd.DataFrame]
+    ):
         self.rng, self.campaign, self.frames = rng, campaign, frames
         self.channels = campaign["channels"]
-        self.sensor = self.pick([name for name in self.channels if name not in ("time", "crank_angle")])
+        self.sensor = self.pick(
+            [name for name in self.channels if name not in ("time", "crank_angle")]
+        )
         self.run = self.pick(list(frames))
 
     def pick(self, names: Sequence[str]) -> str:
@@ -31,7 +39,9 @@ class _Data:
         """A factor within limits, or one over it."""
         return float(self.rng.uniform(low, high) ** self.rng.choice([-1.0, 1.0]))
 
-    def change(self, channel: str, changed: Callable[[pd.Series], pd.Series], runs: Sequence[str] = ()) -> None:
+    def change(
+        self, channel: str, changed: Callable[[pd.Series], pd.Series], runs: Sequence[str] = ()
+    ) -> None:
         column = self.channels[channel]["column"]
         for run in runs or self.frames:
             self.frames[run][column] = changed(self.frames[run][column])
@@ -101,14 +111,27 @@ def _clipped(data: _Data) -> dict:
     return {"share": share}
 
 
-_DAMAGES = (_swapped, _zero_off, _sign, _unit, _gain, _other_run, _time_stretched, _wrong_speed, _clipped)
+_DAMAGES = (
+    _swapped,
+    _zero_off,
+    _sign,
+    _unit,
+    _gain,
+    _other_run,
+    _time_stretched,
+    _wrong_speed,
+    _clipped,
+)
 
-# What can be wrong: two columns swapped, the zero of the encoder off, a sign, a unit or a gain wrong, a channel from
-# another run's file, times stretched or the speed of a run wrong, a channel clipped
+# What can be wrong: two columns swapped, the zero of the encoder off, a sign, a unit or a gain
+# wrong, a channel from another run's file, times stretched or the speed of a run wrong, a channel
+# clipped
 DAMAGES = tuple(function.__name__[1:] for function in _DAMAGES)
 
 
-def damage(rng: np.random.Generator, what: str, campaign: dict[str, Any], frames: dict[str, pd.DataFrame]) -> dict:
+def damage(
+    rng: np.random.Generator, what: str, campaign: dict[str, Any], frames: dict[str, pd.DataFrame]
+) -> dict:
     """Damage a campaign before it is written; what was done, for the sealed truth."""
     data = _Data(rng, campaign, frames)
     return {"what": what, "channels": [data.sensor]} | (_DAMAGES[DAMAGES.index(what)](data) or {})

@@ -1,4 +1,5 @@
-"""Every public name has its place in the reference and a docstring; types in signatures lead there."""
+"""Every public name has its place in the reference and a docstring; types in signatures lead
+there."""
 
 import inspect
 from importlib import import_module
@@ -23,15 +24,25 @@ def _check(app: Sphinx, environment) -> None:
         module = import_module(package)
         for name in getattr(module, "__all__", ()):
             item = getattr(module, name)
-            described = isinstance(item, type) or inspect.isroutine(item)  # else a constant, documented where it stands
+            described = isinstance(item, type) or inspect.isroutine(
+                item
+            )  # else a constant, documented where it stands
             if not (_origin(item) in places if described else name in data):
-                log.warning("public name without a place in the reference: %s.%s", package, name, type="public_names")
+                log.warning(
+                    "public name without a place in the reference: %s.%s",
+                    package,
+                    name,
+                    type="public_names",
+                )
             if described and not item.__doc__:
-                log.warning("public name without a docstring: %s.%s", package, name, type="public_names")
+                log.warning(
+                    "public name without a docstring: %s.%s", package, name, type="public_names"
+                )
 
 
 def _lead(app: Sphinx, environment, node, shown):
-    """Resolve a name by what it means: `jointgap.dynamics.simulation.Trajectory` is `jointgap.dynamics.Trajectory`."""
+    """Resolve a name by what it means: `jointgap.dynamics.simulation.Trajectory` is
+    `jointgap.dynamics.Trajectory`."""
     if node.get("refdomain") != "py" or not node["reftarget"].startswith("jointgap."):
         return None
     try:

@@ -1,4 +1,5 @@
-"""Typed sections of the configuration in the reference: their fields with units, from the fields' own descriptions."""
+"""Typed sections of the configuration in the reference: their fields with units, from the fields'
+own descriptions."""
 
 import types
 import typing
@@ -38,7 +39,10 @@ def _fields(app: Sphinx, what, name, item, options, lines: list[str]) -> None:
         words = [_kind(info.annotation)] + ([f"[{unit}]"] if unit and unit != "1" else [])
         if not info.is_required() and info.default is not PydanticUndefined:
             words.append("optional")
-        lines += [f"{field} : {', '.join(words)}", f"    {key.get('description') or info.description or ''}"]
+        lines += [
+            f"{field} : {', '.join(words)}",
+            f"    {key.get('description') or info.description or ''}",
+        ]
     lines.append("")
 
 

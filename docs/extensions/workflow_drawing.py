@@ -1,4 +1,5 @@
-"""Flow charts of docs/workflow.md as drawings of the page itself: GitHub needs a script for them, the site none."""
+"""Flow charts of docs/workflow.md as drawings of the page itself: GitHub needs a script for them,
+the site none."""
 
 import html
 import re
@@ -35,7 +36,8 @@ def ranks(edges: list[tuple[str, str]]) -> dict[str, int]:
 
 
 def draw(edges: list[tuple[str, str]]) -> str:
-    """An SVG of the graph: rows from top to bottom, each node near the middle of those that lead to it.
+    """An SVG of the graph: rows from top to bottom, each node near the middle of those that lead to
+    it.
 
     Parameters
     ----------
@@ -43,12 +45,17 @@ def draw(edges: list[tuple[str, str]]) -> str:
         Of a graph without cycles.
     """
     rank = ranks(edges)
-    rows = [[name for name, row in rank.items() if row == number] for number in range(max(rank.values()) + 1)]
+    rows = [
+        [name for name, row in rank.items() if row == number]
+        for number in range(max(rank.values()) + 1)
+    ]
     wide = {name: LETTER * len(name) + 18 for name in rank}
     whole = max(sum(wide[name] for name in row) + GAP * (len(row) - 1) for row in rows) + 2
     centre: dict[str, float] = {}
     for row in rows:
-        above = {name: [centre[source] for source, target in edges if target == name] for name in row}
+        above = {
+            name: [centre[source] for source, target in edges if target == name] for name in row
+        }
         row.sort(key=lambda name: sum(above[name]) / len(above[name]) if above[name] else 0.0)
         left = (whole - sum(wide[name] for name in row) - GAP * (len(row) - 1)) / 2
         for name in row:
@@ -59,18 +66,22 @@ def draw(edges: list[tuple[str, str]]) -> str:
         x0, y0 = centre[source], rank[source] * ROW + BOX_HEIGHT + 1
         x1, y1 = centre[target], rank[target] * ROW - 3
         bend = (y1 - y0) / 2
-        parts.append(f'<path d="M{x0:.0f},{y0} C{x0:.0f},{y0 + bend:.0f} {x1:.0f},{y1 - bend:.0f} {x1:.0f},{y1}"/>')
+        parts.append(
+            f'<path d="M{x0:.0f},{y0} C{x0:.0f},{y0 + bend:.0f} {x1:.0f},{y1 - bend:.0f}'
+            f' {x1:.0f},{y1}"/>'
+        )
     for name, x in centre.items():
         y = rank[name] * ROW + 1
         parts.append(
-            f'<rect x="{x - wide[name] / 2:.0f}" y="{y}" width="{wide[name]:.0f}" height="{BOX_HEIGHT}" rx="5"/>'
-            f'<text x="{x:.0f}" y="{y + 20}">{html.escape(name)}</text>'
+            f'<rect x="{x - wide[name] / 2:.0f}" y="{y}" width="{wide[name]:.0f}"'
+            f' height="{BOX_HEIGHT}" rx="5"/><text x="{x:.0f}"'
+            f' y="{y + 20}">{html.escape(name)}</text>'
         )
     return (
-        f'<div class="flow"><svg viewBox="0 0 {whole:.0f} {(len(rows) - 1) * ROW + BOX_HEIGHT + 3}" '
-        f'width="{whole:.0f}" role="img" aria-label="flow chart of the stages">'
-        '<defs><marker id="arrow" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7" orient="auto">'
-        f'<path d="M0,0 L8,4 L0,8 z"/></marker></defs>{"".join(parts)}</svg></div>'
+        f'<div class="flow"><svg viewBox="0 0 {whole:.0f} {(len(rows) - 1) * ROW + BOX_HEIGHT + 3}"'
+        f' width="{whole:.0f}" role="img" aria-label="flow chart of the stages"><defs><marker'
+        ' id="arrow" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7"'
+        f' orient="auto"><path d="M0,0 L8,4 L0,8 z"/></marker></defs>{"".join(parts)}</svg></div>'
     )
 
 

@@ -13,8 +13,13 @@ from jointgap.identification.problem import values_in_run
 
 def force_error(model: Emps, run: str, found: Fit) -> float:
     """norm(f - f_model) / norm(f) of a run's force at every millisecond."""
-    force, (values, effects) = model.force[run], values_in_run(model, run, found.mapping, found.hypothesis)
-    return float(np.linalg.norm(force - model.simulated_force(run, values, effects)) / np.linalg.norm(force))
+    force, (values, effects) = (
+        model.force[run],
+        values_in_run(model, run, found.mapping, found.hypothesis),
+    )
+    return float(
+        np.linalg.norm(force - model.simulated_force(run, values, effects)) / np.linalg.norm(force)
+    )
 
 
 def main() -> None:
@@ -26,7 +31,10 @@ def main() -> None:
     found = name(model)
     report(found)
     for run in model.force:
-        before, after = force_error(model, run, found.decision.base), force_error(model, run, found.chosen)
+        before, after = (
+            force_error(model, run, found.decision.base),
+            force_error(model, run, found.chosen),
+        )
         aside = " (held out)" if run == HELD_OUT else ""
         print(f"run {run}{aside}: relative force error {before:.3f} before, {after:.3f} after")
 

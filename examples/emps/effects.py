@@ -22,14 +22,17 @@ def _harmonic(at: Mapping[str, float]) -> dict[str, float]:
 
 def _one(name: str, coordinate: str, step: float, unit: str, low: float = 0.0, **more) -> Candidate:
     site = more.pop("site", "slider")
-    return Candidate(name, site, (Parameter(coordinate, 0.0, low, step=step, unit=unit),), (coordinate,), **more)
+    return Candidate(
+        name, site, (Parameter(coordinate, 0.0, low, step=step, unit=unit),), (coordinate,), **more
+    )
 
 
 CANDIDATES = (
     _one("slider_coulomb_friction", "force_N", 0.5, "N"),
     _one("slider_constant_force", "force_N", 0.5, "N", low=-math.inf),
     _one("slider_quadratic_drag", "drag_N_s2_m2", 50.0, "N*s**2/m**2"),
-    # At rest within its stroke: from farther away a spring would be a constant force by another name.
+    # At rest within its stroke: from farther away a spring would be a constant force by another
+    # name.
     Candidate(
         "slider_spring",
         "slider",

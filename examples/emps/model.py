@@ -1,19 +1,21 @@
-"""The positioning axis of the EMPS benchmark as a model for the naming of effects: a slide in closed loop.
+"""The positioning axis of the EMPS benchmark as a model for the naming of effects: a slide in
+closed loop.
 
-A DC motor drives a slide through a ball screw; a position and a speed loop in cascade, sampled at 1 kHz, follow a
-reference:
+A DC motor drives a slide through a ball screw; a position and a speed loop in cascade, sampled at 1
+kHz, follow a reference:
 
-    voltage = kv (kp (reference - q) - speed) + pulses,    speed = (q now - q two samples ago) / 2 ms
-    M dv/dt = gtau voltage - Fv v + effects
+    voltage = kv (kp (reference - q) - speed) + pulses,    speed = (q now - q two samples ago) / 2
+    ms M dv/dt = gtau voltage - Fv v + effects
 
-That the speed is taken over two samples is no guess about the slide: with it the recorded voltage follows from the
-recorded position to 4 mV, with the difference of two neighbours to 50 mV. Compared is the force gtau voltage, averaged
-over 52 ms: one period of the closed loop's own oscillation, sqrt(gtau kv kp / M) = 120 rad/s, which is the controller's
-and not the friction's. Position is not compared too, since the controller makes the one from the other; so nothing can
-be said of the encoder here, and a bias of the drive is a constant force.
+That the speed is taken over two samples is no guess about the slide: with it the recorded voltage
+follows from the recorded position to 4 mV, with the difference of two neighbours to 50 mV. Compared
+is the force gtau voltage, averaged over 52 ms: one period of the closed loop's own oscillation,
+sqrt(gtau kv kp / M) = 120 rad/s, which is the controller's and not the friction's. Position is not
+compared too, since the controller makes the one from the other; so nothing can be said of the
+encoder here, and a bias of the drive is a constant force.
 
-Data and loop: A. Janot, M. Gautier, M. Brunot, "Data set and reference models of EMPS", Nonlinear System Identification
-Benchmarks, 2019, nonlinearbenchmark.org.
+Data and loop: A. Janot, M. Gautier, M. Brunot, "Data set and reference models of EMPS", Nonlinear
+System Identification Benchmarks, 2019, nonlinearbenchmark.org.
 """
 
 import os
@@ -43,7 +45,8 @@ class Emps:
     Parameters
     ----------
     folder : path, optional
-        Holds the two files of `FILES`; where the environment variable JOINTGAP_EMPS says by default.
+        Holds the two files of `FILES`; where the environment variable JOINTGAP_EMPS says by
+        default.
 
     Attributes
     ----------
@@ -68,12 +71,15 @@ class Emps:
         folder = folder or os.environ.get("JOINTGAP_EMPS")
         if not folder:
             raise InputError(
-                f"JOINTGAP_EMPS does not say where the EMPS data is; get it from {ADDRESS} and set it to its folder"
+                f"JOINTGAP_EMPS does not say where the EMPS data is; get it from {ADDRESS} and set"
+                " it to its folder"
             )
         self._data = {run: _read(Path(folder) / file) for run, file in FILES.items()}
         self.force = {run: data["gtau"] * data["vir"] for run, data in self._data.items()}
         repeated = averages(self.force["reference"])
-        scatter = float(np.std(repeated[CYCLE:] - repeated[:-CYCLE]) / np.sqrt(2.0))  # of one of two alike cycles
+        scatter = float(
+            np.std(repeated[CYCLE:] - repeated[:-CYCLE]) / np.sqrt(2.0)
+        )  # of one of two alike cycles
         self.series = tuple(self._series(run, scatter) for run in FILES)
 
     def _series(self, run: str, scatter: float) -> Series:
@@ -83,14 +89,20 @@ class Emps:
         held_out, noise = np.full(value.size, run == HELD_OUT), np.full(value.size, scatter)
         return Series(run, "force", "N", value, time, angle, held_out, noise)
 
-    def simulate(self, run, values, effects: Effects = (), numerics: int = 0) -> dict[str, np.ndarray]:
+    def simulate(
+        self, run, values, effects: Effects = (), numerics: int = 0
+    ) -> dict[str, np.ndarray]:
         """What the drive's force would be on average, ``force`` [N]."""
         return {"force": averages(self.simulated_force(run, values, effects, numerics))}
 
     def simulated_force(self, run, values, effects: Effects = (), numerics: int = 0) -> np.ndarray:
         """The drive's force [N], every millisecond."""
         data = self._data[run]
-        at = {f"{candidate.name}.{key}": value for candidate, of in effects for key, value in of.items()}
+        at = {
+            f"{candidate.name}.{key}": value
+            for candidate, of in effects
+            for key, value in of.items()
+        }
         force = _march(
             data["qg"],
             data["pulses"],
@@ -120,8 +132,8 @@ _FORCES = (
 
 @numba.njit(cache=True, error_model="numpy")
 def _march(reference, pulses, loop, start, slide, forces, numerics):
-    """The drive's force at every sample; the controller sees the position at the samples, the drive holds the voltage
-    between.
+    """The drive's force at every sample; the controller sees the position at the samples, the drive
+    holds the voltage between.
     """
     gain, kp, kv = loop
     mass, viscous = slide
@@ -139,14 +151,18 @@ def _march(reference, pulses, loop, start, slide, forces, numerics):
         before_that, before = before, q
         for i in range(_SUB_STEPS):
             late = numerics == 1 and k > 0 and i < _SUB_STEPS // 2
-            force = (held if late else drive) + constant - drag * v * abs(v) - stiffness * (q - rest)
+            force = (
+                (held if late else drive) + constant - drag * v * abs(v) - stiffness * (q - rest)
+            )
             if frequency > 0.0:
                 phase = 2 * np.pi * frequency * (k * SAMPLE_TIME + i * h)
                 force += cosine * np.cos(phase) + sine * np.sin(phase)
             if numerics == 2:
                 force -= coulomb * np.tanh(v / 5e-4)
                 v = (v + h * force / mass) / (1.0 + h * viscous / mass)
-            else:  # dry friction stops the slide within a step or takes its share: no width about zero speed
+            # dry friction stops the slide within a step or takes its share: no width about zero
+            # speed
+            else:
                 v = (v + h * force / mass) / (1.0 + h * viscous / mass)
                 most = h * coulomb / mass / (1.0 + h * viscous / mass)
                 v = np.sign(v) * max(abs(v) - most, 0.0)
@@ -162,12 +178,21 @@ def averages(samples: np.ndarray) -> np.ndarray:
 
 def _read(path: Path) -> dict:
     if not path.is_file():
-        raise InputError(f"'{path}' is not there; get the EMPS data from {ADDRESS} and set JOINTGAP_EMPS to its folder")
+        raise InputError(
+            f"'{path}' is not there; get the EMPS data from {ADDRESS} and set JOINTGAP_EMPS to its"
+            " folder"
+        )
     try:
         table = loadmat(path)
         numbers = {key: float(table[key].item()) for key in ("gtau", "kp", "kv")}
         samples = {key: table[key].ravel().astype(float) for key in ("qm", "qg", "vir")}
     except (ValueError, KeyError) as error:
-        raise InputError(f"'{path}' is not the EMPS data ({error}); get it anew from {ADDRESS}") from error
+        raise InputError(
+            f"'{path}' is not the EMPS data ({error}); get it anew from {ADDRESS}"
+        ) from error
     pulses = np.ravel(table.get("pulses_N", np.zeros(samples["vir"].size))).astype(float)
-    return {**numbers, **samples, "pulses": pulses}  # in volts, whatever the file's name for them says
+    return {
+        **numbers,
+        **samples,
+        "pulses": pulses,
+    }  # in volts, whatever the file's name for them says

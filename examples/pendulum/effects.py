@@ -1,7 +1,8 @@
 """Effects that the pendulum could lack; their laws are in the step of `examples.pendulum.model`.
 
-Three faults of the torque reading cannot be told apart from others, and are no candidates: a gain scales inertia,
-gravity torque and all friction alike; a zero error is a constant torque; a lag is a negative delay.
+Three faults of the torque reading cannot be told apart from others, and are no candidates: a gain
+scales inertia, gravity torque and all friction alike; a zero error is a constant torque; a lag is a
+negative delay.
 """
 
 import math
@@ -11,8 +12,12 @@ from jointgap.core.candidates import Candidate, Parameter
 GEAR_RATIO = 6  # so the rotor turns six times as fast as the pendulum
 
 
-def _one(name: str, coordinate: str, step: float, unit: str, low: float = 0.0, high=math.inf, **more) -> Candidate:
-    return Candidate(name, "pivot", (Parameter(coordinate, 0.0, low, high, step, unit),), (coordinate,), **more)
+def _one(
+    name: str, coordinate: str, step: float, unit: str, low: float = 0.0, high=math.inf, **more
+) -> Candidate:
+    return Candidate(
+        name, "pivot", (Parameter(coordinate, 0.0, low, high, step, unit),), (coordinate,), **more
+    )
 
 
 CANDIDATES = (

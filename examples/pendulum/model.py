@@ -2,16 +2,18 @@
 
     inertia dv/dt = torque - gravity_torque sin q - viscous v + effects
 
-A motor with a 6:1 gear swings up a rod with a weight. The measured torque drives the simulation from rest, and the
-simulated angle is compared with the measured one. Nothing is differentiated. Each run is compared until the pendulum is
-first 150 deg away from hanging. Near the top the controllers change, and later some runs are disturbed by hand.
+A motor with a 6:1 gear swings up a rod with a weight. The measured torque drives the simulation
+from rest, and the simulated angle is compared with the measured one. Nothing is differentiated.
+Each run is compared until the pendulum is first 150 deg away from hanging. Near the top the
+controllers change, and later some runs are disturbed by hand.
 
-The loop is closed: friction changes the angle, and the controller answers with torque. This is no bias, because the
-torque that acts is measured. The error of the torque reading does count: it enters the motion, and `drive_errors`
-states it.
+The loop is closed: friction changes the angle, and the controller answers with torque. This is no
+bias, because the torque that acts is measured. The error of the torque reading does count: it
+enters the motion, and `drive_errors` states it.
 
-Each reading is the torque of the interval before it. With this shift, commands and readings of the runs
-`energy_shaping` and `sac` differ by 0.06 N m (standard deviation), without it by 0.12 and 0.10 N m.
+Each reading is the torque of the interval before it. With this shift, commands and readings of the
+runs `energy_shaping` and `sac` differ by 0.06 N m (standard deviation), without it by 0.12 and 0.10
+N m.
 
 Data: DFKI RIC Underactuated Lab, "torque_limited_simple_pendulum", BSD 3-Clause, at `ADDRESS`.
 """
@@ -35,7 +37,9 @@ HELD_OUT = ("direct_collocation", "sac")
 COLUMNS = ("time", "position", "torque")
 ANGLE_STEP = 191.0 / 65535  # rad, resolution of the position in the messages of the motor
 HIGHEST = np.radians(150.0)
-COMPARED = 0.02  # s between two angles that are compared; errors of the torque count as one in this time
+COMPARED = (
+    0.02  # s between two angles that are compared; errors of the torque count as one in this time
+)
 _LONGEST_STEP = 1e-3  # s
 
 
@@ -45,7 +49,8 @@ class Pendulum:
     Parameters
     ----------
     folder : path, optional
-        A clone of the repository at `ADDRESS`; where the environment variable JOINTGAP_PENDULUM says by default.
+        A clone of the repository at `ADDRESS`; where the environment variable JOINTGAP_PENDULUM
+        says by default.
     held_out : tuple of str
         Runs that take no part in fitting.
 
@@ -68,7 +73,8 @@ class Pendulum:
         folder = folder or os.environ.get("JOINTGAP_PENDULUM")
         if not folder:
             raise InputError(
-                f"JOINTGAP_PENDULUM does not say where the pendulum data is; clone {ADDRESS} and set it to that folder"
+                f"JOINTGAP_PENDULUM does not say where the pendulum data is; clone {ADDRESS} and"
+                " set it to that folder"
             )
         self._data = {run: _read(path_of(folder, run)) for run in RUNS}
         self.series = tuple(self._series(run, run in held_out) for run in RUNS)
@@ -76,35 +82,48 @@ class Pendulum:
     def _series(self, run: str, held_out: bool) -> Series:
         time, angle, _ = self._compared(run, self._data[run])
         unknown, noise = np.full(time.size, np.nan), np.full(time.size, ANGLE_STEP / np.sqrt(12.0))
-        return Series(run, "position", "rad", angle, time, unknown, np.full(time.size, held_out), noise)
+        return Series(
+            run, "position", "rad", angle, time, unknown, np.full(time.size, held_out), noise
+        )
 
     def _compared(self, run: str, samples: np.ndarray) -> np.ndarray:
         """Every so many of the `samples` (..., n) of a run."""
         every = max(round(COMPARED / np.median(np.diff(self._data[run][0]))), 1)
         return samples[..., every::every]
 
-    def simulate(self, run, values, effects: Effects = (), numerics: int = 0) -> dict[str, np.ndarray]:
+    def simulate(
+        self, run, values, effects: Effects = (), numerics: int = 0
+    ) -> dict[str, np.ndarray]:
         """The ``position`` [rad] that the encoder would read."""
         return {"position": self._compared(run, self.motion(run, values, effects, numerics)[0])}
 
     def drive_errors(self, run, values) -> dict[str, np.ndarray]:
-        """What one standard deviation of the torque reading changes, for each interval of `COMPARED`."""
+        """What one standard deviation of the torque reading changes, for each interval of
+        `COMPARED`."""
         time, _, torque = self._data[run]
         sd = scatter_between_samples(torque, DEFAULT_SETTINGS.noise).sd
         block = (time / COMPARED).astype(int)
         changes = [self.motion(run, values)[0]]
         for each in np.unique(block):
             own = block == each
-            changes.append(self.motion(run, values, error=np.where(own, sd / np.sqrt(own.sum()), 0.0))[0])
+            changes.append(
+                self.motion(run, values, error=np.where(own, sd / np.sqrt(own.sum()), 0.0))[0]
+            )
         return {"position": self._compared(run, np.array(changes[1:]) - changes[0]).T}
 
-    def motion(self, run, values, effects: Effects = (), numerics: int = 0, error=0.0) -> np.ndarray:
+    def motion(
+        self, run, values, effects: Effects = (), numerics: int = 0, error=0.0
+    ) -> np.ndarray:
         """Position as read [rad] and speed [rad/s] at all samples of a run, (2, n).
 
         `error` [N m] is added to the torque reading.
         """
         time, angle, torque = self._data[run]
-        at = {f"{candidate.name}.{key}": value for candidate, of in effects for key, value in of.items()}
+        at = {
+            f"{candidate.name}.{key}": value
+            for candidate, of in effects
+            for key, value in of.items()
+        }
         offset, delay = at.get("encoder_offset.angle_rad", 0.0), at.get("torque_delay.delay_s", 0.0)
         impulse = np.append(0.0, np.cumsum(np.diff(time) * (torque + error)[1:]))
         acting = np.diff(np.interp(time - delay, time, impulse)) / np.diff(time)
@@ -154,7 +173,8 @@ def _march(time, torque, start, pendulum, effects):
             if starting > 0.0:
                 dry += starting * np.exp(-abs(v) / fading)
             v = (v + h * force / inertia) / (1.0 + h * viscous / inertia)
-            # dry friction stops the pendulum or slows it down; there is no speed range with reduced friction
+            # dry friction stops the pendulum or slows it down; there is no speed range with reduced
+            # friction
             v = np.sign(v) * max(abs(v) - h * dry / inertia / (1.0 + h * viscous / inertia), 0.0)
             q += 0.5 * h * v
         found[0, k], found[1, k] = q, v
@@ -175,6 +195,10 @@ def _read(path: Path) -> np.ndarray:
         raise InputError(f"'{path}' is not a run of the pendulum ({error}); {again}") from error
     high = np.abs(samples[1]) > HIGHEST
     samples = samples[:, 1 : np.argmax(high) if high.any() else None]
-    if not (np.isfinite(samples).all() and samples.shape[1] > 100 and (np.diff(samples[0]) > 0.0).all()):
-        raise InputError(f"'{path}' needs more than 100 rows of finite numbers in order of time; {again}")
+    if not (
+        np.isfinite(samples).all() and samples.shape[1] > 100 and (np.diff(samples[0]) > 0.0).all()
+    ):
+        raise InputError(
+            f"'{path}' needs more than 100 rows of finite numbers in order of time; {again}"
+        )
     return samples

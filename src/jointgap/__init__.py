@@ -131,9 +131,12 @@ if TYPE_CHECKING:  # what __getattr__ gives, for editors and type checkers
 
 
 def __getattr__(name: str) -> object:
-    """A public name, whose module is loaded when it is first asked for: ``import jointgap`` loads next to nothing."""
+    """A public name, whose module is loaded when it is first asked for: ``import jointgap`` loads
+    next to nothing."""
     if name not in _HOME:
-        raise AttributeError(f"module 'jointgap' has no attribute '{name}'", name=name, obj=sys.modules[__name__])
+        raise AttributeError(
+            f"module 'jointgap' has no attribute '{name}'", name=name, obj=sys.modules[__name__]
+        )
     value = globals()[name] = getattr(import_module(_HOME[name]), name)
     return value
 

@@ -40,5 +40,7 @@ def chain() -> Chain:
     pairs, more = hypothesis_fits.fit_pairs(base, screening.sensitivities, screening.limits, fits)
     fits, seconds = [*fits, *pairs], [*seconds, *more]
     times = {one.label: each for one, each in zip(fits, seconds, strict=True)}
-    outcome = outcome_of(select_hypothesis(base, screening.sensitivities, fits, screening.limits), times)
+    outcome = outcome_of(
+        select_hypothesis(base, screening.sensitivities, fits, screening.limits), times
+    )
     return Chain(model, base.problem.noise, base, screening, fits, outcome)

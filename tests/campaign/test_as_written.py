@@ -16,11 +16,15 @@ OLD = MECHANISM.model_dump(mode="json")
 
 def written(mechanism: Mechanism, text=None) -> dict:
     given = {} if text is None else {"text": text}
-    return yaml.safe_load(yaml.safe_dump(in_file_convention(mechanism.model_dump(mode="json"), OLD, **given)))
+    return yaml.safe_load(
+        yaml.safe_dump(in_file_convention(mechanism.model_dump(mode="json"), OLD, **given))
+    )
 
 
 def heavier(mass: float) -> Mechanism:
-    return MECHANISM.model_copy(update={"slider": MECHANISM.slider.model_copy(update={"mass": mass})})
+    return MECHANISM.model_copy(
+        update={"slider": MECHANISM.slider.model_copy(update={"mass": mass})}
+    )
 
 
 def test_what_did_not_change_is_as_the_user_wrote_it_and_what_did_keeps_its_unit():
@@ -41,5 +45,7 @@ def test_an_effect_that_was_found_is_added_beside_those_that_the_user_wrote():
     text = read_yaml(FILE) | {"effects": [weight]}
     before = validate(Mechanism, text, "here")
     after = validate(Mechanism, text | {"effects": [weight, friction]}, "here")
-    content = in_file_convention(after.model_dump(mode="json"), before.model_dump(mode="json"), text)
+    content = in_file_convention(
+        after.model_dump(mode="json"), before.model_dump(mode="json"), text
+    )
     assert content["effects"] == [weight, friction | {"parameters": {"force_N": 5.934213}}]

@@ -18,16 +18,22 @@ def spans(*pairs):
 
 
 def test_windows_and_residuals_of_a_clockwise_run_are_those_of_its_file():
-    found = axes.map_as_read(spans((20.0, 150.0), (350.0, 10.0), (0.0, 360.0), (340.0, 360.0)), {"slow"})
+    found = axes.map_as_read(
+        spans((20.0, 150.0), (350.0, 10.0), (0.0, 360.0), (340.0, 360.0)), {"slow"}
+    )
     places = [tuple(row) for row in found[["start_deg", "end_deg"]].to_numpy()]
     assert places == [(210.0, 340.0), (350.0, 10.0), (0.0, 360.0), (0.0, 20.0)]
-    assert (found["mean"] == -1.0).all()  # an angle that reads too much reads too little in the mirror
+    assert (
+        found["mean"] == -1.0
+    ).all()  # an angle that reads too much reads too little in the mirror
     own = spans((20.0, 150.0))
     pd.testing.assert_frame_equal(axes.map_as_read(own, {"fast"}), own)
     torque = own.assign(channel="crank_torque")
     assert axes.map_as_read(torque, {"slow"})["mean"].iloc[0] == 1.0
     columns = ("measured", "base", "augmented", "whitened_base", "whitened_augmented")
-    frame = pd.DataFrame({"run": ["slow", "slow"], "channel": ["crank_angle", "crank_torque"], "crank_angle": 2.0})
+    frame = pd.DataFrame(
+        {"run": ["slow", "slow"], "channel": ["crank_angle", "crank_torque"], "crank_angle": 2.0}
+    )
     found = axes.residuals_as_read(frame.assign(**dict.fromkeys(columns, 3.0)), {"slow"})
     assert (found["crank_angle"] == -2.0).all()
     assert found[list(columns)].to_numpy().tolist() == [[-3.0] * 5, [3.0] * 5]
@@ -47,7 +53,9 @@ def test_the_missing_force_of_a_clockwise_run_is_the_mirror_image():
         return missing_force(*models, {"slow": 20.0}, clockwise)
 
     plain, turned = forces(0.02, ()), forces(-0.02, ("slow",)).iloc[::-1].reset_index(drop=True)
-    np.testing.assert_allclose(turned["crank_angle"], 2.0 * np.pi - plain["crank_angle"], atol=1e-12)
+    np.testing.assert_allclose(
+        turned["crank_angle"], 2.0 * np.pi - plain["crank_angle"], atol=1e-12
+    )
     np.testing.assert_allclose(turned["slider_velocity"], plain["slider_velocity"], atol=1e-12)
     np.testing.assert_allclose(turned["slider_force"], plain["slider_force"], atol=1e-9)
     np.testing.assert_allclose(turned["crank_torque"], -plain["crank_torque"], atol=1e-12)

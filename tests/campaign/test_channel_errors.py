@@ -12,8 +12,12 @@ from jointgap.core.words import format_unit
 
 def test_errors_are_root_mean_squares_in_the_unit_of_the_column_held_out_samples_apart():
     campaign = load_campaign(ROOT / "config/campaigns/demonstration.yaml")
-    frame = pd.DataFrame({"run": "slow", "channel": "slider_acceleration mean", "held_out": [False, False, True]})
-    frame = frame.assign(measured=[3.0, 4.0, 9.80665], base=0.0, augmented=[None, None, 0.0], spread=9.80665)
+    frame = pd.DataFrame(
+        {"run": "slow", "channel": "slider_acceleration mean", "held_out": [False, False, True]}
+    )
+    frame = frame.assign(
+        measured=[3.0, 4.0, 9.80665], base=0.0, augmented=[None, None, 0.0], spread=9.80665
+    )
     found = channel_errors(frame.astype({"augmented": float}), campaign)
     parquet.to_arrow(schema.CHANNEL_ERRORS, found)
     fitted, held_out = found.to_dict("records")

@@ -1,4 +1,5 @@
-"""Costs of a campaign: processor time, simulated runs and their revolutions, by job and together."""
+"""Costs of a campaign: processor time, simulated runs and their revolutions, by job and
+together."""
 
 import math
 from types import SimpleNamespace
@@ -29,7 +30,9 @@ def test_the_costs_of_a_campaign_are_the_sum_over_its_jobs_of_whatever_process(t
         "fit-1": (0, 0.0),
     }
     assert (found["total"]["runs"], found["total"]["revolutions"]) == (5, 62.5)
-    assert found["total"]["cpu_seconds"] == pytest.approx(sum(own["cpu_seconds"] for own in found["jobs"].values()))
+    assert found["total"]["cpu_seconds"] == pytest.approx(
+        sum(own["cpu_seconds"] for own in found["jobs"].values())
+    )
     assert found["total"]["cpu_seconds"] > 0.0
 
 
@@ -60,4 +63,8 @@ def test_a_simulated_run_counts_with_the_revolutions_of_its_record(tmp_path):
         model.simulate(run, model.nominal(run))
     spent = costs(state.folder)["total"]
     turned = model.plans[run].samples.turned / math.tau
-    assert spent["runs"] == 1 and spent["revolutions"] == pytest.approx(turned, abs=1e-3) and turned >= 3.0
+    assert (
+        spent["runs"] == 1
+        and spent["revolutions"] == pytest.approx(turned, abs=1e-3)
+        and turned >= 3.0
+    )

@@ -1,4 +1,5 @@
-"""An encoder whose zero is far off and an effect beside it: both are named, from closed-form data."""
+"""An encoder whose zero is far off and an effect beside it: both are named, from closed-form
+data."""
 
 import math
 
@@ -9,8 +10,8 @@ import yaml
 from jointgap.campaign.analyse import analyse
 from jointgap.campaign.verdict_json import read
 from tests.config.mechanisms import PAPER
-from tests.recordings.rig import CAMPAIGN, write_rig
-from tests.recordings.test_contradictions import measured
+from tests.rig.recorded_files import CAMPAIGN, write_rig
+from tests.rig.test_contradictions import measured
 
 pytestmark = pytest.mark.slow
 
@@ -23,14 +24,18 @@ def test_a_zero_that_is_far_off_and_friction_beside_it_are_both_named(tmp_path, 
     for run, rpm in (("slow", 200), ("fast", 600)):
         frame = measured(rpm, turns=4.0)[["t", "theta", "M", "slider_acceleration"]]
         tables[run] = frame.assign(theta=(frame.theta + degrees) % 360)
-    channels = {name: CAMPAIGN["channels"][name] for name in ("time", "crank_angle", "crank_torque")}
+    channels = {
+        name: CAMPAIGN["channels"][name] for name in ("time", "crank_angle", "crank_torque")
+    }
     channels["slider_acceleration"] = {"column": "slider_acceleration", "unit": "m/s^2"}
     for name, column in (("crank_torque", "M"), ("slider_acceleration", "slider_acceleration")):
         channels[name] = channels[name] | {
             "noise": {run: NOISE * float(frame[column].std()) for run, frame in tables.items()}
         }
     mechanism = yaml.safe_load(PAPER.read_text(encoding="utf-8"))
-    mechanism["joints"] = {name: joint | {"loose": False} for name, joint in mechanism["joints"].items()}
+    mechanism["joints"] = {
+        name: joint | {"loose": False} for name, joint in mechanism["joints"].items()
+    }
     (tmp_path / "ideal.yaml").write_text(yaml.safe_dump(mechanism), encoding="utf-8")
     path = write_rig(tmp_path, **tables)
     content = yaml.safe_load(path.read_text()) | {"channels": channels, "mechanism": "ideal.yaml"}

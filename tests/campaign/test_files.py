@@ -1,4 +1,5 @@
-"""Campaigns on files: what a configuration asks for, and the demonstrations from their CSV to their verdict."""
+"""Campaigns on files: what a configuration asks for, and the demonstrations from their CSV to their
+verdict."""
 
 import json
 from dataclasses import replace
@@ -31,13 +32,16 @@ SCHEMA = ROOT / "workflow/schemas/verdict.schema.json"
 
 
 def written(file: Path, **keys) -> Path:
-    """The demonstration's campaign file with other keys, whose data lie where they are unless it says otherwise."""
+    """The demonstration's campaign file with other keys, whose data lie where they are unless it
+    says otherwise."""
     content = yaml.safe_load((ROOT / DEMONSTRATION).read_text())
     mechanism = str(ROOT / "config/mechanisms/ideal_joints.yaml")
     content |= {"folder": str((ROOT / DEMONSTRATION).parent), "mechanism": mechanism} | keys
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(
-        yaml.safe_dump({key: value for key, value in content.items() if value is not None}, sort_keys=False)
+        yaml.safe_dump(
+            {key: value for key, value in content.items() if value is not None}, sort_keys=False
+        )
     )
     return file
 
@@ -48,17 +52,30 @@ def asked(*command) -> None:
 
 def stand_in(monkeypatch, function, *stages) -> None:
     for name in stages:
-        monkeypatch.setitem(CAMPAIGN_STAGES, name, replace(CAMPAIGN_STAGES[name], function=function(name)))
+        monkeypatch.setitem(
+            CAMPAIGN_STAGES, name, replace(CAMPAIGN_STAGES[name], function=function(name))
+        )
 
 
-def test_the_files_of_a_campaign_are_its_plan_and_its_data_and_loose_joints_are_worth_a_second_process(tmp_path):
-    loose = written(tmp_path / "loose.yaml", name="loose", mechanism=str(ROOT / "config/mechanisms/erkaya2009.yaml"))
+def test_the_files_of_a_campaign_are_its_plan_and_its_data_and_loose_joints_are_worth_a_second_process(
+    tmp_path,
+):
+    loose = written(
+        tmp_path / "loose.yaml",
+        name="loose",
+        mechanism=str(ROOT / "config/mechanisms/erkaya2009.yaml"),
+    )
     found = campaigns([DEMONSTRATION, str(loose)], (ROOT,))
-    names = {"plan": ["demonstration.yaml", "ideal_joints.yaml"], "data": ["slow.csv", "mid.csv", "fast.csv"]}
+    names = {
+        "plan": ["demonstration.yaml", "ideal_joints.yaml"],
+        "data": ["slow.csv", "mid.csv", "fast.csv"],
+    }
     for kind, files in names.items():
         assert [Path(place).name for place in getattr(found["demonstration"], kind)] == files
     assert {name: files.parts for name, files in found.items()} == {"demonstration": 1, "loose": 2}
-    assert {files.parts for files in campaigns([DEMONSTRATION, str(loose)], (ROOT,), 5).values()} == {5}
+    assert {
+        files.parts for files in campaigns([DEMONSTRATION, str(loose)], (ROOT,), 5).values()
+    } == {5}
 
 
 def test_what_cannot_be_a_list_of_campaigns_is_refused_with_the_mend(tmp_path):
@@ -68,20 +85,28 @@ def test_what_cannot_be_a_list_of_campaigns_is_refused_with_the_mend(tmp_path):
     cases = [
         ("mine.yaml", None, "must be a list"),
         (["mine.yaml"], None, "no file 'mine.yaml' (looked in "),
-        (["config/campaigns"], None, "no file 'config/campaigns' ~ ; give the path of a campaign file"),
+        (
+            ["config/campaigns"],
+            None,
+            "no file 'config/campaigns' ~ ; give the path of a campaign file",
+        ),
         ([DEMONSTRATION, DEMONSTRATION], None, "same name 'demonstration'"),
         ([str(lost)], None, "run slow: no file 'demonstration/slow.csv' in  ~ ; correct `file`"),
         ([str(braces)], None, "rig {campaign}/mine.yaml contains braces ~ rename"),
         *(([DEMONSTRATION], count, parts) for count in (0, "many", 2.5, True, 10**9)),
     ]
-    refused(lambda paths, count: campaigns(paths, (ROOT,), *([] if count is None else [count])), cases)
+    refused(
+        lambda paths, count: campaigns(paths, (ROOT,), *([] if count is None else [count])), cases
+    )
     for folder in ("our rig's", 'a "b"', "a { b"):
         mine = written(tmp_path / folder / "mine.yaml")
         assert campaigns([str(mine)], (ROOT,))["demonstration"].campaign == str(mine)
 
 
 def test_settings_of_an_analysis_reach_its_stages(tmp_path, monkeypatch):
-    given = replace(DEFAULT_SETTINGS, decision=replace(DEFAULT_SETTINGS.decision, min_delta_bic=20.0))
+    given = replace(
+        DEFAULT_SETTINGS, decision=replace(DEFAULT_SETTINGS.decision, min_delta_bic=20.0)
+    )
 
     def ends(state, **options):
         raise InputError(str(state.settings.decision.min_delta_bic))
@@ -91,17 +116,23 @@ def test_settings_of_an_analysis_reach_its_stages(tmp_path, monkeypatch):
         analyse(ROOT / DEMONSTRATION, tmp_path, settings=given)
 
 
-def test_a_campaign_whose_files_would_be_written_over_is_refused_and_they_stay(tmp_path, monkeypatch):
+def test_a_campaign_whose_files_would_be_written_over_is_refused_and_they_stay(
+    tmp_path, monkeypatch
+):
     content = (ROOT / "config/mechanisms/ideal_joints.yaml").read_text()
     results = tmp_path / "results/campaigns/demonstration"
     for place in (tmp_path, results):
         written(place / "mine.yaml", mechanism="mechanism.yaml")
         (place / "mechanism.yaml").write_text(content)
-    with pytest.raises(InputError, match=r"mechanism\.yaml: is an input of the campaign .* give another --folder"):
+    with pytest.raises(
+        InputError, match=r"mechanism\.yaml: is an input of the campaign .* give another --folder"
+    ):
         asked("augment", tmp_path / "mine.yaml", "--folder", tmp_path)
     assert (tmp_path / "mechanism.yaml").read_text() == content
     monkeypatch.chdir(tmp_path)  # by default the folder of results alone is kept free
-    assert CampaignState(tmp_path / "mine.yaml").folder.path == Path("results/campaigns/demonstration")
+    assert CampaignState(tmp_path / "mine.yaml").folder.path == Path(
+        "results/campaigns/demonstration"
+    )
     with pytest.raises(InputError, match="is an input of the campaign"):
         CampaignState(results / "mine.yaml")
 
@@ -110,7 +141,11 @@ def test_a_preflight_counts_the_samples_and_revolutions_that_there_are(tmp_path)
     runs = yaml.safe_load((ROOT / DEMONSTRATION).read_text())["runs"]
     runs[1]["role"] = "split"
     for name, rows in (("slow", 360), ("mid", 200)):
-        lines = (ROOT / f"config/campaigns/demonstration/{name}.csv").read_text().splitlines()[: rows + 1]
+        lines = (
+            (ROOT / f"config/campaigns/demonstration/{name}.csv")
+            .read_text()
+            .splitlines()[: rows + 1]
+        )
         (tmp_path / "demonstration").mkdir(exist_ok=True)
         (tmp_path / f"demonstration/{name}.csv").write_text("\n".join(lines))
     campaign = load_campaign(written(tmp_path / "mine.yaml", folder=None, runs=runs))
@@ -120,8 +155,12 @@ def test_a_preflight_counts_the_samples_and_revolutions_that_there_are(tmp_path)
     assert turns["slow"] == pytest.approx(360 * 4.1237e-3 * 150 / 60, rel=0.01)
     counts = preflight.counts(build_model(campaign), recordings)
     assert counts["slow", "crank_torque"] == counts["slow", "crank_angle"] == 360
-    assert counts["mid", "crank_torque"] == pytest.approx(200 * 2 / 3, abs=1)  # the last third is held out
-    assert counts["mid", "slider_acceleration"] == counts["mid", "crank_torque"] - 10  # cells of which are empty
+    assert counts["mid", "crank_torque"] == pytest.approx(
+        200 * 2 / 3, abs=1
+    )  # the last third is held out
+    assert (
+        counts["mid", "slider_acceleration"] == counts["mid", "crank_torque"] - 10
+    )  # cells of which are empty
     assert ("fast", "crank_torque") not in counts
 
 
@@ -143,9 +182,14 @@ def test_the_demonstration_names_what_its_data_hide(tmp_path):
 def test_the_demonstration_of_a_loose_joint_names_it_and_holds_its_clearance(tmp_path):
     found = analyse(ROOT / "config/campaigns/demonstration_clearance.yaml", tmp_path)
     (effect,) = found["effects"]
-    # samples of motion that hardly repeats may be met by chance; the held-out ones then leave a misfit
+    # samples of motion that hardly repeats may be met by chance; the held-out ones then leave a
+    # misfit
     assert found["verdict"] in ("named", "named_with_remaining_misfit")
-    assert (effect["name"], found["basis"], found["held_out_test"]) == ("crank_pin_clearance", "statistics", "falls")
+    assert (effect["name"], found["basis"], found["held_out_test"]) == (
+        "crank_pin_clearance",
+        "statistics",
+        "falls",
+    )
     low, high = effect["parameters"]["clearance_m"]["interval_90"]
     assert low <= 5e-4 <= high < 1.3 * low
     validate(json.loads((tmp_path / "verdict.json").read_text()), json.loads(SCHEMA.read_text()))
@@ -153,7 +197,8 @@ def test_the_demonstration_of_a_loose_joint_names_it_and_holds_its_clearance(tmp
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
-    """A results folder in which the data of the demonstration have been read and their noise been found."""
+    """A results folder in which the data of the demonstration have been read and their noise been
+    found."""
     folder = tmp_path_factory.mktemp("measured")
     case = CampaignState(written(folder / "plan.yaml"), folder / "results")
     measure(case, pictures=False)
@@ -168,7 +213,9 @@ def test_noise_of_other_data_is_refused_with_the_command_that_finds_it(measured)
     for other in (replace(first, channel="guide_force"), replace(first, value=first.value[:-1])):
         later = CampaignState(folder / "plan.yaml", folder / "results")
         later.model = SimpleNamespace(series=[other])
-        with pytest.raises(InputError, match=f"channel {other.channel} of run 'slow'; repeat `jointgap noise`"):
+        with pytest.raises(
+            InputError, match=f"channel {other.channel} of run 'slow'; repeat `jointgap noise`"
+        ):
             _ = later.noise
 
 
@@ -176,7 +223,11 @@ ACCELERATION = "  slider_acceleration: {column: acc_g, unit: g_n}\n"
 MID = "  - {id: mid,  file: demonstration/mid.csv,  speed: 280 rpm, role: identify}\n"
 CHANGES = [
     (ACCELERATION, "", 'channels.slider_acceleration.column: "acc_g" then, absent now'),
-    ("  crank_torque:", "  slider_velocity: {column: v, unit: m/s}\n  crank_torque:", 'column: absent then, "v" now'),
+    (
+        "  crank_torque:",
+        "  slider_velocity: {column: v, unit: m/s}\n  crank_torque:",
+        'column: absent then, "v" now',
+    ),
     (MID, "", 'runs.mid.file: "demonstration/mid.csv" then, absent now'),
     ("g_n}", "m/s^2}", 'channels.slider_acceleration.unit: "g_n" then, "m/s^2" now'),
     ("role: identify", "role: split", 'runs.slow.role: "identify" then, "split" now'),
@@ -186,9 +237,14 @@ CHANGES = [
 ]
 
 
-def test_what_has_changed_in_the_file_since_its_data_were_read_is_named_with_the_command_that_reads_it(measured):
+def test_what_has_changed_in_the_file_since_its_data_were_read_is_named_with_the_command_that_reads_it(
+    measured,
+):
     folder, there = measured[1], ROOT / DEMONSTRATION
-    text = there.read_text().replace("../mechanisms", str(ROOT / "config/mechanisms")) + f"folder: '{there.parent}'\n"
+    text = (
+        there.read_text().replace("../mechanisms", str(ROOT / "config/mechanisms"))
+        + f"folder: '{there.parent}'\n"
+    )
 
     def go_on(old, new):
         assert old in text
@@ -198,16 +254,30 @@ def test_what_has_changed_in_the_file_since_its_data_were_read_is_named_with_the
     again = "repeat `jointgap measure` and the later stages"
     refused(go_on, [(old, new, f"{again} ~ {words}") for old, new, words in CHANGES])
     ordered = text.replace(MID, "").replace("runs:\n", f"runs:\n{MID}")
-    assert list(go_on(text, ordered).runs) == ["slow", "mid", "fast"]  # by speed, whatever the file's order
+    assert list(go_on(text, ordered).runs) == [
+        "slow",
+        "mid",
+        "fast",
+    ]  # by speed, whatever the file's order
     renamed = go_on("name: demonstration", "name: another # of the same rig")
     assert set(renamed.runs) == {"slow", "mid", "fast"}
 
 
 @pytest.fixture
 def used_before(tmp_path):
-    """A results folder with what an earlier analysis concluded, and with a file of the user's own."""
-    names = [VERDICT, MECHANISM, *SUMMARIES, "augment/force.parquet", "figures/mine.png", "reoptimise/optimum.parquet"]
-    names += [f"figures/{name}.{ending}" for name in FIGURES for ending in ("svg", "png", "parquet")]
+    """A results folder with what an earlier analysis concluded, and with a file of the user's
+    own."""
+    names = [
+        VERDICT,
+        MECHANISM,
+        *SUMMARIES,
+        "augment/force.parquet",
+        "figures/mine.png",
+        "reoptimise/optimum.parquet",
+    ]
+    names += [
+        f"figures/{name}.{ending}" for name in FIGURES for ending in ("svg", "png", "parquet")
+    ]
     names += [f"{stage}/decision.parquet" for stage in ("decide", "regress", "verdict")]
     for name in names:
         (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -215,26 +285,43 @@ def used_before(tmp_path):
     return tmp_path
 
 
-def test_results_of_another_campaign_file_are_kept_and_the_error_says_which_file_they_are_of(tmp_path, monkeypatch):
+def test_results_of_another_campaign_file_are_kept_and_the_error_says_which_file_they_are_of(
+    tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     first, moved = written(tmp_path / "a/plan.yaml"), tmp_path / "moved/plan.yaml"
     results = Path("results/campaigns/demonstration")
     CliRunner().invoke(cli, ["measure", str(first)], catch_exceptions=False)
     (results / "verdict.json").write_text("of the first file")
-    second, damaged = written(tmp_path / "b/plan.yaml", date="2026-01-05"), written(tmp_path / "damaged.yaml")
-    damaged.write_text(damaged.read_text().replace("unit: ms", "unit: s").replace("t_ms", "no_such_column"))
-    commands = [lambda file, name=name: asked(name, file) for name in ("measure", "preflight", "analyse")]
-    commands += [lambda file: analyse(file, results), lambda file: campaigns([str(file)], (tmp_path,))]
-    words = (
-        f"{results} contains the results of another campaign file, {first} ~ give this campaign another `name` ~ delete"
+    second, damaged = (
+        written(tmp_path / "b/plan.yaml", date="2026-01-05"),
+        written(tmp_path / "damaged.yaml"),
     )
-    refused(lambda act, file: act(file), [(act, file, words) for act in commands for file in (second, damaged)])
+    damaged.write_text(
+        damaged.read_text().replace("unit: ms", "unit: s").replace("t_ms", "no_such_column")
+    )
+    commands = [
+        lambda file, name=name: asked(name, file) for name in ("measure", "preflight", "analyse")
+    ]
+    commands += [
+        lambda file: analyse(file, results),
+        lambda file: campaigns([str(file)], (tmp_path,)),
+    ]
+    words = (
+        f"{results} contains the results of another campaign file, {first} ~ give this campaign"
+        " another `name` ~ delete"
+    )
+    refused(
+        lambda act, file: act(file),
+        [(act, file, words) for act in commands for file in (second, damaged)],
+    )
     assert (results / "verdict.json").read_text() == "of the first file"
 
     def reached(state, **options):
         raise InputError("reached")
 
-    # the same file by another path, changed, in a folder that was moved, or in another folder of results is no other
+    # the same file by another path, changed, in a folder that was moved, or in another folder of
+    # results is no other
     (tmp_path / "link.yaml").symlink_to(first)
     asked("measure", "link.yaml")
     first.write_text(first.read_text() + "# changed\n")
@@ -258,7 +345,9 @@ def test_results_that_moved_with_their_campaign_file_are_still_of_it(tmp_path, m
     asked("measure", tmp_path / "there/plan.yaml", "--folder", tmp_path / "there/results")
 
 
-def test_an_analysis_that_fails_leaves_no_older_conclusion_and_one_that_cannot_begin_all(used_before, monkeypatch):
+def test_an_analysis_that_fails_leaves_no_older_conclusion_and_one_that_cannot_begin_all(
+    used_before, monkeypatch
+):
     (used_before / "screen").write_text("a file where a folder should be")
     with pytest.raises(InputError, match="cannot be written"):
         analyse(ROOT / DEMONSTRATION, used_before)
@@ -271,5 +360,7 @@ def test_an_analysis_that_fails_leaves_no_older_conclusion_and_one_that_cannot_b
     stand_in(monkeypatch, lambda name: fails, "measure")
     with pytest.raises(SimulationError):
         analyse(ROOT / DEMONSTRATION, used_before)
-    left = sorted(str(path.relative_to(used_before)) for path in used_before.rglob("*") if path.is_file())
+    left = sorted(
+        str(path.relative_to(used_before)) for path in used_before.rglob("*") if path.is_file()
+    )
     assert left == ["augment/force.parquet", "figures/mine.png"]

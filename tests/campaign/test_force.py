@@ -11,7 +11,9 @@ IDEAL = {"crank_pin": "ideal", "piston_pin": "ideal"}
 
 
 def missing(after=(), before=(), speeds=SPEEDS, joints=IDEAL):
-    return missing_force(mechanism(*before, joints=joints), mechanism(*after, joints=joints), speeds)
+    return missing_force(
+        mechanism(*before, joints=joints), mechanism(*after, joints=joints), speeds
+    )
 
 
 def test_a_force_follows_its_law_along_each_run():
@@ -27,10 +29,19 @@ def test_what_the_base_has_already_is_not_missing_a_torque_stands_beside_and_wha
     assert np.allclose(found["slider_force"], -3.0 * found["slider_velocity"])
     found = missing([effect("crank_viscous_friction", damping_N_m_s=0.1)])
     assert np.allclose(found["crank_torque"], -0.1 * found["run"].map(SPEEDS))
-    assert not missing([effect("added_slider_mass", mass_kg=0.1)])[["slider_force", "crank_torque"]].to_numpy().any()
+    assert (
+        not missing([effect("added_slider_mass", mass_kg=0.1)])[["slider_force", "crank_torque"]]
+        .to_numpy()
+        .any()
+    )
 
 
 def test_thin_gaps_are_simulated_as_finely_as_the_fits_were():
-    thin = {"crank_pin": "ideal", "piston_pin": {"bearing_radius": paper().joint("piston_pin").journal_radius + 5e-6}}
-    found = missing([effect("slider_constant_force", force_N=3.0)], speeds={"slow": 5.0}, joints=thin)
+    thin = {
+        "crank_pin": "ideal",
+        "piston_pin": {"bearing_radius": paper().joint("piston_pin").journal_radius + 5e-6},
+    }
+    found = missing(
+        [effect("slider_constant_force", force_N=3.0)], speeds={"slow": 5.0}, joints=thin
+    )
     assert np.allclose(found["slider_force"], 3.0)

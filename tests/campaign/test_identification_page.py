@@ -18,14 +18,19 @@ NUMBER = r"(?<![A-Za-z0-9_])\d+\.?\d*(?:e-?\d+)?"
 
 
 def test_its_campaign_file_and_its_columns_are_read(tmp_path):
-    header, campaign = (re.search(f"```{start}", PAGE, re.DOTALL)[1] for start in (r"\n(t,.*?)```", r"yaml\n(.*?)```"))
+    header, campaign = (
+        re.search(f"```{start}", PAGE, re.DOTALL)[1]
+        for start in (r"\n(t,.*?)```", r"yaml\n(.*?)```")
+    )
     (tmp_path / "campaign.yaml").write_text(campaign)
     (tmp_path / "mechanism.yaml").write_text(Path("config/mechanisms/erkaya2009.yaml").read_text())
     time = np.arange(2000) * 5e-4
     for run, rpm in (("slow", 200.0), ("mid", 400.0), ("fast", 600.0)):
         angle = rpm * 6.0 * time
         turned = np.radians(angle)
-        frame = pd.DataFrame({"t": time, "theta": angle % 360.0, "acc": np.cos(turned), "torque": np.sin(turned)})
+        frame = pd.DataFrame(
+            {"t": time, "theta": angle % 360.0, "acc": np.cos(turned), "torque": np.sin(turned)}
+        )
         assert list(frame.columns) == header.splitlines()[0].split(",")
         frame.to_csv(tmp_path / f"{run}.csv", index=False)
     measured = read_measurements(load_campaign(tmp_path / "campaign.yaml"))
@@ -47,7 +52,10 @@ def test_the_preflight_that_it_prints_is_what_comes_out(tmp_path):
     found_at = [places[re.sub(NUMBER, "#", line)] for line in shown]
     assert found_at == sorted(found_at)
     for line, place in zip(shown, found_at, strict=True):
-        said, true = ([float(number) for number in re.findall(NUMBER, text)] for text in (line, printed[place]))
+        said, true = (
+            [float(number) for number in re.findall(NUMBER, text)]
+            for text in (line, printed[place])
+        )
         assert said == pytest.approx(true, rel=0.01), printed[place]
 
 

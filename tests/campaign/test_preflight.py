@@ -29,7 +29,9 @@ FOUND = Preflight(
 CAMPAIGN = load_campaign(ROOT / "config/campaigns/demonstration.yaml")
 
 
-def test_sizes_stand_with_their_unit_and_what_could_not_be_simulated_is_not_called_undetectable(tmp_path, monkeypatch):
+def test_sizes_stand_with_their_unit_and_what_could_not_be_simulated_is_not_called_undetectable(
+    tmp_path, monkeypatch
+):
     monkeypatch.setattr(plan, "preflight", lambda *given: FOUND)
     frames = plan.preflight_tables(CAMPAIGN, 0.01)
     for name, table in (("detectable", schema.DETECTABLE), ("confusability", schema.CONFUSABILITY)):
@@ -39,7 +41,8 @@ def test_sizes_stand_with_their_unit_and_what_could_not_be_simulated_is_not_call
     lines = plan.preflight_summary(**frames).splitlines()
     for shown in (
         "  Coulomb friction of the slider: 0.0787 N",
-        "  bending of the rod: natural frequency of the mode up to 157.2 Hz",  # the direction in which it shows
+        # the direction in which it shows
+        "  bending of the rod: natural frequency of the mode up to 157.2 Hz",
         "  a bias of the sensor of crank torque: 0.0084 N m",
         "Not detectable with these runs: an unbalance of the crank",
         "  crank torque in run slow: 0.0042 N m, 2 % of its variation",

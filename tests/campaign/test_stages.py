@@ -1,4 +1,5 @@
-"""Stages of a campaign on a model in closed form: what they find, and that files hand it on unchanged."""
+"""Stages of a campaign on a model in closed form: what they find, and that files hand it on
+unchanged."""
 
 import json
 from dataclasses import replace
@@ -60,10 +61,15 @@ def test_the_hidden_effect_is_named_with_its_size_within_its_interval(chain):
     shown = parameter_frame([chain.outcome.chosen]).set_index("key").loc["coulomb.force_N"]
     assert shown["value"] == pytest.approx(TRUTH, abs=4 * shown["sd"])
     assert shown["low_90"] < shown["value"] < shown["high_90"]
-    assert noise_of_model(toy({"coulomb": {"force_N": TRUTH}}, held_out=(), stated=False)).keys() == chain.noise.keys()
+    assert (
+        noise_of_model(toy({"coulomb": {"force_N": TRUTH}}, held_out=(), stated=False)).keys()
+        == chain.noise.keys()
+    )
 
 
-def test_the_gap_on_held_out_runs_falls_to_that_of_noise_and_is_that_of_the_residuals(chain, confirmed):
+def test_the_gap_on_held_out_runs_falls_to_that_of_noise_and_is_that_of_the_residuals(
+    chain, confirmed
+):
     gap = gap_of(confirmed.gaps, "confirm")
     assert gap["before"] > 2.0 and gap["after"] == pytest.approx(1.0, abs=0.1)
     whole = confirmed.gaps[confirmed.gaps["role"] == "confirm"].query("run == 'all'").iloc[0]
@@ -76,7 +82,9 @@ def test_the_gap_on_held_out_runs_falls_to_that_of_noise_and_is_that_of_the_resi
     before = chain.recalibrated.problem.gap(base.residual)
     assert gap_of(confirmed.gaps, "identify")["before"] == pytest.approx(before)
     values = fit_run_parameters(Problem(chain.model, chain.noise, held_out=True), base)
-    assert {key for key, value in values.items() if value != base.mapping.get(key)} == {"speed@fast"}
+    assert {key for key, value in values.items() if value != base.mapping.get(key)} == {
+        "speed@fast"
+    }
 
 
 def test_without_an_effect_the_gap_stays_and_the_part_that_is_held_out_is_reported(chain):
@@ -88,8 +96,13 @@ def test_without_an_effect_the_gap_stays_and_the_part_that_is_held_out_is_report
     assert held_out(gaps, roles | {"fast": "confirm"})[0]["part"] == "whole"
 
 
-def test_a_held_out_run_that_cannot_be_simulated_with_the_effect_has_no_gap_after_and_the_reason(tmp_path, monkeypatch):
-    model, folder = toy({"coulomb": {"force_N": TRUTH}}, held_out=("mid", "fast")), ResultsFolder(tmp_path)
+def test_a_held_out_run_that_cannot_be_simulated_with_the_effect_has_no_gap_after_and_the_reason(
+    tmp_path, monkeypatch
+):
+    model, folder = (
+        toy({"coulomb": {"force_N": TRUTH}}, held_out=("mid", "fast")),
+        ResultsFolder(tmp_path),
+    )
     noise, simulate = stated_noise(model), type(model).simulate
     problem = Problem(model, noise)
     base, named = fit_hypothesis(problem), fit_hypothesis(problem, (candidate_of("coulomb"),))
@@ -109,20 +122,35 @@ def test_a_held_out_run_that_cannot_be_simulated_with_the_effect_has_no_gap_afte
     before = gap_of(whole, "confirm", "fast")["before"]
     assert listed["fast"]["gap"] == {"before": pytest.approx(before), "after": None}
     assert "does not reach the slide" in listed["fast"]["not_simulated"]
-    assert listed["mid"]["gap"]["after"] == pytest.approx(1.0, abs=0.1) and "not_simulated" not in listed["mid"]
-    assert gap_of(gaps, "confirm")["after"] is None and gap_of(gaps, "identify") == gap_of(whole, "identify")
+    assert (
+        listed["mid"]["gap"]["after"] == pytest.approx(1.0, abs=0.1)
+        and "not_simulated" not in listed["mid"]
+    )
+    assert gap_of(gaps, "confirm")["after"] is None and gap_of(gaps, "identify") == gap_of(
+        whole, "identify"
+    )
 
 
 def test_fits_come_back_from_files_with_all_that_intervals_need(chain, tmp_path):
-    folder, chosen, problem = ResultsFolder(tmp_path), chain.outcome.chosen, chain.recalibrated.problem
+    folder, chosen, problem = (
+        ResultsFolder(tmp_path),
+        chain.outcome.chosen,
+        chain.recalibrated.problem,
+    )
     folder.write_all(fits_to_frames(chain.fits, range(len(chain.fits))), "fit/0")
     again = fits_from_frames(folder.read_all(FIT_TABLES, "fit/0"), problem)
-    found, wanted = ([(one.label, one.mapping, one.chi2) for one in fits] for fits in (again, chain.fits))
+    found, wanted = (
+        [(one.label, one.mapping, one.chi2) for one in fits] for fits in (again, chain.fits)
+    )
     assert found == wanted
     for one, other in zip(again, chain.fits, strict=True):
         if one.label == chosen.label:
-            np.testing.assert_allclose(np.diag(one.covariance()), np.diag(other.covariance()), rtol=1e-6)
-    shifts, draws = (np.arange(count * chosen.values.size, dtype=float).reshape(count, -1) for count in (2, 12))
+            np.testing.assert_allclose(
+                np.diag(one.covariance()), np.diag(other.covariance()), rtol=1e-6
+            )
+    shifts, draws = (
+        np.arange(count * chosen.values.size, dtype=float).reshape(count, -1) for count in (2, 12)
+    )
     stated = replace(chosen, shifts=shifts, draws=draws, gap_left=1.5)
     folder.write_all(fits_to_frames([stated]), "decide")
     (again,) = fits_from_frames(folder.read_all(FIT_TABLES, "decide"), problem)
@@ -144,7 +172,9 @@ def test_fits_in_windows_come_back_from_files_with_their_states(tmp_path):
     for run, states in fits[0].states.items():
         np.testing.assert_array_equal(one.states[run], states)
     assert one.mapping == fits[0].mapping and one.chi2 == fits[0].chi2
-    np.testing.assert_allclose(one.distribution.covariance, fits[0].distribution.covariance, rtol=1e-6)
+    np.testing.assert_allclose(
+        one.distribution.covariance, fits[0].distribution.covariance, rtol=1e-6
+    )
 
 
 def test_noise_comes_back_from_files(chain, tmp_path):
@@ -160,7 +190,9 @@ def test_noise_comes_back_from_files(chain, tmp_path):
         same(one, chain.noise[key], "spread", "autocorrelation", "remarks")
 
 
-def test_the_stage_recalibrate_writes_the_noise_of_all_runs_with_the_error_of_the_solver(chain, tmp_path, monkeypatch):
+def test_the_stage_recalibrate_writes_the_noise_of_all_runs_with_the_error_of_the_solver(
+    chain, tmp_path, monkeypatch
+):
     simulate = type(chain.model).simulate
 
     def off(self, run, values, effects=(), numerics=0):
@@ -188,9 +220,13 @@ def tables_of(sensitivities, baseline, shortlist):
     }
 
 
-def test_signatures_of_several_shapes_and_of_what_replaces_a_nuisance_come_back_with_those_that_failed(tmp_path):
+def test_signatures_of_several_shapes_and_of_what_replaces_a_nuisance_come_back_with_those_that_failed(
+    tmp_path,
+):
     turning = replace(WOBBLE, initial_guesses=({"turn": 0.5}, {"turn": 1.5}))
-    turning = replace(turning, coordinates=(*WOBBLE.coordinates, Parameter("turn", 1.0, 0.0, 2.0, 0.1)))
+    turning = replace(
+        turning, coordinates=(*WOBBLE.coordinates, Parameter("turn", 1.0, 0.0, 2.0, 0.1))
+    )
     problem = linear(hidden={"swing": {"size": 0.1}}, candidates=(SWING, PUSH, turning, PULL))
     simulate = problem.model.simulate
 
@@ -210,11 +246,20 @@ def test_signatures_of_several_shapes_and_of_what_replaces_a_nuisance_come_back_
     same(again, sensitivities, "residual", "jacobian", "values")
     assert again.failed == sensitivities.failed == {"pull": "nothing pulls here"}
     shapes = [(one.candidate.label, one.shape_parameters) for one in again.entries]
-    assert shapes == [("swing", {}), ("push", {}), ("wobble", {"turn": 0.5}), ("wobble", {"turn": 1.5})]
+    assert shapes == [
+        ("swing", {}),
+        ("push", {}),
+        ("wobble", {"turn": 0.5}),
+        ("wobble", {"turn": 1.5}),
+    ]
     for one, other in zip(again.entries, sensitivities.entries, strict=True):
         same(one, other, "columns", "origin")
-    assert not np.array_equal(again.of("push")[0].origin, again.residual)  # it begins where the drive is nominal
-    assert [one.label for one in SensitivityRegression(again).singles()] == [one.label for one in singles]
+    assert not np.array_equal(
+        again.of("push")[0].origin, again.residual
+    )  # it begins where the drive is nominal
+    assert [one.label for one in SensitivityRegression(again).singles()] == [
+        one.label for one in singles
+    ]
 
 
 def test_signatures_of_another_model_are_named_with_the_stage_to_run_again(chain):
@@ -224,14 +269,21 @@ def test_signatures_of_another_model_are_named_with_the_stage_to_run_again(chain
     candidates = tuple(one for one in chain.model.candidates if one.label != "viscous")
     changed = replace(chain.model, candidates=candidates)
     other = replace(baseline, problem=Problem(changed, chain.noise))
-    with pytest.raises(InputError, match=r"signatures\.parquet: viscous does not belong.*repeat `jointgap noise`"):
+    with pytest.raises(
+        InputError, match=r"signatures\.parquet: viscous does not belong.*repeat `jointgap noise`"
+    ):
         sensitivities_from_frames(tables, other)
     with pytest.raises(InputError, match="no candidate"):
         hypothesis_of("coulomb + ghost", chain.model.candidates)
 
 
-def test_parts_of_the_fits_together_are_all_of_them_and_one_that_fails_is_a_row_with_its_reason(chain, monkeypatch):
-    of, residual = (chain.recalibrated, chain.screening.sensitivities, chain.screening.limits), Problem.residual
+def test_parts_of_the_fits_together_are_all_of_them_and_one_that_fails_is_a_row_with_its_reason(
+    chain, monkeypatch
+):
+    of, residual = (
+        (chain.recalibrated, chain.screening.sensitivities, chain.screening.limits),
+        Problem.residual,
+    )
     whole = [one.label for one in hypothesis_fits.fit_singles(*of)[0]]
     parts = [hypothesis_fits.fit_singles(*of, part, 2)[0] for part in (0, 1)]
     assert all(parts) and sorted(one.label for part in parts for one in part) == sorted(whole)
@@ -247,13 +299,23 @@ def test_parts_of_the_fits_together_are_all_of_them_and_one_that_fails_is_a_row_
     assert (rows["status"] != FAILED).sum() == len(rows) - 1
 
 
-def test_a_verdict_follows_its_schema_and_leaves_no_number_that_json_lacks(chain, confirmed, tmp_path):
+def test_a_verdict_follows_its_schema_and_leaves_no_number_that_json_lacks(
+    chain, confirmed, tmp_path
+):
     with costs_noted(ResultsFolder(tmp_path), "fit-1"):
         pass
     tables = {name: pd.DataFrame(columns=TABLES[name].names) for name in verdict_json.TABLES}
-    window = {"run": "slow", "channel": "torque", "start_deg": 350.0, "end_deg": 10.0, "p_adjusted": np.float64(1e-9)}
+    window = {
+        "run": "slow",
+        "channel": "torque",
+        "start_deg": 350.0,
+        "end_deg": 10.0,
+        "p_adjusted": np.float64(1e-9),
+    }
     tables |= {"gaps": confirmed.gaps, "map_windows": pd.DataFrame([window])}
-    tables["confusability"] = pd.DataFrame({"first": ["a", "b"], "second": ["b", "a"], "merged": True})
+    tables["confusability"] = pd.DataFrame(
+        {"first": ["a", "b"], "second": ["b", "a"], "merged": True}
+    )
     campaign = load_campaign(ROOT / "config/campaigns/demonstration.yaml")
     made = verdict_json.document(chain.outcome, tables, campaign) | {"false_alarm_rate": 0.01}
     read = json.loads(verdict_json.text(made | {"costs": costs(ResultsFolder(tmp_path))}))
@@ -262,9 +324,13 @@ def test_a_verdict_follows_its_schema_and_leaves_no_number_that_json_lacks(chain
 
 
 def test_look_alikes_survive_as_groups_and_advice_names_what_separates_them():
-    pairs = pd.DataFrame({"first": list("abcac"), "second": list("abcca"), "merged": [False] * 3 + [True] * 2})
+    pairs = pd.DataFrame(
+        {"first": list("abcac"), "second": list("abcca"), "merged": [False] * 3 + [True] * 2}
+    )
     assert plan.confusable_groups(pairs) == [["a", "c"]]
-    advice = pd.DataFrame({"change": ["channel x", "run y"], "separated": ["b | c", "a | c, a | b"]})
+    advice = pd.DataFrame(
+        {"change": ["channel x", "run y"], "separated": ["b | c", "a | c, a | b"]}
+    )
     for explanations, merged, told in (
         ([{"a"}, {"c"}], [["a", "c"]], "A further run y would separate them."),
         ([{"a", "d"}, {"a", "e"}], [["d", "e"]], "No single"),

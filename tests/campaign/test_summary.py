@@ -1,4 +1,5 @@
-"""The one-page summary says what the verdict says, in words that someone understands who was not there."""
+"""The one-page summary says what the verdict says, in words that someone understands who was not
+there."""
 
 import re
 
@@ -66,11 +67,23 @@ SEEN = pd.DataFrame(
     ],
     columns=["label", "parameter", "smallest_detectable", "unit", "falls", "detectable", "failed"],
 ).assign(assumed="crank_torque in run slow: 0.0042 N*m, 2 % of its variation")
-OPTIMUM = pd.DataFrame({"model": ["base", "augmented"], "source": "network", "reduction": [0.038, 0.05]}).assign(
-    crank_length=[0.150, 0.1515], rod_length=0.564, failed=None, at_edge=[True, False], resimulated=[0.03, np.nan]
+OPTIMUM = pd.DataFrame(
+    {"model": ["base", "augmented"], "source": "network", "reduction": [0.038, 0.05]}
+).assign(
+    crank_length=[0.150, 0.1515],
+    rod_length=0.564,
+    failed=None,
+    at_edge=[True, False],
+    resimulated=[0.03, np.nan],
 )
 ERRORS = pd.DataFrame(
-    {"run": "fast", "speed": 41.8879, "channel": ["crank_torque", "crank_angle"], "held_out": True, "samples": 99}
+    {
+        "run": "fast",
+        "speed": 41.8879,
+        "channel": ["crank_torque", "crank_angle"],
+        "held_out": True,
+        "samples": 99,
+    }
     | {"unit": ["N*m", "deg"], "si_per_unit": [1.0, 0.0174533], "noise": [0.4, 0.1]}
     | {"before": [0.776, 0.1005], "after": [0.42, 0.0995]}
 )
@@ -78,11 +91,22 @@ COEFFICIENT = {"value": 1.25, "sd": 0.1, "interval_90": [1.09, 1.41]}
 FLAT = {"value": 20.9, "sd": None, "interval_90": [None, None], "remark": CHANGES_NOTHING}
 KEPT, HIGH = bounded(0.795, 0.713, kept=True), bounded(0.9, 0.82)
 HELD = [{"run": "slow", "part": "last_third", "gap": {"before": 8.7, "after": 1.05}}]
-LOST = {"run": "fast", "part": "whole", "gap": {"before": 8.7, "after": None}, "not_simulated": "it flies off"}
-LOSING = NAMED | {"gap": {"identify": NAMED["gap"]["identify"], "confirm": LOST["gap"]}, "held_out": [LOST]}
+LOST = {
+    "run": "fast",
+    "part": "whole",
+    "gap": {"before": 8.7, "after": None},
+    "not_simulated": "it flies off",
+}
+LOSING = NAMED | {
+    "gap": {"identify": NAMED["gap"]["identify"], "confirm": LOST["gap"]},
+    "held_out": [LOST],
+}
 NONE_ADDED = {"campaign_optimum": OPTIMUM.head(0)}
 AMBIGUOUS = VERDICTS["ambiguous"] | {"separated_by": "A run at 900 rpm would tell them apart."}
-MANY = nuisances(slider_mass=NAMED["nuisances"]["slider_mass"] | {"interval_90": [0.4437, 0.4503]}, restitution=KEPT)
+MANY = nuisances(
+    slider_mass=NAMED["nuisances"]["slider_mass"] | {"interval_90": [0.4437, 0.4503]},
+    restitution=KEPT,
+)
 
 
 UNSEEN = undetectable("crank_unbalance", "gas_pressure")
@@ -94,29 +118,77 @@ PAGES = [  # verdict, tables, what the page says, and what it does not say
         "far below 1",
     ),
     (NAMED, {}, "| friction force | 21.30 N | 20.60 to 22.00 |", "last third"),
-    (effects(law("-a*v*|v|", a=COEFFICIENT)), {}, r"| formula | -a\*v\*\|v\| | – | ~ | a | 1.25 | 1.09 to 1.41 |", ""),
-    (NAMED, gaps([("slow", "guide_force", 3.0, 0.79)]), "The gap of guide force (slow 0.79) is far below 1", ""),
+    (
+        effects(law("-a*v*|v|", a=COEFFICIENT)),
+        {},
+        r"| formula | -a\*v\*\|v\| | – | ~ | a | 1.25 | 1.09 to 1.41 |",
+        "",
+    ),
+    (
+        NAMED,
+        gaps([("slow", "guide_force", 3.0, 0.79)]),
+        "The gap of guide force (slow 0.79) is far below 1",
+        "",
+    ),
     (
         NAMED | {"held_out": HELD},
         gaps([("slow", "guide_force", 3.0, 0.97)]),
         "last third of slow is held",
         "far below 1",
     ),
-    (LOSING, gaps([("fast", "all", 8.7, np.nan)]), "it flies off ~ | fast | 8.7 | 8.439 | 8.961 | – | – | – |", ""),
-    (AMBIGUOUS, {}, "- Coulomb friction of the slider (21.30 N) ~ A run at 900 rpm would tell them apart.", ""),
-    (NAMED, {"campaign_optimum": OPTIMUM}, "| before | network | 150 | 564 | 0.038 | 0.03 | yes | – |", "ideal"),
+    (
+        LOSING,
+        gaps([("fast", "all", 8.7, np.nan)]),
+        "it flies off ~ | fast | 8.7 | 8.439 | 8.961 | – | – | – |",
+        "",
+    ),
+    (
+        AMBIGUOUS,
+        {},
+        "- Coulomb friction of the slider (21.30 N) ~ A run at 900 rpm would tell them apart.",
+        "",
+    ),
+    (
+        NAMED,
+        {"campaign_optimum": OPTIMUM},
+        "| before | network | 150 | 564 | 0.038 | 0.03 | yes | – |",
+        "ideal",
+    ),
     (effects(BIAS), NONE_ADDED, "No effect was added to the mechanism", "ideal"),
-    (UNSEEN, {"detectable": SEEN}, "simulation failed: the pressure ~ assumed noise ~ channels: an unbalance", ""),
+    (
+        UNSEEN,
+        {"detectable": SEEN},
+        "simulation failed: the pressure ~ assumed noise ~ channels: an unbalance",
+        "",
+    ),
     (VERDICTS["no_disagreement"], {"detectable": SEEN}, "mode up to 157.2 Hz) ~ (0.0787 N).", ""),
-    (best_known(), gaps([("fast", "all", 8.7, 1.05)]), "| 21.30 N | 20.60 to 22.00 | ~ To confirm it:", ""),
+    (
+        best_known(),
+        gaps([("fast", "all", 8.7, 1.05)]),
+        "| 21.30 N | 20.60 to 22.00 | ~ To confirm it:",
+        "",
+    ),
     (
         MANY,
         {},
-        "| slider mass | 0.4470 kg | 0.4437 to 0.4503 | ~ | 0.713 to 0.795 | at its bound; stated value kept",
+        (
+            "| slider mass | 0.4470 kg | 0.4437 to 0.4503 | ~ | 0.713 to 0.795 | at its bound;"
+            " stated value kept"
+        ),
         "",
     ),
-    (nuisances(**{"speed@slow": FLAT}), {}, "| crank speed of run slow | 199.6 rpm | – | changes nothing", ""),
-    (nuisances(**{"clock_offset@slow": FLAT | {"value": 0.0123}}), {}, "second file of run slow | 12.3 ms | –", ""),
+    (
+        nuisances(**{"speed@slow": FLAT}),
+        {},
+        "| crank speed of run slow | 199.6 rpm | – | changes nothing",
+        "",
+    ),
+    (
+        nuisances(**{"clock_offset@slow": FLAT | {"value": 0.0123}}),
+        {},
+        "second file of run slow | 12.3 ms | –",
+        "",
+    ),
     (
         nuisances(restitution=HIGH),
         {},
@@ -133,24 +205,39 @@ def test_the_page_says_what_was_found_with_its_numbers_and_nothing_that_is_not_s
         assert [word for word in others.split(" ~ ") if word and word in text] == []
 
     each(says, PAGES)
-    rows = [("fast", "crank_torque", 10.0 * k, 10.0 * k + 10.0, 1.0 + k, 1.5 + k, 1e-3) for k in range(9)]
+    rows = [
+        ("fast", "crank_torque", 10.0 * k, 10.0 * k + 10.0, 1.0 + k, 1.5 + k, 1e-3)
+        for k in range(9)
+    ]
     columns = ["run", "channel", "start_deg", "end_deg", "mean", "rms", "p_adjusted"]
     text = markdown(NAMED, {"map_windows": pd.DataFrame(rows, columns=columns)})
-    assert "| 80 | 90 | 9 | 9.5 |\n| fast | crank torque | 70 | 80 |" in text  # the largest first; the map shows all
+    assert (
+        "| 80 | 90 | 9 | 9.5 |\n| fast | crank torque | 70 | 80 |" in text
+    )  # the largest first; the map shows all
     assert text.count("| fast | crank torque |") == 7
 
 
 def test_effects_that_the_fits_distinguish_are_not_called_indistinguishable():
-    groups = [["sensor_delay:crank_torque", "sensor_lag:crank_torque"], ["gravity", "slider_spring", "slider_offset"]]
+    groups = [
+        ["sensor_delay:crank_torque", "sensor_lag:crank_torque"],
+        ["gravity", "slider_spring", "slider_offset"],
+    ]
     verdict = best_known() | {"preflight": {"undetectable": [], "merged": groups}}
-    rows = [("sensor_delay:crank_torque + gravity", 100.0), ("sensor_lag:crank_torque + gravity", 600.0)]
+    rows = [
+        ("sensor_delay:crank_torque + gravity", 100.0),
+        ("sensor_lag:crank_torque + gravity", 600.0),
+    ]
     rows += [("sensor_delay:crank_torque + slider_spring", 104.0)]
     ranking = pd.DataFrame(rows, columns=["explanation", "bic"])
     said = markdown(verdict, {"ranking": ranking})
     assert said.count("Distinguished neither by the preflight nor by the fits") == 1
-    assert "the weight of the bodies, a linear spring on the slider and an offset of the slide" in said  # not fitted
+    assert (
+        "the weight of the bodies, a linear spring on the slider and an offset of the slide" in said
+    )  # not fitted
     near = ranking.assign(bic=[100.0, 109.0, 104.0])
-    assert "a delay of the sensor of crank torque and a lag of the" in markdown(verdict, {"ranking": near})
+    assert "a delay of the sensor of crank torque and a lag of the" in markdown(
+        verdict, {"ranking": near}
+    )
 
 
 def test_only_values_with_a_range_in_the_campaign_file_are_to_be_checked_at_their_bounds():
@@ -179,8 +266,14 @@ def test_the_headline_holds_the_effect_its_number_and_the_interval():
     lengths["parameters"] = {"crank_m": crank, "rod_m": rod}
     force = {"value": 1.13, "sd": None, "interval_90": [0.015, 1.13], "remark": AT_BOUND}
     ends = [
-        (effects(lengths), "rod length 2.020 mm (90 % interval 1.970 to 2.070)"),  # the surest of sizes of one kind
-        (effects(COULOMB | {"parameters": {"force_N": force}}), "1.13 N (at its bound; 90 % interval 0.015 to 1.13)"),
+        (
+            effects(lengths),
+            "rod length 2.020 mm (90 % interval 1.970 to 2.070)",
+        ),  # the surest of sizes of one kind
+        (
+            effects(COULOMB | {"parameters": {"force_N": force}}),
+            "1.13 N (at its bound; 90 % interval 0.015 to 1.13)",
+        ),
         (NAMED, "Coulomb friction of the slider, 21.30 N (90 % interval 20.60 to 22.00)"),
         (VERDICTS["ambiguous"], "An effect is missing: 2 explanations fit equally well"),
         (
@@ -200,8 +293,13 @@ CODE_NAMES = {name for name in (*EFFECTS, *FAULTS, *CHANNELS, *NUISANCES, *VERDI
 
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_no_page_shows_the_name_of_an_effect_a_channel_or_a_parameter_as_the_code_has_it(verdict):
-    remarks = ["sensor_bias:crank_torque may be at work: slider_acceleration reads 2 % too much, see encoder_zero."]
-    values = {key: {"value": 0.1, "sd": 0.002} for key in (*NUISANCES, "speed@slow", "first_angle@slow")}
+    remarks = [
+        "sensor_bias:crank_torque may be at work: slider_acceleration reads 2 % too much, see"
+        " encoder_zero."
+    ]
+    values = {
+        key: {"value": 0.1, "sd": 0.002} for key in (*NUISANCES, "speed@slow", "first_angle@slow")
+    }
     given = VERDICTS[verdict] | {"nuisances": values, "because": "slider_spring explains 90 %"}
     text = to_html(page(given, {"detectable": SEEN}, remarks)).partition("</style>")[2]
     plain = re.sub("`[^`]*`|<code>.*?</code>", "", text)

@@ -1,4 +1,5 @@
-"""Clearances by date: the rate of growth and its interval, and which campaigns may stand in one trend."""
+"""Clearances by date: the rate of growth and its interval, and which campaigns may stand in one
+trend."""
 
 import json
 import tempfile
@@ -29,7 +30,8 @@ from tests.draws import check_rate
 
 DAYS = (0, 31, 59, 90)
 CURVE = np.array([1.0, -1.0, -1.0, 1.0]) / np.sqrt(2.0)
-"""Scatter about a line over these days that changes neither slope nor level, as large as errors of 1 state."""
+"""Scatter about a line over these days that changes neither slope nor level, as large as errors of
+1 state."""
 LABEL = "crank_pin_clearance"
 
 
@@ -40,7 +42,10 @@ def clearance(value, sd=2e-6):
 
 
 def named(value, sd=2e-6):
-    return NAMED | {"effects": [clearance(value, sd)], "preflight": {"undetectable": [], "merged": []}}
+    return NAMED | {
+        "effects": [clearance(value, sd)],
+        "preflight": {"undetectable": [], "merged": []},
+    }
 
 
 def unnamed(verdict, **more):
@@ -54,7 +59,8 @@ class Rig:
         self.place, self.files = place, []
 
     def add(self, day, verdict, **changed):
-        """A campaign so many days after the first of January 2026; `changed` are keys of its file."""
+        """A campaign so many days after the first of January 2026; `changed` are keys of its
+        file."""
         name = f"rig-{len(self.files)}"
         runs = [("slow", "200 rpm", "identify"), ("fast", "400 rpm", "confirm")]
         content = {
@@ -62,27 +68,43 @@ class Rig:
             "date": date(2026, 1, 1) + timedelta(days=day),
             "mechanism": str(ROOT / "config/mechanisms/erkaya2009.yaml"),
             "runs": [
-                {"id": id_, "file": f"{name}-{id_}.csv", "speed": speed, "role": role} for id_, speed, role in runs
+                {"id": id_, "file": f"{name}-{id_}.csv", "speed": speed, "role": role}
+                for id_, speed, role in runs
             ],
-            "channels": {"time": {"column": "t", "unit": "s"}, "crank_torque": {"column": "M", "unit": "N*m"}},
+            "channels": {
+                "time": {"column": "t", "unit": "s"},
+                "crank_torque": {"column": "M", "unit": "N*m"},
+            },
         } | changed
         file = self.place / f"{name}.yaml"
-        file.write_text(yaml.safe_dump({key: value for key, value in content.items() if value is not None}))
+        file.write_text(
+            yaml.safe_dump({key: value for key, value in content.items() if value is not None})
+        )
         self.files.append(file)
         folder = ResultsFolder(self.place / "results" / content["name"])
         folder.write(CONFIG_SNAPSHOT, config_snapshot(load_campaign(file)))
-        (folder.path / "verdict.json").write_text(json.dumps(verdict | {"campaign": content["name"]}))
+        (folder.path / "verdict.json").write_text(
+            json.dumps(verdict | {"campaign": content["name"]})
+        )
         return folder
 
     def grows(self, rate=2e-7, days=DAYS, sd=2e-6, scatter=0.0):
-        """Campaigns that name a clearance of 0.1 mm that grows by `rate` a day, with a `scatter` about it by day."""
+        """Campaigns that name a clearance of 0.1 mm that grows by `rate` a day, with a `scatter`
+        about it by day."""
         for day, off in zip(days, np.broadcast_to(scatter, len(DAYS)), strict=False):
             self.add(day, named(1e-4 + rate * day + off, sd))
 
     def trend(self, pictures=False):
         """What `jointgap trend` says; its tables are in `sizes` and `growth`."""
         out = ResultsFolder(self.place / "trend")
-        command = ["trend", *map(str, self.files), "--results", str(self.place / "results"), "--folder", str(out.path)]
+        command = [
+            "trend",
+            *map(str, self.files),
+            "--results",
+            str(self.place / "results"),
+            "--folder",
+            str(out.path),
+        ]
         with nullcontext() if pictures else patch("jointgap.campaign.trend.save"):
             said = CliRunner().invoke(cli, command, catch_exceptions=False).output
         self.sizes, self.growth = out.read(TREND), out.read(TREND_GROWTH)
@@ -101,11 +123,15 @@ def test_a_clearance_that_grows_is_reported_with_its_rate_per_day_however_campai
     (growth,) = rig.growth.to_dict("records")
     assert (growth["growth"], growth["error_scale"]) == ("grew", pytest.approx(1.0))
     assert (growth["rate"], growth["first_value"]) == pytest.approx((2e-7, 1e-4))
-    # the textbook's error of a slope with equal errors: sd / sqrt(sum of squares of days about their mean)
+    # the textbook's error of a slope with equal errors: sd / sqrt(sum of squares of days about
+    # their mean)
     half_width = t.ppf(0.95, 2) * 1e-6 / np.sqrt(np.sum((np.array(DAYS) - 45.0) ** 2))
     assert growth["rate_high"] - growth["rate"] == pytest.approx(half_width)
     assert growth["rate"] - growth["rate_low"] == pytest.approx(half_width)
-    assert "clearance in the crank pin: grew by 0.200 µm per day (90 % interval 0.156 to 0.244; p = 0.0056)" in said
+    assert (
+        "clearance in the crank pin: grew by 0.200 µm per day (90 % interval 0.156 to 0.244; p ="
+        " 0.0056)" in said
+    )
     assert "Scatter about the line: 1 times the stated errors." in rig.page
     assert list(rig.sizes["days"]) == list(DAYS) and rig.sizes["date"][1] == "2026-02-01"
     assert (rig.place / "trend/figures/trend.png").is_file()
@@ -139,14 +165,23 @@ def test_what_is_not_sure_does_not_count_and_says_why(rig):
     doubtful = [
         (unnamed("ambiguous", equivalent=[[clearance(1e-3)], [COULOMB]]), "not certain"),
         (unnamed("unexplained", best_known={"effects": [clearance(1e-3)]}), "not confirmed"),
-        (UNNAMED | {"preflight": {"undetectable": [LABEL], "merged": []}}, "not detectable with these runs"),
+        (
+            UNNAMED | {"preflight": {"undetectable": [LABEL], "merged": []}},
+            "not detectable with these runs",
+        ),
         (NAMED | {"effects": [clearance(1e-3, 0.0)]}, "not estimated"),
         (unnamed("unexplained", nuisances={LABEL: size}), "without the missing effect"),
     ]
     for verdict, _ in doubtful:
         rig.add(0, verdict)
     nothing = rig.add(0, unnamed("no_disagreement", preflight={"undetectable": [], "merged": []}))
-    row = {"label": LABEL, "parameter": "clearance_m", "smallest_detectable": 7e-5, "unit": "m", "typical": 1e-5}
+    row = {
+        "label": LABEL,
+        "parameter": "clearance_m",
+        "smallest_detectable": 7e-5,
+        "unit": "m",
+        "typical": 1e-5,
+    }
     row |= {"falls": False, "detectable": True, "failed": None, "assumed": ""}
     nothing.write(DETECTABLE, pd.DataFrame([row]))
     rig.grows(days=DAYS[1:])
@@ -155,11 +190,16 @@ def test_what_is_not_sure_does_not_count_and_says_why(rig):
     for (_, reason), told in zip(doubtful, rig.sizes["reason"], strict=False):
         assert reason in told
     assert rig.sizes["smallest_detectable"][5] == 7e-5 and np.isnan(rig.sizes["value"][5])
-    assert "| 2026-01-01 | rig-5 | – | – | – | – | 70 | not found; the verdict is no disagreement |" in rig.page
+    assert (
+        "| 2026-01-01 | rig-5 | – | – | – | – | 70 | not found; the verdict is no disagreement |"
+        in rig.page
+    )
     assert (rig.growth["dates"][0], rig.growth["rate"][0]) == (3, pytest.approx(2e-7))
 
 
-def test_certain_sizes_and_fitted_nuisances_count_and_are_followed_into_the_effect_of_their_name(rig):
+def test_certain_sizes_and_fitted_nuisances_count_and_are_followed_into_the_effect_of_their_name(
+    rig,
+):
     fitted = {LABEL: estimate_with_interval(1e-4, 2e-6, 0.0, 1.0)}
     rig.add(0, unnamed("parameters_only", nuisances=fitted))
     rig.add(31, unnamed("ambiguous", certain=[clearance(1e-4 + 2e-7 * 31)]))
@@ -172,7 +212,9 @@ def test_certain_sizes_and_fitted_nuisances_count_and_are_followed_into_the_effe
 def test_sizes_weigh_as_their_errors_say_and_more_evenly_where_they_scatter_more():
     days, values = np.array([0.0, 10.0, 30.0, 31.0, 90.0]), np.array([1.0, 1.5, 2.0, 2.5, 3.9])
     errors = np.array([0.5, 0.2, 1.0, 4.0, 0.7])
-    (rate, start), covariance = np.polyfit(days, values, 1, w=1 / errors, cov=True)  # scaled by the residuals
+    (rate, start), covariance = np.polyfit(
+        days, values, 1, w=1 / errors, cov=True
+    )  # scaled by the residuals
     found = fit_growth(days, values, errors)
     assert found.error_scale < 1.0
     assert (found.slope, found.first) == pytest.approx((rate, start))
@@ -180,14 +222,19 @@ def test_sizes_weigh_as_their_errors_say_and_more_evenly_where_they_scatter_more
     (rate, _), covariance = np.polyfit(days, 1e3 * values**2, 1, cov=True)
     found = fit_growth(days, 1e3 * values**2, errors)
     assert found.slope == pytest.approx(rate, rel=1e-3)
-    assert found.high - found.slope == pytest.approx(t.ppf(0.95, 3) * np.sqrt(covariance[0, 0]), rel=1e-3)
+    assert found.high - found.slope == pytest.approx(
+        t.ppf(0.95, 3) * np.sqrt(covariance[0, 0]), rel=1e-3
+    )
 
 
-@pytest.mark.parametrize("dates, scatter, of_a_day", [(3, 0.0, 1), (3, 100.0, 1), (3, 100.0, 2), (6, 100.0, 1)])
+@pytest.mark.parametrize(
+    "dates, scatter, of_a_day", [(3, 0.0, 1), (3, 100.0, 1), (3, 100.0, 2), (6, 100.0, 1)]
+)
 def test_growth_without_growth_is_reported_once_in_a_hundred_and_nine_of_ten_intervals_hold_the_rate(
     dates, scatter, of_a_day
 ):
-    """However much sizes `scatter` from day to day beyond their errors, which are all stated twice too large."""
+    """However much sizes `scatter` from day to day beyond their errors, which are all stated twice
+    too large."""
     random, draws = np.random.default_rng(dates), 4000
     days = np.repeat(np.linspace(0.0, 90.0, dates), of_a_day)
     errors = random.uniform(1e-6, 3e-6, (draws, days.size))
@@ -213,14 +260,19 @@ def test_campaigns_that_make_no_trend_are_refused_and_nothing_is_written(tmp_pat
         ({"date": "01.03.2026"}, "date = '01.03.2026' ~ is not a date; write year, month and day"),
         ({"date": 20260301}, "date = 20260301 ~ is not a date"),
         ({"name": "rig-0"}, "campaign 'rig-0' is given twice"),
-        ({"mechanism": "ideal_joints"}, "rig-1.yaml: mechanism. ~ in campaign 'rig-0' (SI); a trend"),
+        (
+            {"mechanism": "ideal_joints"},
+            "rig-1.yaml: mechanism. ~ in campaign 'rig-0' (SI); a trend",
+        ),
         ({"runs": SAME_DATA}, "reads ~ rig-0-slow.csv, like campaign 'rig-0'"),
     ]
     refused(of_two, cases)
     assert not [path for path in tmp_path.glob("*/trend/**/*") if path.is_file()]
 
 
-def test_campaigns_without_a_verdict_or_a_size_or_with_a_changed_file_are_refused_but_a_date_may_be_added(rig):
+def test_campaigns_without_a_verdict_or_a_size_or_with_a_changed_file_are_refused_but_a_date_may_be_added(
+    rig,
+):
     folder = rig.add(0, UNNAMED, date=None)
     with pytest.raises(InputError, match=r"rig-0\.yaml: has no `date`"):
         rig.trend()

@@ -1,5 +1,5 @@
-"""Texts and JSON of a verdict never contradict their numbers, whatever the evidence: random fits and gaps are decided
-on by the rules, and all sentences are read again."""
+"""Texts and JSON of a verdict never contradict their numbers, whatever the evidence: random fits
+and gaps are decided on by the rules, and all sentences are read again."""
 
 import json
 import re
@@ -34,10 +34,16 @@ from tests.campaign.verdicts import VERDICTS
 
 SAMPLES = 200
 CAMPAIGN = load_campaign(ROOT / "config/campaigns/demonstration.yaml")
-SCHEMA = Draft202012Validator(json.loads((ROOT / "workflow/schemas/verdict.schema.json").read_text()))
-NOISE_GAP, LARGE_GAP = DEFAULT_SETTINGS.decision.noise_gap, DEFAULT_SETTINGS.decision.max_gap_of_noise
+SCHEMA = Draft202012Validator(
+    json.loads((ROOT / "workflow/schemas/verdict.schema.json").read_text())
+)
+NOISE_GAP, LARGE_GAP = (
+    DEFAULT_SETTINGS.decision.noise_gap,
+    DEFAULT_SETTINGS.decision.max_gap_of_noise,
+)
 FEW_DRAWS = replace(
-    DEFAULT_SETTINGS, intervals=replace(DEFAULT_SETTINGS.intervals, chains=8, settling_sweeps=2, sweeps=8)
+    DEFAULT_SETTINGS,
+    intervals=replace(DEFAULT_SETTINGS.intervals, chains=8, settling_sweeps=2, sweeps=8),
 )
 MASS = Parameter("slider_mass", 1.0, 0.0, 9.0)
 ANGLE = Parameter("first_angle", 0.0, -1.0, 1.0, run="slow")
@@ -62,21 +68,30 @@ LAWS = [(LAW,), (LAW, CONSTANT)]
 
 def fit_of(rng, effects, chi2):
     """A fit with some values at bounds, and with errors from a thousandth to once the range."""
-    own = [Parameter(f"{c.label}.{p.key}", 0.0, p.low, p.high) for c in effects for p in c.coordinates]
+    own = [
+        Parameter(f"{c.label}.{p.key}", 0.0, p.low, p.high) for c in effects for p in c.coordinates
+    ]
     parameters = (MASS, ANGLE, *own)
     places = np.where(
-        rng.random(len(parameters)) < 0.1, rng.integers(0, 2, len(parameters)), rng.random(len(parameters))
+        rng.random(len(parameters)) < 0.1,
+        rng.integers(0, 2, len(parameters)),
+        rng.random(len(parameters)),
     )
     width = np.array([p.high - p.low for p in parameters])
     residual, jacobian = np.zeros(SAMPLES), np.zeros((SAMPLES, width.size))
     residual[-1] = chi2**0.5
-    np.fill_diagonal(jacobian, (chi2 / SAMPLES) ** 0.5 * 10.0 ** rng.uniform(0.0, 3.0, width.size) / width)
+    np.fill_diagonal(
+        jacobian, (chi2 / SAMPLES) ** 0.5 * 10.0 ** rng.uniform(0.0, 3.0, width.size) / width
+    )
     values = np.array([p.low for p in parameters]) + width * places
-    return Fit(tuple(effects), parameters, values, residual, jacobian, 1, "converged", settings=FEW_DRAWS)
+    return Fit(
+        tuple(effects), parameters, values, residual, jacobian, 1, "converged", settings=FEW_DRAWS
+    )
 
 
 def gap_table(rng, base, best):
-    """Table of gaps; those of channels weigh otherwise than samples, held-out data may disagree altogether."""
+    """Table of gaps; those of channels weigh otherwise than samples, held-out data may disagree
+    altogether."""
     rows = []
     for role, run in (("identify", "all"), ("confirm", "all"), ("confirm", "slow")):
         before = rng.uniform(0.8, 1.2) * (base.chi2 / SAMPLES) ** 0.5
@@ -84,13 +99,27 @@ def gap_table(rng, base, best):
         if best is not None:
             after = rng.uniform(0.8, 1.2) * (best.chi2 / SAMPLES) ** 0.5
         if best is not None and role == "confirm":
-            after = rng.choice([after, before, max(before * np.exp(rng.uniform(-6.0, 1.0)), 0.9)], p=[0.5, 0.1, 0.4])
-        fall, width = before**2 - after**2, rng.choice([0.01, 0.05, 0.3, 2.0]) * (before**2 + after**2)
+            after = rng.choice(
+                [after, before, max(before * np.exp(rng.uniform(-6.0, 1.0)), 0.9)],
+                p=[0.5, 0.1, 0.4],
+            )
+        fall, width = (
+            before**2 - after**2,
+            rng.choice([0.01, 0.05, 0.3, 2.0]) * (before**2 + after**2),
+        )
         expected = rng.uniform(0.0, 2.0) * before**2
         ends = {"fall_low": fall - width, "fall_high": fall + width, "fall_expected": expected}
         gap = {"before": before, "after": after, "after_low": 0.95 * after}
-        gap |= {"before_low": 0.95 * before, "before_high": 1.05 * before, "after_high": 1.05 * after}
-        rows.append({"run": run, "role": role, "channel": "all", "samples": SAMPLES, "remark": None} | gap | ends)
+        gap |= {
+            "before_low": 0.95 * before,
+            "before_high": 1.05 * before,
+            "after_high": 1.05 * after,
+        }
+        rows.append(
+            {"run": run, "role": role, "channel": "all", "samples": SAMPLES, "remark": None}
+            | gap
+            | ends
+        )
     table = pd.DataFrame(rows).astype({"remark": object})
     if best is not None and rng.random() < 0.05:
         table.loc[1:, ["after", "after_low", "after_high"]] = np.nan
@@ -100,9 +129,17 @@ def gap_table(rng, base, best):
 
 def made_from(rng):
     """``verdict.json`` of random evidence, with the tables that the page shows."""
-    base_chi2 = SAMPLES * 10.0 ** rng.choice([rng.uniform(-0.05, 0.1), rng.uniform(0.0, 6.0)], p=[0.3, 0.7])
+    base_chi2 = SAMPLES * 10.0 ** rng.choice(
+        [rng.uniform(-0.05, 0.1), rng.uniform(0.0, 6.0)], p=[0.3, 0.7]
+    )
     base, nominal = (fit_of(rng, (), base_chi2 * factor) for factor in (1.0, rng.uniform(1.0, 1.5)))
-    best = rng.choice([SAMPLES * rng.uniform(0.8, 1.2), base_chi2 * rng.uniform(0.0, 0.1), base_chi2 * rng.random()])
+    best = rng.choice(
+        [
+            SAMPLES * rng.uniform(0.8, 1.2),
+            base_chi2 * rng.uniform(0.0, 0.1),
+            base_chi2 * rng.random(),
+        ]
+    )
     found = []
     for place in rng.permutation(len(SINGLES + PAIRS))[: rng.integers(0, 7)]:
         other = rng.choice([best + rng.uniform(-5.0, 5.0), base_chi2 * rng.random()])
@@ -114,13 +151,23 @@ def made_from(rng):
     if outcome.verdict == "unexplained" and rng.random() < 0.5:
         laws = [fit_of(rng, effects, base_chi2 * rng.random()) for effects in LAWS]
         ranking = [weigh_fit(base, law, limits) for law in laws]
-        reason = f"the best sum, {laws[0].label}, explains only {ranking[0].share:.1%} of the misfit"
-        found_law = ForceLawResult(laws[0], rng.random() < 0.5, reason, laws[1 : rng.integers(1, 3)], ranking=ranking)
+        reason = (
+            f"the best sum, {laws[0].label}, explains only {ranking[0].share:.1%} of the misfit"
+        )
+        found_law = ForceLawResult(
+            laws[0], rng.random() < 0.5, reason, laws[1 : rng.integers(1, 3)], ranking=ranking
+        )
         outcome = outcome_with_law(outcome, found_law)
-    outcome = replace(outcome, ranking=outcome.ranking.astype({"admissible": bool}))  # as read from its table
+    outcome = replace(
+        outcome, ranking=outcome.ranking.astype({"admissible": bool})
+    )  # as read from its table
     gaps = gap_table(rng, base, outcome.proposed)
     test, after = held_out_test(gaps), float(gaps.loc[1, "after"])
-    left = (float(gaps.loc[0, "after"]), "crank torque"), (after, "crank torque"), (0.1, "crank torque")
+    left = (
+        (float(gaps.loc[0, "after"]), "crank torque"),
+        (after, "crank torque"),
+        (0.1, "crank torque"),
+    )
     confirmed = SimpleNamespace(held_out=HeldOut(test, after, *left), gap=lambda role: after)
     inconsistent = ("crank_torque",) if rng.random() < 0.1 else ()
     outcome = final_verdict(outcome, confirmed, inconsistent)
@@ -130,15 +177,29 @@ def made_from(rng):
         and len(labels := explained[0].label.split(" + ")) > 1
     ):
         outcome = replace(outcome, certain=(labels[0],), not_searched=("pairs of effects",))
-    tables = {name: pd.DataFrame(columns=TABLES[name].names) for name in verdict_json.TABLES} | {"gaps": gaps}
+    tables = {name: pd.DataFrame(columns=TABLES[name].names) for name in verdict_json.TABLES} | {
+        "gaps": gaps
+    }
     pair = ["slider_spring", "sensor_bias:crank_torque"]
-    tables["confusability"] = pd.DataFrame({"first": pair, "second": pair[::-1], "merged": rng.random() < 0.5})
+    tables["confusability"] = pd.DataFrame(
+        {"first": pair, "second": pair[::-1], "merged": rng.random() < 0.5}
+    )
     if any(one.label == DRAG.label for one in outcome.chosen.hypothesis):
         shape = outcome.chosen.mapping[f"{DRAG.label}.exponent"]
         ends = [shape - rng.random(), shape + rng.random()]
-        row = (DRAG.label, DRAG.label, "exponent", shape, *ends, rng.random() < 0.5, rng.random() < 0.5)
+        row = (
+            DRAG.label,
+            DRAG.label,
+            "exponent",
+            shape,
+            *ends,
+            rng.random() < 0.5,
+            rng.random() < 0.5,
+        )
         tables["law_families"] = pd.DataFrame([row], columns=TABLES["law_families"].names)
-    content = verdict_json.document(outcome, tables, CAMPAIGN, inconsistent) | {"false_alarm_rate": 0.01}
+    content = verdict_json.document(outcome, tables, CAMPAIGN, inconsistent) | {
+        "false_alarm_rate": 0.01
+    }
     return json.loads(verdict_json.text(content)), {"gaps": gaps, "ranking": outcome.placed_ranking}
 
 
@@ -166,24 +227,33 @@ def contradictions(content, lines, text):
         if before == after:
             found.append(f"{before} before, {after} after")
     for change in re.findall(r"(?:smaller|larger) by (\S+)|Gain in BIC: (\S+)", both):
-        if (shown := "".join(change).rstrip(".;,")) not in ("more", "unknown", "none") and not 0.0 < float(
-            shown
-        ) <= 1000.0:
+        if (shown := "".join(change).rstrip(".;,")) not in (
+            "more",
+            "unknown",
+            "none",
+        ) and not 0.0 < float(shown) <= 1000.0:
             found.append(f"BIC by {shown}")
-    for share in re.findall(rf"explains {NUMBER} % of the misfit of|partly explained \({NUMBER}", both):
+    for share in re.findall(
+        rf"explains {NUMBER} % of the misfit of|partly explained \({NUMBER}", both
+    ):
         if abs(float("".join(share)) - 100.0 * best["explained_share"]) > 0.5:
             found.append(f"a share of {share} for {best['explained_share']}")
     for share in re.findall(rf"explains {NUMBER} % of the misfit of the fitted data", both):
-        if not (0.0 < float(share) < 100.0 and gap["identify"]["after"] < gap["identify"]["before"]):
+        if not (
+            0.0 < float(share) < 100.0 and gap["identify"]["after"] < gap["identify"]["before"]
+        ):
             found.append(f"share of {share} % at {gap['identify']}")
     for share in re.findall(rf"{NUMBER} % of the excess over noise is explained", both):
-        if not (0.0 < float(share) <= 100.0 and (float(share) < 100.0 or gap["confirm"]["after"] <= 1.0)):
+        if not (
+            0.0 < float(share) <= 100.0 and (float(share) < 100.0 or gap["confirm"]["after"] <= 1.0)
+        ):
             found.append(f"{share} % of the excess at {gap['confirm']}")
     if best and "% of the excess" in both:
         found.append("a second share of the best candidate")
     after = gap["confirm"]["after"]
     if "explains the misfit" in both and (
-        gap["identify"]["after"] > NOISE_GAP or ((after or 0.0) > LARGE_GAP and "remains" not in lines)
+        gap["identify"]["after"] > NOISE_GAP
+        or ((after or 0.0) > LARGE_GAP and "remains" not in lines)
     ):
         found.append(f"explains the misfit at {gap}")
     if "does not reduce the misfit" in both and "reduces the gap" in both:
@@ -195,13 +265,19 @@ def contradictions(content, lines, text):
         and after > gap["confirm"]["before"]
     ):
         found.append(f"best candidate at {gap['confirm']}")
-    if content["effects"] and "consistent with noise" in lines and gap["identify"]["after"] > NOISE_GAP:
+    if (
+        content["effects"]
+        and "consistent with noise" in lines
+        and gap["identify"]["after"] > NOISE_GAP
+    ):
         found.append(f"consistent with noise at {gap['identify']}")
     for numbers in re.findall(rf"gap on held-out data [^.:(]*?from {NUMBER} to {NUMBER}", both):
         for shown, true in zip(map(float, numbers), gap["confirm"].values(), strict=True):
             if abs(shown - true) > (0.501 if true >= 99.0 else 0.00501):
                 found.append(f"held-out gap {shown} for {true}")
-    if raw := re.search(r"\[\w|\]\s*[,.+]|regression\[", re.sub(r"`[^`]*`|\[[^\]]*\]\([^)]*\)|!\[", "", lines)):
+    if raw := re.search(
+        r"\[\w|\]\s*[,.+]|regression\[", re.sub(r"`[^`]*`|\[[^\]]*\]\([^)]*\)|!\[", "", lines)
+    ):
         found.append(f"raw label {raw}")
     estimates = [*content["nuisances"].values()]
     for effects in (content["effects"], *content["equivalent"], (best or {}).get("effects", [])):
@@ -228,7 +304,9 @@ def in_order(estimate):
     return True
 
 
-@settings(max_examples=100, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(
+    max_examples=100, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck)
+)
 @given(st.integers(0, 2**32 - 1))
 def test_no_sentence_contradicts_the_numbers_of_a_verdict(seed):
     content, tables = made_from(np.random.default_rng(seed))

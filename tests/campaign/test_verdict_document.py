@@ -34,16 +34,30 @@ def effect(name, coordinate):
 
 
 FRICTION, SPRING = effect("friction", "force_N"), effect("spring", "stiffness_N_m")
-CUBE, WAVE = effect("discovered_slider_force[v^3]", "size"), effect("discovered_slider_force[sin(theta)]", "size")
+CUBE, WAVE = (
+    effect("discovered_slider_force[v^3]", "size"),
+    effect("discovered_slider_force[sin(theta)]", "size"),
+)
 
 
 def fitted(effects, values, chi2=64.0, nuisances=(MASS,)):
-    """A fit with standard errors of 0.1, 0.2, 0.3 ... of its parameters, as far as bounds say nothing."""
-    own = [Parameter(f"{c.label}.{p.key}", 0.0, p.low, p.high) for c in effects for p in c.coordinates]
+    """A fit with standard errors of 0.1, 0.2, 0.3 ... of its parameters, as far as bounds say
+    nothing."""
+    own = [
+        Parameter(f"{c.label}.{p.key}", 0.0, p.low, p.high) for c in effects for p in c.coordinates
+    ]
     residual, jacobian = np.zeros(SAMPLES), np.zeros((SAMPLES, len(values)))
     residual[-1] = chi2**0.5
     np.fill_diagonal(jacobian, 10.0 / np.arange(1, len(values) + 1))
-    return Fit(tuple(effects), (*nuisances, *own), np.array(values, float), residual, jacobian, 1, "converged")
+    return Fit(
+        tuple(effects),
+        (*nuisances, *own),
+        np.array(values, float),
+        residual,
+        jacobian,
+        1,
+        "converged",
+    )
 
 
 BASE = fitted([], [1.0], 900.0)
@@ -56,18 +70,34 @@ def outcome_of(chosen, base=BASE, equivalent=(), ranking=()):
 
 def gaps(after=(1.0, 1.05), fall=(60.0, 64.0)):
     """Table of gaps of both roles, all channels and runs together."""
-    falls = {"fall_low": fall[0], "fall_high": fall[1], "fall_expected": 62.0, "run": "all", "channel": "all"}
+    falls = {
+        "fall_low": fall[0],
+        "fall_high": fall[1],
+        "fall_expected": 62.0,
+        "run": "all",
+        "channel": "all",
+    }
     rows = [("identify", 9.0, after[0], after[0]), ("confirm", 8.0, after[1], after[1])]
     return pd.DataFrame(rows, columns=["role", "before", "after", "after_low"]).assign(**falls)
 
 
 def document(outcome, campaign=CAMPAIGN, **given):
-    windows = [("slow", "crank_torque", 350.0, 10.0, 2.0, 1e-9), ("fast", "guide_force", 20.0, 40.0, 3.0, 0.004)]
+    windows = [
+        ("slow", "crank_torque", 350.0, 10.0, 2.0, 1e-9),
+        ("fast", "guide_force", 20.0, 40.0, 3.0, 0.004),
+    ]
     columns = ["run", "channel", "start_deg", "end_deg", "rms", "p_adjusted"]
     tables = {name: pd.DataFrame(columns=TABLES[name].names) for name in verdict_json.TABLES}
-    tables |= {"gaps": given.pop("gaps", gaps()), "map_windows": pd.DataFrame(windows, columns=columns)}
-    tables["detectable"] = pd.DataFrame({"label": [given.pop("undetectable", "gravity")], "detectable": [False]})
-    tables["confusability"] = pd.DataFrame({"first": ["a", "b"], "second": ["b", "a"], "merged": True})
+    tables |= {
+        "gaps": given.pop("gaps", gaps()),
+        "map_windows": pd.DataFrame(windows, columns=columns),
+    }
+    tables["detectable"] = pd.DataFrame(
+        {"label": [given.pop("undetectable", "gravity")], "detectable": [False]}
+    )
+    tables["confusability"] = pd.DataFrame(
+        {"first": ["a", "b"], "second": ["b", "a"], "merged": True}
+    )
     return verdict_json.document(outcome, tables, campaign, **given)
 
 
@@ -88,20 +118,38 @@ def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_
         "held_out_test": "falls",
         "doubted_channels": [],
         "where": [
-            {"run": "slow", "channel": "crank_torque", "crank_angle_deg": [350.0, 10.0], "p_adjusted": 1e-9},
-            {"run": "fast", "channel": "guide_force", "crank_angle_deg": [20.0, 40.0], "p_adjusted": 0.004},
+            {
+                "run": "slow",
+                "channel": "crank_torque",
+                "crank_angle_deg": [350.0, 10.0],
+                "p_adjusted": 1e-9,
+            },
+            {
+                "run": "fast",
+                "channel": "guide_force",
+                "crank_angle_deg": [20.0, 40.0],
+                "p_adjusted": 0.004,
+            },
         ],
         "orders": [],
-        "gap": {"identify": {"before": 9.0, "after": 1.0}, "confirm": {"before": 8.0, "after": 1.05}},
+        "gap": {
+            "identify": {"before": 9.0, "after": 1.0},
+            "confirm": {"before": 8.0, "after": 1.05},
+        },
         "held_out": [],
         "preflight": {"undetectable": ["gravity"], "merged": [["a", "b"]]},
         "false_alarm_rate": None,
     }
-    assert document(outcome_of(fitted([FRICTION], [1.5, 20.0])), repeats=False)["basis"] == "statistics"
+    assert (
+        document(outcome_of(fitted([FRICTION], [1.5, 20.0])), repeats=False)["basis"]
+        == "statistics"
+    )
 
 
 def test_where_no_held_out_sample_can_be_used_the_verdict_stands_with_a_gap_of_the_fitted_data_alone():
-    content = document(outcome_of(fitted([FRICTION], [1.5, 20.0])), gaps=gaps().query("role == 'identify'"))
+    content = document(
+        outcome_of(fitted([FRICTION], [1.5, 20.0])), gaps=gaps().query("role == 'identify'")
+    )
     assert (content["verdict"], content["held_out_test"]) == ("named", "nothing_held_out")
     gap = {"identify": {"before": 9.0, "after": 1.0}, "confirm": {"before": None, "after": None}}
     assert content["gap"] == gap
@@ -131,39 +179,72 @@ def test_a_nuisance_whose_deviation_the_preflight_cannot_detect_has_no_interval(
 def normal(value, sd, **tolerance):
     """A normal number as it is stated: value, standard error and intervals."""
     halves = {level: half_width * sd for level, half_width in HALF_WIDTHS.items()}
-    intervals = {level: pytest.approx([value - half, value + half], **tolerance) for level, half in halves.items()}
-    return {"value": value, "sd": pytest.approx(sd)} | {f"interval_{level}": ends for level, ends in intervals.items()}
+    intervals = {
+        level: pytest.approx([value - half, value + half], **tolerance)
+        for level, half in halves.items()
+    }
+    return {"value": value, "sd": pytest.approx(sd)} | {
+        f"interval_{level}": ends for level, ends in intervals.items()
+    }
 
 
 def test_an_effect_stands_with_its_site_its_gain_over_the_base_and_its_estimates():
     (stated,) = document(outcome_of(fitted([FRICTION], [1.5, 20.0])))["effects"]
     gain = pytest.approx(900.0 - 64.0 - LN)  # one parameter more, worth ln n
     parameters = {"force_N": normal(20.0, 0.2)}
-    assert stated == {"name": "friction", "site": "slider", "delta_bic": gain, "parameters": parameters}
+    assert stated == {
+        "name": "friction",
+        "site": "slider",
+        "delta_bic": gain,
+        "parameters": parameters,
+    }
 
 
 def test_of_two_effects_each_gains_over_the_other_alone_as_the_ranking_has_it():
     both = fitted([FRICTION, SPRING], [1.5, 20.0, 7.0])
     ranking = [("friction", both.bic + 30.0), ("spring", both.bic + 70.0), ("unheard_of", np.nan)]
-    for of, wanted in ((ranking, [70.0, 30.0]), ([("friction", np.nan), *ranking[1:]], [70.0, None])):
+    for of, wanted in (
+        (ranking, [70.0, 30.0]),
+        ([("friction", np.nan), *ranking[1:]], [70.0, None]),
+    ):
         effects = document(outcome_of(both, ranking=of))["effects"]
         assert [one["name"] for one in effects] == ["friction", "spring"]
-        assert [one["delta_bic"] for one in effects] == [one and pytest.approx(one) for one in wanted]
+        assert [one["delta_bic"] for one in effects] == [
+            one and pytest.approx(one) for one in wanted
+        ]
     rivals = [fitted([FRICTION], [1.5, 20.0], 70.0), fitted([SPRING], [1.5, 7.0], 72.0)]
     content = document(outcome_of(BASE, equivalent=rivals))
     assert content["effects"] == []
-    assert [[one["name"] for one in rival] for rival in content["equivalent"]] == [["friction"], ["spring"]]
-    assert [rival[0]["delta_bic"] for rival in content["equivalent"]] == pytest.approx([830.0 - LN, 828.0 - LN])
+    assert [[one["name"] for one in rival] for rival in content["equivalent"]] == [
+        ["friction"],
+        ["spring"],
+    ]
+    assert [rival[0]["delta_bic"] for rival in content["equivalent"]] == pytest.approx(
+        [830.0 - LN, 828.0 - LN]
+    )
 
 
 def test_terms_of_a_law_are_one_effect_with_a_formula_beside_the_other_effects():
     chosen = fitted([CUBE, FRICTION, WAVE], [1.5, -2.5, 20.0, 4.0])
     friction, law = verdict_json.effects(chosen, {"base": 900.0, "friction": chosen.bic + 55.0})
-    assert (friction["name"], friction["delta_bic"]) == ("friction", None)  # the law alone is not known
-    assert (law["name"], law["site"], law["delta_bic"]) == ("discovered_slider_force", "slider", pytest.approx(55.0))
+    assert (friction["name"], friction["delta_bic"]) == (
+        "friction",
+        None,
+    )  # the law alone is not known
+    assert (law["name"], law["site"], law["delta_bic"]) == (
+        "discovered_slider_force",
+        "slider",
+        pytest.approx(55.0),
+    )
     formula = {"value": "c1*v^3 + c2*sin(theta)"}
-    assert law["parameters"] == {"formula": formula, "c1": normal(-2.5, 0.2), "c2": normal(4.0, 0.4)}
-    law = verdict_json.effects(fitted([CUBE], [1.5, -49.9]), {})[0]  # the interval ends at the bound
+    assert law["parameters"] == {
+        "formula": formula,
+        "c1": normal(-2.5, 0.2),
+        "c2": normal(4.0, 0.4),
+    }
+    law = verdict_json.effects(fitted([CUBE], [1.5, -49.9]), {})[
+        0
+    ]  # the interval ends at the bound
     ends = truncnorm(-0.5, math.inf, -49.9, 0.2).ppf([0.05, 0.95])
     assert law["parameters"]["c1"]["interval_90"] == pytest.approx(ends, abs=0.02)
 
@@ -174,13 +255,21 @@ def test_nuisances_stand_with_value_and_standard_error_or_the_reason_why_there_i
     assert stated == {"mass": {"value": 9.0, "sd": None, "remark": "at its bound", "kept": True}}
     assert sorted(lows, reverse=True) == list(lows) and set(highs) == {9.0}
     chosen = fitted([], [0.3, 1.5], nuisances=(START, MASS))
-    assert document(outcome_of(chosen))["nuisances"]["first_angle@back"] == normal(0.3, 0.1, abs=0.02)
+    assert document(outcome_of(chosen))["nuisances"]["first_angle@back"] == normal(
+        0.3, 0.1, abs=0.02
+    )
     back = CAMPAIGN.runs[0].model_copy(update={"id": "back", "direction": "clockwise"})
-    turned = document(outcome_of(chosen), CAMPAIGN.model_copy(update={"runs": (back,)}))["nuisances"]
-    assert turned["first_angle@back"] == normal(-0.3, 0.1, abs=0.02) and turned["mass"]["value"] == 1.5
+    turned = document(outcome_of(chosen), CAMPAIGN.model_copy(update={"runs": (back,)}))[
+        "nuisances"
+    ]
+    assert (
+        turned["first_angle@back"] == normal(-0.3, 0.1, abs=0.02) and turned["mass"]["value"] == 1.5
+    )
 
 
-def test_the_text_has_null_for_what_is_no_number_is_read_again_and_nothing_else_is_a_verdict(tmp_path):
+def test_the_text_has_null_for_what_is_no_number_is_read_again_and_nothing_else_is_a_verdict(
+    tmp_path,
+):
     path = tmp_path / "verdict.json"
     numbers = {
         "before": np.float64(2.5),
@@ -188,7 +277,10 @@ def test_the_text_has_null_for_what_is_no_number_is_read_again_and_nothing_else_
         "low": np.float32(-np.inf),
         "runs": (np.int64(3), [np.inf]),
     }
-    path.write_text(verdict_json.text({"schema_version": 3, "campaign": "Prüfstand"} | numbers), encoding="utf-8")
+    path.write_text(
+        verdict_json.text({"schema_version": 3, "campaign": "Prüfstand"} | numbers),
+        encoding="utf-8",
+    )
     plain = {"before": 2.5, "after": None, "low": None, "runs": [3, [None]]}
     assert verdict_json.read(path) == {"schema_version": 3, "campaign": "Prüfstand"} | plain
 
@@ -206,8 +298,13 @@ def test_the_text_has_null_for_what_is_no_number_is_read_again_and_nothing_else_
 
 
 def test_what_is_certain_has_the_values_of_the_best_explanation():
-    rivals = [fitted([FRICTION, SPRING], [1.5, 20.0, 7.0], 70.0), fitted([WAVE, FRICTION], [1.5, 4.0, 21.0], 72.0)]
-    outcome = replace(outcome_of(BASE, equivalent=rivals), verdict="ambiguous", certain=("friction",))
+    rivals = [
+        fitted([FRICTION, SPRING], [1.5, 20.0, 7.0], 70.0),
+        fitted([WAVE, FRICTION], [1.5, 4.0, 21.0], 72.0),
+    ]
+    outcome = replace(
+        outcome_of(BASE, equivalent=rivals), verdict="ambiguous", certain=("friction",)
+    )
     (certain,) = document(outcome)["certain"]
     assert (certain["name"], certain["parameters"]["force_N"]["value"]) == ("friction", 20.0)
     assert document(replace(outcome, certain=()))["certain"] == []
@@ -218,7 +315,9 @@ def test_a_named_sensor_fault_has_those_that_predict_the_same_beside_it():
     named, twin = (fitted([FRICTION, one], [1.5, 20.0, 2e-3], 70.0) for one in (late, lag))
     friction, fault = document(replace(outcome_of(named), twins=[twin]))["effects"]
     assert "alternatives" not in friction
-    assert [(one["name"], one["parameters"]["late_s"]["value"]) for one in fault["alternatives"]] == [("lag", 2e-3)]
+    assert [
+        (one["name"], one["parameters"]["late_s"]["value"]) for one in fault["alternatives"]
+    ] == [("lag", 2e-3)]
 
 
 def test_what_is_best_but_not_proven_stands_with_its_end_its_test_and_its_nearest_rival():
@@ -234,10 +333,20 @@ def test_what_is_best_but_not_proven_stands_with_its_end_its_test_and_its_neares
     outcome = Outcome("unexplained", BASE, BASE, [], ranking, because="it is poor", best_known=best)
     content = document(outcome, gaps=gaps((6.0, 5.9), (-3.0, 40.0)), inconsistent=["torque"])
     known = content["best_known"]
-    assert content["effects"] == [] and [one["name"] for one in known["effects"]] == ["friction", "spring"]
-    assert content["gap"] == {"identify": {"before": 9.0, "after": 6.0}, "confirm": {"before": 8.0, "after": 5.9}}
+    assert content["effects"] == [] and [one["name"] for one in known["effects"]] == [
+        "friction",
+        "spring",
+    ]
+    assert content["gap"] == {
+        "identify": {"before": 9.0, "after": 6.0},
+        "confirm": {"before": 8.0, "after": 5.9},
+    }
     assert known["explained_share"] == 0.56
-    assert known["rival"] == {"explanation": "wave", "behind": pytest.approx(432.0), "explained_share": 0.1}
+    assert known["rival"] == {
+        "explanation": "wave",
+        "behind": pytest.approx(432.0),
+        "explained_share": 0.1,
+    }
     assert (content["held_out_test"], content["doubted_channels"]) == ("stays", ["torque"])
     assert document(replace(outcome, ranking=ranking.head(1)))["best_known"]["rival"] is None
     assert document(replace(outcome, best_known=None))["best_known"] is None
@@ -248,40 +357,65 @@ def test_a_formula_that_is_not_named_is_best_known_where_it_is_better_than_every
         law = fitted([CUBE], [1.5, -2.5], chi2)
         effect = of_effect and fitted([FRICTION], [1.5, 20.0], of_effect)
         limits = Thresholds(rate=0.01, omnibus=1.05, max_gain_threshold=12.0)
-        found = Outcome("unexplained", BASE, BASE, [], ranking_frame([]), because="it is poor", best_known=effect)
-        proposed = ForceLawResult(law, False, "it explains little", ranking=[weigh_fit(BASE, law, limits)])
+        found = Outcome(
+            "unexplained",
+            BASE,
+            BASE,
+            [],
+            ranking_frame([]),
+            because="it is poor",
+            best_known=effect,
+        )
+        proposed = ForceLawResult(
+            law, False, "it explains little", ranking=[weigh_fit(BASE, law, limits)]
+        )
         outcome = outcome_with_law(found, proposed)
         assert outcome.best_known is {"law": law, "effect": effect, None: None}[shown]
         (row,) = outcome.placed_ranking.to_dict("records")
         assert row["place"] == ("best_known" if shown == "law" else "")
 
     # alone it has to be ahead of the base by 900 - 880 less ln n
-    each(known, [(50.0, 60.0, "law"), (70.0, 60.0, "effect"), (880.0, None, "law"), (890.0, None, None)])
+    each(
+        known,
+        [(50.0, 60.0, "law"), (70.0, 60.0, "effect"), (880.0, None, "law"), (890.0, None, None)],
+    )
 
 
 def test_a_listed_effect_that_a_formula_found_again_has_one_row_in_the_ranking():
     """Its earlier fit ended in another minimum."""
     before, again = (fitted([FRICTION], [1.5, 20.0], chi2) for chi2 in (800.0, 70.0))
     limits = Thresholds(0.01, 1.05, 12.0)
-    found = Outcome("unexplained", BASE, BASE, [], ranking_frame([weigh_fit(BASE, before, limits)]), because="poor")
+    found = Outcome(
+        "unexplained",
+        BASE,
+        BASE,
+        [],
+        ranking_frame([weigh_fit(BASE, before, limits)]),
+        because="poor",
+    )
     proposed = ForceLawResult(again, True, "", ranking=[weigh_fit(BASE, again, limits)])
     named = outcome_with_law(found, proposed)
     assert (named.verdict, len(named.ranking)) == ("named", 1)
     refuted = replace(named, verdict="unexplained", chosen=BASE, best_known=again)
     content = json.loads(verdict_json.text(document(refuted)))
-    assert content["best_known"]["explained_share"] == pytest.approx((900 - 70) / (900 - SAMPLES + 1))
+    assert content["best_known"]["explained_share"] == pytest.approx(
+        (900 - 70) / (900 - SAMPLES + 1)
+    )
 
 
 def test_the_gap_after_is_that_of_the_best_candidate_as_the_page_and_the_terminal_say():
     best = fitted([FRICTION], [1.5, 20.0], 400.0)
     ranking = pd.DataFrame(
-        [("friction", best.bic, 0.2, True)], columns=["explanation", "bic", "explained_share", "admissible"]
+        [("friction", best.bic, 0.2, True)],
+        columns=["explanation", "bic", "explained_share", "admissible"],
     )
     outcome = Outcome("unexplained", BASE, BASE, [], ranking, because="it is poor", best_known=best)
     table = gaps((6.0, 1.18), (-3.0, 40.0))
     table = pd.concat([table, table[table["role"] == "confirm"].assign(run="slow", remark=None)])
     content = document(outcome, gaps=table)
-    assert content["gap"]["confirm"] == {"before": 8.0, "after": 1.18} == content["held_out"][0]["gap"]
+    assert (
+        content["gap"]["confirm"] == {"before": 8.0, "after": 1.18} == content["held_out"][0]["gap"]
+    )
     equal = document(outcome_of(BASE, equivalent=[best]), gaps=table)
     assert equal["gap"]["confirm"]["after"] == 1.18
 
@@ -291,17 +425,21 @@ def test_certain_effects_and_steps_that_were_not_run_come_from_the_decision():
     ranking = [("friction + spring", best.bic, 0.56, True)]
     ranking = pd.DataFrame(ranking, columns=["explanation", "bic", "explained_share", "admissible"])
     told = {"certain": ("spring",), "not_searched": ("pairs of effects",)}
-    outcome = Outcome("unexplained", BASE, BASE, [], ranking, because="it is poor", best_known=best, **told)
+    outcome = Outcome(
+        "unexplained", BASE, BASE, [], ranking, because="it is poor", best_known=best, **told
+    )
     content = document(outcome)
-    assert [(one["name"], one["parameters"]["stiffness_N_m"]["value"]) for one in content["certain"]] == [
-        ("spring", 7.0)
-    ]
+    assert [
+        (one["name"], one["parameters"]["stiffness_N_m"]["value"]) for one in content["certain"]
+    ] == [("spring", 7.0)]
     assert content["not_searched"] == ["pairs of effects"]
 
 
 def test_the_99_percent_interval_of_a_shape_contains_that_of_90_percent():
     drag = effect("slider_power_drag", "exponent")
-    family = pd.DataFrame([("slider_power_drag", "slider_power_drag", "exponent", 20.0, 19.9, 20.05, True, False)])
+    family = pd.DataFrame(
+        [("slider_power_drag", "slider_power_drag", "exponent", 20.0, 19.9, 20.05, True, False)]
+    )
     family.columns = TABLES["law_families"].names
     chosen = fitted([drag], [1.5, 20.0])
     (stated,) = verdict_json._with_families(verdict_json.effects(chosen, {}), family)

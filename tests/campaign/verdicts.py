@@ -26,7 +26,9 @@ NAMED = {
     "held_out_test": "falls",
     "doubted_channels": [],
     "nuisances": {"slider_mass": {"value": 0.447, "sd": 0.002}},
-    "where": [{"run": "slow", "channel": "crank_torque", "crank_angle_deg": [350, 10], "p_adjusted": 1e-9}],
+    "where": [
+        {"run": "slow", "channel": "crank_torque", "crank_angle_deg": [350, 10], "p_adjusted": 1e-9}
+    ],
     "orders": [],
     "gap": {"identify": {"before": 9.1, "after": 1.02}, "confirm": {"before": 8.7, "after": 1.05}},
     "preflight": {
@@ -36,12 +38,21 @@ NAMED = {
     "false_alarm_rate": 0.01,
 }
 UNNAMED = NAMED | {"effects": [], "where": [], "held_out_test": None}
-MET = UNNAMED | {"gap": {"identify": {"before": 1.01, "after": 1.01}, "confirm": {"before": 1.02, "after": 1.02}}}
+MET = UNNAMED | {
+    "gap": {"identify": {"before": 1.01, "after": 1.01}, "confirm": {"before": 1.02, "after": 1.02}}
+}
 VERDICTS = {
     "named": NAMED,
     "named_with_remaining_misfit": NAMED | {"verdict": "named_with_remaining_misfit"},
     "no_disagreement": MET | {"verdict": "no_disagreement"},
     "parameters_only": MET | {"verdict": "parameters_only"},
-    "ambiguous": UNNAMED | {"verdict": "ambiguous", "equivalent": [[COULOMB], [BIAS]], "held_out_test": "falls"},
+    "ambiguous": (
+        UNNAMED
+        | {
+            "verdict": "ambiguous",
+            "equivalent": [[COULOMB], [BIAS]],
+            "held_out_test": "falls",
+        }
+    ),
     "unexplained": UNNAMED | {"verdict": "unexplained"},
 }

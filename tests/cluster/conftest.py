@@ -1,4 +1,5 @@
-"""A SLURM of one node on this machine, shared by the tests; `make test-cluster` installs its packages."""
+"""A SLURM of one node on this machine, shared by the tests; `make test-cluster` installs its
+packages."""
 
 import os
 import signal
@@ -14,9 +15,15 @@ from benchmarks.project import copy_project, environment, in_venv
 from benchmarks.services import Slurm
 
 CORES = 2
-"""Of the node, whatever the machine has: of the four parts of the sweep some wait while others run."""
+"""Of the node, whatever the machine has: of the four parts of the sweep some wait while others
+run."""
 
-PROFILE = ("--workflow-profile", "workflow/profiles/slurm", "--slurm-init-seconds-before-status-checks", "2")
+PROFILE = (
+    "--workflow-profile",
+    "workflow/profiles/slurm",
+    "--slurm-init-seconds-before-status-checks",
+    "2",
+)
 """As PROFILE=slurm has it, but that the jobs are looked at more often."""
 
 SWEEP = """
@@ -43,12 +50,15 @@ def workflow(*asked: str) -> list[str]:
 def run_on(slurm: Slurm, project: Path, *asked: str) -> subprocess.CompletedProcess:
     """Run the workflow on a SLURM to the end."""
     command = workflow(*asked)
-    return subprocess.run(command, cwd=project, env=slurm.environment, capture_output=True, text=True, check=False)
+    return subprocess.run(
+        command, cwd=project, env=slurm.environment, capture_output=True, text=True, check=False
+    )
 
 
 @contextmanager
 def begun_on(slurm: Slurm, project: Path, *asked: str) -> Iterator[subprocess.Popen]:
-    """A run of the workflow on a SLURM that goes on meanwhile, and writes what it says to the project's `said.txt`."""
+    """A run of the workflow on a SLURM that goes on meanwhile, and writes what it says to the
+    project's `said.txt`."""
     with open(project / "said.txt", "w") as said:
         run = subprocess.Popen(
             workflow(*asked),
@@ -78,7 +88,8 @@ def slurm() -> Iterator[Slurm]:
 
 @pytest.fixture
 def project(tmp_path: Path) -> Path:
-    """A copy of the project in which nothing has run, in a folder with a space, with a small sweep in `sweep.yaml`."""
+    """A copy of the project in which nothing has run, in a folder with a space, with a small sweep
+    in `sweep.yaml`."""
     folder = copy_project(tmp_path / "a project")
     (folder / "sweep.yaml").write_text(SWEEP)
     return folder
@@ -90,7 +101,9 @@ def swept_here(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     folder = copy_project(tmp_path_factory.mktemp("here") / "project")
     (folder / "sweep.yaml").write_text(SWEEP)
     subprocess.run(
-        in_venv("snakemake", "swept", "--configfile", "sweep.yaml", "--cores", "2", "--quiet", "all"),
+        in_venv(
+            "snakemake", "swept", "--configfile", "sweep.yaml", "--cores", "2", "--quiet", "all"
+        ),
         cwd=folder,
         env=environment(),
         check=True,
@@ -100,7 +113,10 @@ def swept_here(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
 
 def dataset(project: Path) -> dict[str, bytes]:
     """Files of the dataset of a project's sweep, by name."""
-    return {path.name: path.read_bytes() for path in (project / "results/sweep/sweep/designs").glob("part_*.parquet")}
+    return {
+        path.name: path.read_bytes()
+        for path in (project / "results/sweep/sweep/designs").glob("part_*.parquet")
+    }
 
 
 @pytest.fixture
@@ -110,7 +126,15 @@ def without_slurm(tmp_path: Path) -> dict[str, str]:
     commands.mkdir()
     for folder in ("/usr/bin", "/bin"):
         for path in Path(folder).iterdir():
-            if path.name not in ("sbatch", "squeue", "sacct", "scancel", "scontrol", "srun", "sinfo"):
+            if path.name not in (
+                "sbatch",
+                "squeue",
+                "sacct",
+                "scancel",
+                "scontrol",
+                "srun",
+                "sinfo",
+            ):
                 (commands / path.name).unlink(missing_ok=True)
                 (commands / path.name).symlink_to(path)
     python = environment()["PATH"].split(os.pathsep)[0]

@@ -1,4 +1,5 @@
-"""The workflow on a real SLURM has the results that it has without, whatever dies; where there is none it says so."""
+"""The workflow on a real SLURM has the results that it has without, whatever dies; where there is
+none it says so."""
 
 import json
 import os
@@ -20,13 +21,17 @@ from tests.cluster.conftest import CORES, SWEEP, begun_on, dataset, run_on, work
 pytestmark = pytest.mark.cluster
 
 SWEPT = ("swept", "--configfile", "sweep.yaml")
-PATIENCE = 600  # seconds until something that has to happen is given up: a machine may be busy with other things
+# seconds until something that has to happen is given up: a machine may be busy with other things
+PATIENCE = 600
 
 Found = TypeVar("Found")
 
 
-def wait_for(something: Callable[[], Found], run: subprocess.Popen | None = None, project: Path = Path()) -> Found:
-    """What the function `something` finds, as soon as it finds it; a `run` in a `project` has to go on meanwhile."""
+def wait_for(
+    something: Callable[[], Found], run: subprocess.Popen | None = None, project: Path = Path()
+) -> Found:
+    """What the function `something` finds, as soon as it finds it; a `run` in a `project` has to go
+    on meanwhile."""
     deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
         if found := something():
@@ -100,7 +105,9 @@ def test_a_campaign_comes_to_its_verdict(slurm, project):
     assert verdict["verdict"] == "named"
 
 
-def test_a_sweep_has_the_bytes_that_it_has_on_one_machine_and_goes_in_an_array(slurm, project, swept_here):
+def test_a_sweep_has_the_bytes_that_it_has_on_one_machine_and_goes_in_an_array(
+    slurm, project, swept_here
+):
     done = run_on(slurm, project, *SWEPT)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
     assert re.search(r"Submitted array job with Snakemake IDs (\d+,){3}\d+ ", done.stderr)
@@ -116,7 +123,9 @@ def test_a_killed_and_a_cancelled_job_are_made_again(slurm, project, swept_here)
     assert dataset(project) == swept_here
 
 
-def test_a_node_that_goes_down_with_its_jobs_and_comes_back_does_them_again(slurm, project, swept_here):
+def test_a_node_that_goes_down_with_its_jobs_and_comes_back_does_them_again(
+    slurm, project, swept_here
+):
     with begun_on(slurm, project, *SWEPT) as run:
         wait_for(lambda: simulating(project), run, project)
         kill([*processes_with(f"slurmd\0-f\0{slurm.folder}/"), *simulating(project)])
@@ -140,7 +149,12 @@ def test_a_run_that_is_killed_itself_goes_on_when_it_is_called_again(slurm, proj
 def refused(environment, project, *options: str) -> str:
     """What is said by a run that ends before its first job."""
     done = subprocess.run(
-        workflow(*SWEPT, *options), cwd=project, env=environment, capture_output=True, text=True, check=False
+        workflow(*SWEPT, *options),
+        cwd=project,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 1
     assert not dataset(project) and "Traceback" not in done.stdout + done.stderr
@@ -148,7 +162,9 @@ def refused(environment, project, *options: str) -> str:
     return error
 
 
-def test_without_the_commands_of_slurm_nothing_is_simulated_and_one_error_says_what_is_missing(without_slurm, project):
+def test_without_the_commands_of_slurm_nothing_is_simulated_and_one_error_says_what_is_missing(
+    without_slurm, project
+):
     assert "no sbatch, squeue" in (said := refused(without_slurm, project))
     assert "apt-get install slurm-client" in said
 

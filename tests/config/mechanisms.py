@@ -7,7 +7,12 @@ from jointgap.config.yaml_files import merge
 
 ROOT = Path(__file__).resolve().parents[2]
 PAPER = ROOT / "config/mechanisms/erkaya2009.yaml"
-PIVOT = {"journal": "frame", "journal_radius": "10 mm", "bearing_radius": "10.5 mm", "contact": "steel"}
+PIVOT = {
+    "journal": "frame",
+    "journal_radius": "10 mm",
+    "bearing_radius": "10.5 mm",
+    "contact": "steel",
+}
 
 
 def paper() -> Mechanism:
@@ -16,7 +21,9 @@ def paper() -> Mechanism:
 
 def mechanism(*effects: dict, **over) -> Mechanism:
     """The paper's mechanism with `effects`, and with sections laid over its own."""
-    return validate(Mechanism, merge(read_yaml(PAPER), over | {"effects": list(effects)}), "mine.yaml")
+    return validate(
+        Mechanism, merge(read_yaml(PAPER), over | {"effects": list(effects)}), "mine.yaml"
+    )
 
 
 def with_contact(**keys) -> Mechanism:

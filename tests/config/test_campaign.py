@@ -48,9 +48,13 @@ def load(tmp_path):
     def loaded(over: dict, kind: str = "yaml") -> Campaign:
         merged = {key: value for key, value in merge(CAMPAIGN, over).items() if value is not None}
         if isinstance(merged.get("channels"), dict):
-            merged["channels"] = {key: value for key, value in merged["channels"].items() if value is not None}
+            merged["channels"] = {
+                key: value for key, value in merged["channels"].items() if value is not None
+            }
         path = tmp_path / f"rig.{kind}"
-        path.write_text((json.dumps if kind == "json" else yaml.safe_dump)(merged), encoding="utf-8")
+        path.write_text(
+            (json.dumps if kind == "json" else yaml.safe_dump)(merged), encoding="utf-8"
+        )
         return load_campaign(path)
 
     return loaded
@@ -64,8 +68,12 @@ def again(campaign: Campaign, folder) -> Campaign:
 
 def test_a_campaign_file_becomes_sections_in_si(load, tmp_path):
     campaign = load({})
-    assert (campaign.mechanism, campaign.folder) == (paper(), tmp_path) and again(campaign, tmp_path) == campaign
-    assert [run.id for run in campaign.runs] == ["slow", "mid", "fast"] and campaign.runs[2].first_angle is None
+    assert (campaign.mechanism, campaign.folder) == (paper(), tmp_path) and again(
+        campaign, tmp_path
+    ) == campaign
+    assert [run.id for run in campaign.runs] == ["slow", "mid", "fast"] and campaign.runs[
+        2
+    ].first_angle is None
     assert campaign.runs[2].speed == pytest.approx(20 * math.pi, rel=1e-15)
     assert campaign.channels["slider_acceleration"].bandwidth == 2000.0
     factors = [campaign.factor(name) for name in ("slider_acceleration", "crank_angle")]
@@ -83,7 +91,10 @@ def test_runs_stand_by_speed_whatever_their_order_in_the_file(load):
 def test_what_is_left_out_of_a_campaign_has_the_documented_meaning(load):
     campaign = load({"drive": None, "nuisance": None})
     assert (campaign.drive, campaign.nuisance) == ("constant_speed", {})
-    assert (campaign.channels["crank_torque"].filter, campaign.runs[0].direction) == ("zero_phase", "counter_clockwise")
+    assert (campaign.channels["crank_torque"].filter, campaign.runs[0].direction) == (
+        "zero_phase",
+        "counter_clockwise",
+    )
     for clock in ("time", "crank_angle"):  # with both the records tell the speed themselves
         assert load({"channels": {clock: None}}).idle_nuisances == ()
     assert load({"mechanism": IDEAL}).idle_nuisances == ("restitution", "speed")
@@ -94,17 +105,35 @@ def test_percentages_are_shares_of_nominal_and_bounds_are_converted(load, tmp_pa
     assert campaign.nuisance["slider_mass"] == 0.025
     assert campaign.bounds("slider_mass", 2.0) == pytest.approx((1.95, 2.05), rel=1e-15)
     assert campaign.bounds("rod_length", 0.564) == pytest.approx((0.563, 0.565), rel=1e-15)
-    for share in ("5%", "0.1 %", "33.3 %", "12.345678901234567 percent"):  # survives to the last digit
+    for share in (
+        "5%",
+        "0.1 %",
+        "33.3 %",
+        "12.345678901234567 percent",
+    ):  # survives to the last digit
         campaign = load({"nuisance": {"slider_mass": share}})
         assert again(campaign, tmp_path).nuisance == campaign.nuisance
-    for given, zero in (("180 deg", 0.0), (["170 deg", "190 deg"], math.pi), (["0 deg", "360 deg"], 0.0)):
-        assert load({"nuisance": {"encoder_zero": given}}).nominals("encoder_zero") == pytest.approx((zero,), rel=1e-15)
+    for given, zero in (
+        ("180 deg", 0.0),
+        (["170 deg", "190 deg"], math.pi),
+        (["0 deg", "360 deg"], 0.0),
+    ):
+        assert load({"nuisance": {"encoder_zero": given}}).nominals(
+            "encoder_zero"
+        ) == pytest.approx((zero,), rel=1e-15)
 
 
 def test_noise_and_resolution_may_have_units_of_their_own(load):
-    channels = {"slider_acceleration": {"noise": "0.980665 m/s^2"}, "crank_angle": {"resolution": "turn/3600"}}
+    channels = {
+        "slider_acceleration": {"noise": "0.980665 m/s^2"},
+        "crank_angle": {"resolution": "turn/3600"},
+    }
     found = load({"channels": channels | {"crank_torque": {"noise": {"slow": "20 N*mm"}}}}).channels
-    stated = found["slider_acceleration"].noise, found["crank_angle"].resolution, found["crank_torque"].noise_of("slow")
+    stated = (
+        found["slider_acceleration"].noise,
+        found["crank_angle"].resolution,
+        found["crank_torque"].noise_of("slow"),
+    )
     assert stated == pytest.approx((0.1, 0.1, 0.02), rel=1e-12)
 
 
@@ -116,13 +145,19 @@ def test_a_channel_of_counts_needs_no_unit_and_is_read_in_steps_of_one_count(loa
         "slider_acceleration": CAMPAIGN["channels"]["slider_acceleration"],
     }
     path = tmp_path / "counts.json"
-    path.write_text(json.dumps(CAMPAIGN | {"mechanism": IDEAL, "nuisance": {}, "channels": channels}), encoding="utf-8")
+    path.write_text(
+        json.dumps(CAMPAIGN | {"mechanism": IDEAL, "nuisance": {}, "channels": channels}),
+        encoding="utf-8",
+    )
     campaign = load_campaign(path)
     factors = [campaign.factor(name) for name in ("time", "crank_angle", "crank_torque")]
     assert factors == pytest.approx([5e-4, math.tau / 4000, 0.35], rel=1e-15)
     assert campaign.channels["crank_angle"].resolution == 1.0
     assert campaign.channels["crank_angle"].noise == pytest.approx(2.0, rel=1e-12)
-    assert campaign.shown_unit("crank_torque") == ("N*m", 1.0)  # pages show the quantity, not the signal
+    assert campaign.shown_unit("crank_torque") == (
+        "N*m",
+        1.0,
+    )  # pages show the quantity, not the signal
     assert campaign.shown_unit("crank_angle")[0] == "deg"
     assert again(campaign, tmp_path) == campaign
 
@@ -204,12 +239,20 @@ mid: {first_angle: 10 deg} => 'mid' has first_angle ~ remove first_angle
 
 
 def test_a_mistake_in_a_campaign_is_named_with_file_key_value_and_mend(load, tmp_path):
-    cases = [*written(MISTAKES), *(({"runs": runs(**changes)}, words) for changes, words in written(RUNS))]
+    cases = [
+        *written(MISTAKES),
+        *(({"runs": runs(**changes)}, words) for changes, words in written(RUNS)),
+    ]
     cases += [({"mechanism": IDEAL | {"crank": {}}}, "key 'mechanism.crank.length' is missing")]
-    unnamed = [{key: value for key, value in run.items() if key != "id"} for run in CAMPAIGN["runs"]]
+    unnamed = [
+        {key: value for key, value in run.items() if key != "id"} for run in CAMPAIGN["runs"]
+    ]
     cases += [({"runs": unnamed}, "key 'runs.0.id' is missing ~ 'runs.2.id'")]
     files = (["a", 5], [["a"], "b"], ["a"], [])
-    cases += [({"runs": runs(mid={"file": wrong})}, "must be the name of a file, or a list of two") for wrong in files]
+    cases += [
+        ({"runs": runs(mid={"file": wrong})}, "must be the name of a file, or a list of two")
+        for wrong in files
+    ]
     gated = {"time": None, "crank_torque": {"column": "M", "unit": "N*m", "average": "50 ms"}}
     cases += [({"channels": gated}, "crank_torque.average requires the channel time")]
     refused(load, cases, starts=f"{tmp_path / 'rig.yaml'}: ")
@@ -229,11 +272,22 @@ name: "" => name = '': must have at least 1 character
 
 
 def test_a_value_of_the_wrong_kind_is_stated_in_words_and_nothing_is_said_that_is_not_so():
-    channels = {key: {k: v for k, v in one.items() if k != "noise"} for key, one in CAMPAIGN["channels"].items()}
-    good = CAMPAIGN | {"mechanism": read_yaml(PAPER), "runs": [RUN], "nuisance": {}, "channels": channels}
+    channels = {
+        key: {k: v for k, v in one.items() if k != "noise"}
+        for key, one in CAMPAIGN["channels"].items()
+    }
+    good = CAMPAIGN | {
+        "mechanism": read_yaml(PAPER),
+        "runs": [RUN],
+        "nuisance": {},
+        "channels": channels,
+    }
     assert validate(Campaign, good, "rig.yaml").runs[0].id == "slow"
     cases = written(KINDS)
-    speed = "runs.slow.speed = '3 m': has the unit 'meter' and requires rad/s or a unit that converts to it"
+    speed = (
+        "runs.slow.speed = '3 m': has the unit 'meter' and requires rad/s or a unit that converts"
+        " to it"
+    )
     cases += [({"runs": [RUN | {"speed": "3 m"}]}, speed)]  # the only run is not called absent
     other = "runs.{}: id '{}' is a reserved name of results; choose another id"
     cases += [({"runs": [RUN | {"id": name}]}, other.format(name, name)) for name in RESERVED_IDS]
@@ -252,21 +306,35 @@ def test_a_nuisance_has_a_nominal_value_to_vary_from(load):
     two["contacts"]["smooth"] = two["contacts"]["steel"] | {"friction": 0.01}
     cases = [
         (frictionless, "10 %", "joint_friction is 0 ~ give [low, high]"),
-        (two, [0.0, 0.3], "joint_friction requires equal ~ 0.01 in piston_pin; list joint_friction_crank_pin"),
+        (
+            two,
+            [0.0, 0.3],
+            "joint_friction requires equal ~ 0.01 in piston_pin; list joint_friction_crank_pin",
+        ),
     ]
-    refused(lambda own, given: load({"mechanism": own, "nuisance": {"joint_friction": given}}), cases)
+    refused(
+        lambda own, given: load({"mechanism": own, "nuisance": {"joint_friction": given}}), cases
+    )
     own = load({"mechanism": two, "nuisance": {"joint_friction_piston_pin": [0.0, 0.3]}})
     assert own.bounds("joint_friction_piston_pin", 0.01) == (0.0, 0.3)
 
 
 def test_the_schema_is_the_stored_one_and_accepts_both_forms_and_no_unknown_keys(load):
-    stored = json.loads((ROOT / "workflow/schemas/campaign.schema.json").read_text(encoding="utf-8"))
+    stored = json.loads(
+        (ROOT / "workflow/schemas/campaign.schema.json").read_text(encoding="utf-8")
+    )
     command = "jointgap schema --campaign --write workflow/schemas/campaign.schema.json"
     assert stored == campaign_json_schema(), f"run: {command}"
     validator = jsonschema.Draft202012Validator(stored)
     validator.validate(CAMPAIGN)
     validator.validate(json.loads(load({}).model_dump_json()))
-    validator.validate(CAMPAIGN | {"drive": "motor", "motor": {"stall_torque": "12 N*m", "no_load_speed": "60 rpm"}})
+    validator.validate(
+        CAMPAIGN
+        | {
+            "drive": "motor",
+            "motor": {"stall_torque": "12 N*m", "no_load_speed": "60 rpm"},
+        }
+    )
     unit = {"column": "a", "unit": "m"}
     for wrong in ({"nam": 1}, {"channels": {"crank_torq": unit}}, {"nuisance": {"slider": "5 %"}}):
         assert not validator.is_valid(CAMPAIGN | wrong)
@@ -275,7 +343,9 @@ def test_the_schema_is_the_stored_one_and_accepts_both_forms_and_no_unknown_keys
 def test_the_readme_names_every_channel_and_nuisance_and_its_campaign_is_one(tmp_path):
     text = (ROOT / "config/README.md").read_text(encoding="utf-8")
     section = text[text.index("## Campaign file") :]
-    per_pin = {key for key in NUISANCES if key.startswith(tuple(SHARED))}  # a suffix behind a key that is listed
+    per_pin = {
+        key for key in NUISANCES if key.startswith(tuple(SHARED))
+    }  # a suffix behind a key that is listed
     names = {*CHANNELS, *(NUISANCES.keys() - per_pin), *SHARED}
     assert [name for name in sorted(names) if f"`{name}`" not in section] == []
     for folder, name, content in (
@@ -290,7 +360,10 @@ def test_the_readme_names_every_channel_and_nuisance_and_its_campaign_is_one(tmp
 def test_a_law_of_the_campaign_file_that_cannot_be_one_is_refused(load, tmp_path):
     slider, c = {"site": "slider", "force": "-c*v^3"}, "0 to 100 N*s^3/m^3"
     cases = [
-        (slider | {"c": "0 to 9 N*s/m"}, "force = '-c*v^3' ~ N*m^2/s^2 and must have N ~ give c in N*s^3/m^3"),
+        (
+            slider | {"c": "0 to 9 N*s/m"},
+            "force = '-c*v^3' ~ N*m^2/s^2 and must have N ~ give c in N*s^3/m^3",
+        ),
         (slider | {"force": "-c*u"}, "unknown name 'u'"),
         (slider | {"d": "0 to 1"}, "does not use the coefficient 'd'"),
         (slider | {"force": "-c*v*t"}, "the time t differs between runs"),
@@ -308,8 +381,20 @@ def test_a_law_of_the_campaign_file_that_cannot_be_one_is_refused(load, tmp_path
         ({"site": "slider", "force": "-v"}, "has 0 parameters; give one"),
     ]
     starts = f"{tmp_path / 'rig.yaml'}: candidates.my_law"
-    refused(lambda law: load({"candidates": {"my_law": {"c": c} | law if "-v" not in law.values() else law}}), cases)
-    for name in ("slider_spring", "slider_mass", "crank_torque", "sensor_gain", "encoder_zeros", "discovered_law"):
+    refused(
+        lambda law: load(
+            {"candidates": {"my_law": {"c": c} | law if "-v" not in law.values() else law}}
+        ),
+        cases,
+    )
+    for name in (
+        "slider_spring",
+        "slider_mass",
+        "crank_torque",
+        "sensor_gain",
+        "encoder_zeros",
+        "discovered_law",
+    ):
         with pytest.raises(InputError, match=f"{name} is, or begins like, the name of another"):
             load({"candidates": {name: slider | {"c": c}}})
     with pytest.raises(InputError, match=f"^{re.escape(starts)}"):

@@ -10,7 +10,14 @@ import yaml
 from click.testing import CliRunner
 
 from jointgap.app.cli import cli
-from jointgap.config import Box, check_all_sections, is_complete, load_mechanism, parse_options, resolve
+from jointgap.config import (
+    Box,
+    check_all_sections,
+    is_complete,
+    load_mechanism,
+    parse_options,
+    resolve,
+)
 from jointgap.config.load import json_schema, sources_of
 from jointgap.config.yaml_files import Layer, merge, merged
 from jointgap.core.errors import InputError
@@ -24,23 +31,33 @@ SHIPPED = yaml.safe_load((ROOT / "config/config.yaml").read_text(encoding="utf-8
 
 
 def resolved(over):
-    """The scenario `paper` with other keys; those of its mechanism are laid over the shipped one."""
+    """The scenario `paper` with other keys; those of its mechanism are laid over the shipped
+    one."""
     if isinstance(over.get("mechanism"), dict):
         over = over | {"mechanism": {"base": SHIPPED["mechanism"]} | over["mechanism"]}
-    return resolve(merge(SHIPPED, {"run": ["paper"], "scenarios": {"paper": over}}), (ROOT,))["paper"]
+    return resolve(merge(SHIPPED, {"run": ["paper"], "scenarios": {"paper": over}}), (ROOT,))[
+        "paper"
+    ]
 
 
 def test_quantities_with_units_become_si_and_plain_numbers_are():
-    simulate = resolved({"simulate": {"speed": "600 rpm", "start_angle": "90 deg", "tolerance": "1e-9 mm"}}).simulate
+    simulate = resolved(
+        {"simulate": {"speed": "600 rpm", "start_angle": "90 deg", "tolerance": "1e-9 mm"}}
+    ).simulate
     found = simulate.speed, simulate.start_angle, simulate.tolerance
     assert found == pytest.approx((20 * math.pi, math.pi / 2, 1e-12), rel=1e-15)
     assert resolved({"simulate": {"speed": 60}}).simulate.speed == 60.0
-    as_text = {"mechanism": {"contacts": {"steel": {"youngs_modulus": yaml.safe_load("2e11")}}}}  # text in YAML 1.1
+    as_text = {
+        "mechanism": {"contacts": {"steel": {"youngs_modulus": yaml.safe_load("2e11")}}}
+    }  # text in YAML 1.1
     assert resolved(as_text).mechanism.joint("crank_pin").contact.youngs_modulus == 2e11
 
 
 def test_a_scenario_changes_only_the_keys_it_names():
-    changed, plain = resolved({"mechanism": {"contacts": {"steel": {"friction": 0.2}}}}), resolved({})
+    changed, plain = (
+        resolved({"mechanism": {"contacts": {"steel": {"friction": 0.2}}}}),
+        resolved({}),
+    )
     for pin in ("crank_pin", "piston_pin"):
         own, shipped = (one.mechanism.joint(pin).contact for one in (changed, plain))
         assert own.friction == 0.2 != shipped.friction and own.restitution == shipped.restitution
@@ -53,7 +70,9 @@ rod: {length: 200 mm, mass: 1 kg, inertia: 1e-3 kg*m^2, mass_centre: 60 mm}
 slider: {mass: 2 kg}
 joints: {crank_pin: ideal, piston_pin: ideal}
 """
-HOLDING_IT = {"boxes": {"own": {"crank_length": ["49 mm", "51 mm"], "rod_length": ["198 mm", "202 mm"]}}}
+HOLDING_IT = {
+    "boxes": {"own": {"crank_length": ["49 mm", "51 mm"], "rod_length": ["198 mm", "202 mm"]}}
+}
 
 
 @pytest.fixture
@@ -63,8 +82,13 @@ def other(tmp_path):
 
 
 def test_a_scenarios_mechanism_file_is_the_whole_mechanism(other):
-    """Nothing of the mechanism beside the scenarios is left in it: offset, looseness, contacts, effects."""
-    base = {"base": SHIPPED["mechanism"], "slider": {"offset": "20 mm"}, "effects": [{"name": "gravity"}]}
+    """Nothing of the mechanism beside the scenarios is left in it: offset, looseness, contacts,
+    effects."""
+    base = {
+        "base": SHIPPED["mechanism"],
+        "slider": {"offset": "20 mm"},
+        "effects": [{"name": "gravity"}],
+    }
     config = SHIPPED | {"mechanism": base, "run": ["own"]}
     for mechanism in ("other.yaml", yaml.safe_load(OTHER), {"base": "other.yaml"}):
         scenarios = {"own": {"mechanism": mechanism, "optimise": HOLDING_IT}}
@@ -73,15 +97,25 @@ def test_a_scenarios_mechanism_file_is_the_whole_mechanism(other):
         assert (own.loose, own.contacts, own.effects, own.slider.offset) == ((), {}, (), 0.0)
 
 
-def test_a_mechanism_file_may_be_laid_over_the_one_beside_it_and_a_base_that_is_none_is_refused(other):
+def test_a_mechanism_file_may_be_laid_over_the_one_beside_it_and_a_base_that_is_none_is_refused(
+    other,
+):
     folder = other.parent
     (folder / "lower").mkdir()
     other.rename(folder / "lower/other.yaml")
-    (folder / "lower/heavy.yaml").write_text("base: other.yaml\nslider: {mass: 5 kg}\n", encoding="utf-8")
-    (folder / "both.yaml").write_text("base: lower/heavy.yaml\nrod: {mass: 3 kg}\n", encoding="utf-8")
+    (folder / "lower/heavy.yaml").write_text(
+        "base: other.yaml\nslider: {mass: 5 kg}\n", encoding="utf-8"
+    )
+    (folder / "both.yaml").write_text(
+        "base: lower/heavy.yaml\nrod: {mass: 3 kg}\n", encoding="utf-8"
+    )
     lowest, both = load_mechanism(folder / "lower/other.yaml"), load_mechanism(folder / "both.yaml")
     assert (both.slider.mass, both.rod.mass) == (5.0, 3.0)
-    assert (both.crank, both.rod.length, both.joints) == (lowest.crank, lowest.rod.length, lowest.joints)
+    assert (both.crank, both.rod.length, both.joints) == (
+        lowest.crank,
+        lowest.rod.length,
+        lowest.joints,
+    )
     for one, base in (("one", "two"), ("two", "one")):
         (folder / f"{one}.yaml").write_text(f"base: {base}.yaml", encoding="utf-8")
     rows = """
@@ -92,16 +126,27 @@ def test_a_mechanism_file_may_be_laid_over_the_one_beside_it_and_a_base_that_is_
     one.yaml => two.yaml: base: 'one.yaml' is its own base
     """
     own = SHIPPED | {"run": ["own"]}
-    refused(lambda given: resolve(own | {"scenarios": {"own": {"mechanism": given}}}, (ROOT, folder)), written(rows))
+    refused(
+        lambda given: resolve(own | {"scenarios": {"own": {"mechanism": given}}}, (ROOT, folder)),
+        written(rows),
+    )
 
 
 def test_each_value_is_reported_with_the_file_that_it_is_written_in(other):
     folders = (ROOT, other.parent)
-    own = {"mechanism": {"base": "other.yaml", "slider": {"offset": "1 mm"}}, "simulate": {"speed": "9 rpm"}}
+    own = {
+        "mechanism": {"base": "other.yaml", "slider": {"offset": "1 mm"}},
+        "simulate": {"speed": "9 rpm"},
+    }
     lower = Layer("lower.yaml", SHIPPED | {"figures": {"magnification": 3}})
-    files = [lower, Layer("mine.yaml", {"run": ["own"], "scenarios": {"own": own | {"optimise": HOLDING_IT}}})]
+    files = [
+        lower,
+        Layer("mine.yaml", {"run": ["own"], "scenarios": {"own": own | {"optimise": HOLDING_IT}}}),
+    ]
     scenario = resolve(merged(files), folders)["own"]
-    told = {key: (source, value) for key, source, value in sources_of(scenario, "own", files, folders)}
+    told = {
+        key: (source, value) for key, source, value in sources_of(scenario, "own", files, folders)
+    }
     wanted = {
         "mechanism.slider.mass": (str(other), '"2 kg"'),
         "mechanism.slider.offset": ("mine.yaml, scenario own", '"1 mm"'),
@@ -153,12 +198,19 @@ WIDER = [
     ({"simulate": {"speed": 10**400}}, "simulate.speed = 1000 ~ too large for a number"),
     ({"ensemble": {"vary": PARTED}}, "501 of speed x 20 of friction are 10020 combinations"),
     (
-        {"simulate": {"tolerance": 6e-8}, "mechanism": {"joints": {"piston_pin": {"bearing_radius": "7.5 mm"}}}},
-        "simulate.tolerance 6e-08 m ~ 0.0001 of the clearance 0.0005 m of piston_pin ~ at most 5e-08 m",
+        {
+            "simulate": {"tolerance": 6e-8},
+            "mechanism": {"joints": {"piston_pin": {"bearing_radius": "7.5 mm"}}},
+        },
+        (
+            "simulate.tolerance 6e-08 m ~ 0.0001 of the clearance 0.0005 m of piston_pin ~ at most"
+            " 5e-08 m"
+        ),
     ),
     (
         yaml.safe_load(
-            "mechanism: {effects: [{name: slider_spring, parameters: {stiffness_N_m: -2 N/mm, rest_position_m: 0}}]}"
+            "mechanism: {effects: [{name: slider_spring, parameters: {stiffness_N_m: -2 N/mm,"
+            " rest_position_m: 0}}]}"
         ),
         "stiffness_N_m = '-2 N/mm', -2000 in SI ~ greater than or equal to 0",
     ),
@@ -181,10 +233,18 @@ def test_every_mistake_is_reported_together_and_one_in_a_shared_contact_once():
 
 def test_boxes_are_taken_away_by_null_and_are_five_percent_around_where_none_is_left():
     own = {"crank_length": ["145 mm", "155 mm"], "rod_length": ["560 mm", "570 mm"]}
-    assert list(resolved({"optimise": {"boxes": {"paper": None, "own": own}}}).optimise.boxes) == ["wide", "own"]
+    assert list(resolved({"optimise": {"boxes": {"paper": None, "own": own}}}).optimise.boxes) == [
+        "wide",
+        "own",
+    ]
     searched = resolved({"optimise": {"boxes": {"paper": None, "wide": None}}}).optimise.boxes
     assert searched == {"own": Box(crank_length=(0.1425, 0.1575), rod_length=(0.5358, 0.5922))}
-    rows = [("wide (5 %)", "use letters"), ("..", "use letters"), ("", "1 character"), ("w" * 61, "60 letters")]
+    rows = [
+        ("wide (5 %)", "use letters"),
+        ("..", "use letters"),
+        ("", "1 character"),
+        ("w" * 61, "60 letters"),
+    ]
     refused(lambda name: resolved({"optimise": {"boxes": {name: own}}}), rows)
 
 
@@ -202,11 +262,18 @@ def test_a_configuration_that_brings_its_scenarios_and_their_mechanisms_stands_a
     ]
     assert all(map(is_complete, alone)) and not any(map(is_complete, laid_over))
     mine = resolve(OWN, (ROOT,))["mine"]
-    assert (mine.surrogate.iterations, mine.surrogate.seeds, mine.optimise.ratio_limit) == (300, (0,), None)
+    assert (mine.surrogate.iterations, mine.surrogate.seeds, mine.optimise.ratio_limit) == (
+        300,
+        (0,),
+        None,
+    )
 
 
 def test_what_is_left_to_its_defaults_has_to_go_with_the_rest_where_all_is_asked_for():
-    coarse, words = OWN | {"simulate": {"samples_per_revolution": 100}}, r"scenario mine: .*must be a multiple of"
+    coarse, words = (
+        OWN | {"simulate": {"samples_per_revolution": 100}},
+        r"scenario mine: .*must be a multiple of",
+    )
     with pytest.raises(InputError, match=words):
         resolve(coarse, (ROOT,))
     with pytest.raises(InputError, match=words):
@@ -227,7 +294,10 @@ def test_a_configuration_without_a_usable_scenario_is_refused():
     """
     long = ({"run": ["a" * 61], "scenarios": {"a" * 61: {}}}, "at most 60 letters, not 61")
     refused(lambda over: resolve(SHIPPED | over, (ROOT,)), [*written(rows), long])
-    bare = [({"scenarios": {"a": {}}}, "'mechanism' is missing"), ({"scenarios": {"a": 5}}, "must be a mapping")]
+    bare = [
+        ({"scenarios": {"a": {}}}, "'mechanism' is missing"),
+        ({"scenarios": {"a": 5}}, "must be a mapping"),
+    ]
     refused(lambda config: resolve(config, (ROOT,)), bare)
 
 
@@ -246,18 +316,29 @@ def test_a_stage_is_given_what_it_reads_and_nothing_else():
 
 
 def test_options_may_be_a_file_with_a_mechanism_beside_it_or_what_a_command_printed(tmp_path):
-    (tmp_path / "mine.yaml").write_text("mechanism: crank.yaml\nsimulate: {speed: 100 rpm}\n", encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(
+        "mechanism: crank.yaml\nsimulate: {speed: 100 rpm}\n", encoding="utf-8"
+    )
     (tmp_path / "crank.yaml").write_text(PAPER.read_text(), encoding="utf-8")
-    assert parse_options(str(tmp_path / "mine.yaml")).simulate.speed == pytest.approx(100 * math.tau / 60)
+    assert parse_options(str(tmp_path / "mine.yaml")).simulate.speed == pytest.approx(
+        100 * math.tau / 60
+    )
     done = CliRunner().invoke(cli, ["config", str(ROOT / "config/sweep.yaml")])
     assert done.exit_code == 0
-    assert json.loads(parse_options(done.stdout).model_dump_json(by_alias=True)) == json.loads(done.stdout)
-    refused(parse_options, [('{"simulate": ', "--options"), ('{"simulate": {"speed": NaN}}', "--options")])
+    assert json.loads(parse_options(done.stdout).model_dump_json(by_alias=True)) == json.loads(
+        done.stdout
+    )
+    refused(
+        parse_options,
+        [('{"simulate": ', "--options"), ('{"simulate": {"speed": NaN}}', "--options")],
+    )
 
 
 def test_the_schema_is_the_stored_one_accepts_what_is_shipped_and_explains_every_key():
     stored = json.loads((ROOT / "workflow/schemas/config.schema.json").read_text(encoding="utf-8"))
-    assert stored == json_schema(), "run: jointgap schema --write workflow/schemas/config.schema.json"
+    assert stored == json_schema(), (
+        "run: jointgap schema --write workflow/schemas/config.schema.json"
+    )
     validator = jsonschema.Draft202012Validator(stored)
     validator.validate(SHIPPED)
     validator.validate(yaml.safe_load((ROOT / "config/smoke.yaml").read_text(encoding="utf-8")))
@@ -266,18 +347,29 @@ def test_the_schema_is_the_stored_one_accepts_what_is_shipped_and_explains_every
     # the reference is made of the schema; a key without a description there is explained by hand
     text = (ROOT / "config/README.md").read_text(encoding="utf-8")
     sections = [stored, *stored["$defs"].values()]
-    keys = [(name, key) for section in sections for name, key in section.get("properties", {}).items()]
+    keys = [
+        (name, key) for section in sections for name, key in section.get("properties", {}).items()
+    ]
     says_itself = {"description", "$ref", "anyOf", "oneOf", "const"}
-    without = {name for name, key in keys if not says_itself & key.keys()} - {"parameters", "site"}  # of effects
+    without = {name for name, key in keys if not says_itself & key.keys()} - {
+        "parameters",
+        "site",
+    }  # of effects
     assert [name for name in sorted(without) if not re.search(rf"`([\w.]+\.)?{name}`", text)] == []
 
 
 def test_a_mechanism_that_comes_with_jointgap_is_named_from_every_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert load_mechanism("erkaya2009") == load_mechanism(PAPER)
-    laid_over = resolve({"mechanism": {"base": "ideal_joints"}, "scenarios": {"mine": {}}})["mine"].mechanism
+    laid_over = resolve({"mechanism": {"base": "ideal_joints"}, "scenarios": {"mine": {}}})[
+        "mine"
+    ].mechanism
     assert laid_over == load_mechanism("ideal_joints")
     (tmp_path / "ideal_joints").write_text(PAPER.read_text(encoding="utf-8"))
-    assert load_mechanism("ideal_joints") == load_mechanism("erkaya2009")  # a file goes before a name
-    with pytest.raises(InputError, match=r"no file 'erkaya'.* or one of the names .*erkaya2009, ideal_joints"):
+    assert load_mechanism("ideal_joints") == load_mechanism(
+        "erkaya2009"
+    )  # a file goes before a name
+    with pytest.raises(
+        InputError, match=r"no file 'erkaya'.* or one of the names .*erkaya2009, ideal_joints"
+    ):
         load_mechanism("erkaya")

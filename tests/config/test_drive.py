@@ -12,15 +12,29 @@ MOTOR = {"kind": "motor", "stall_torque": 3, "no_load_speed": 100}
 
 
 def scenario(drive: dict, *effects: dict, folders=()) -> Scenario:
-    data = {"mechanism": mechanism(*effects).model_dump(), "simulate": {"drive": drive}, "scenarios": {"mine": {}}}
+    data = {
+        "mechanism": mechanism(*effects).model_dump(),
+        "simulate": {"drive": drive},
+        "scenarios": {"mine": {}},
+    }
     return resolve(data, folders)["mine"]
 
 
 def test_a_drive_is_constant_unless_a_motor_has_its_line_and_survives_the_command_line():
-    assert validate(Scenario, {"mechanism": mechanism().model_dump()}, "mine").simulate.drive.kind == "constant"
-    motor = {"kind": "motor", "stall_torque": "12 N*m", "no_load_speed": "60 rpm", "inertia": "1 g*m^2"}
+    assert (
+        validate(Scenario, {"mechanism": mechanism().model_dump()}, "mine").simulate.drive.kind
+        == "constant"
+    )
+    motor = {
+        "kind": "motor",
+        "stall_torque": "12 N*m",
+        "no_load_speed": "60 rpm",
+        "inertia": "1 g*m^2",
+    }
     drive = scenario(motor).simulate.drive
-    assert (drive.stall_torque, drive.no_load_speed, drive.inertia) == pytest.approx((12.0, 2 * math.pi, 1e-3))
+    assert (drive.stall_torque, drive.no_load_speed, drive.inertia) == pytest.approx(
+        (12.0, 2 * math.pi, 1e-3)
+    )
     for given in ({"kind": "constant"}, MOTOR):
         made = scenario(given)
         assert parse_options(made.model_dump_json()).simulate == made.simulate
@@ -31,7 +45,10 @@ def test_a_measured_file_is_found_beside_the_configuration(tmp_path):
     given = {"kind": "measured", "file": "angle.csv", "time": "t", "angle": "theta"}
     given |= {"angle_unit": "deg", "resolution": "0.1 deg"}
     drive = scenario(given, folders=(tmp_path,)).simulate.drive
-    assert (drive.file, drive.resolution) == (str(tmp_path / "angle.csv"), pytest.approx(math.radians(0.1)))
+    assert (drive.file, drive.resolution) == (
+        str(tmp_path / "angle.csv"),
+        pytest.approx(math.radians(0.1)),
+    )
     text = "simulate: {drive: {kind: measured, file: angle.csv}}\nmechanism: m.yaml\n"
     (tmp_path / "mine.yaml").write_text(text, encoding="utf-8")
     (tmp_path / "m.yaml").write_text(mechanism().model_dump_json(), encoding="utf-8")
@@ -55,5 +72,7 @@ def test_a_drive_that_makes_no_sense_is_refused():
 
 def test_a_speed_fluctuates_about_a_constant_one_alone():
     fluctuation = effect("speed_fluctuation", ratio=0.1, order=2)
-    assert scenario({"kind": "constant"}, fluctuation).mechanism.effect("speed_fluctuation").order == 2
+    assert (
+        scenario({"kind": "constant"}, fluctuation).mechanism.effect("speed_fluctuation").order == 2
+    )
     refused(scenario, [(MOTOR, fluctuation, "speed_fluctuation requires ~ constant, not motor")])

@@ -12,7 +12,9 @@ from jointgap.dynamics.equations import evaluate
 from tests.catalogue import each, refused
 
 AT = {"v": -1.3, "x": 0.6, "w": 62.8, "theta": 2.1, "t": 0.05}
-NUMPY = {name: getattr(np, name) for name in ("sin", "cos", "tan", "tanh", "exp", "log", "sqrt", "abs")}
+NUMPY = {
+    name: getattr(np, name) for name in ("sin", "cos", "tan", "tanh", "exp", "log", "sqrt", "abs")
+}
 NUMPY |= {"sgn": np.sign, "pi": np.pi}
 
 
@@ -21,9 +23,33 @@ def value(text: str, at=AT, **coefficients: float) -> float:
     return evaluate(program.codes, program.numbers, *(at[name] for name in VARIABLES))
 
 
-RULES = {"2": 2, ".5e1": 5, "-v^2": -1.69, "(-v)**2": 1.69, "2^3^2": 512, "2^-1": 0.5, "1 - 2 - 3": -4, "8 / 4 / 2": 1}
-RULES |= {"2 + 3*4": 14, "- -v": -1.3, "2*-v": 2.6, "v*|v|": -1.69, "|v|*|x|": 0.78, "|v*|v - 1||": 2.99, "||v||": 1.3}
-RULES |= {"|-|v||": 1.3, "sgn(v)": -1, "sgn(x)": 1, "sgn(v - v)": 0, "sqrt(|v|)^2": 1.3, "2*pi": 2 * math.pi}
+RULES = {
+    "2": 2,
+    ".5e1": 5,
+    "-v^2": -1.69,
+    "(-v)**2": 1.69,
+    "2^3^2": 512,
+    "2^-1": 0.5,
+    "1 - 2 - 3": -4,
+    "8 / 4 / 2": 1,
+}
+RULES |= {
+    "2 + 3*4": 14,
+    "- -v": -1.3,
+    "2*-v": 2.6,
+    "v*|v|": -1.69,
+    "|v|*|x|": 0.78,
+    "|v*|v - 1||": 2.99,
+    "||v||": 1.3,
+}
+RULES |= {
+    "|-|v||": 1.3,
+    "sgn(v)": -1,
+    "sgn(x)": 1,
+    "sgn(v - v)": 0,
+    "sqrt(|v|)^2": 1.3,
+    "2*pi": 2 * math.pi,
+}
 RULES |= {"sin(theta)": math.sin(2.1), "tanh(v/0.01)": -1, "x^1.5": 0.6**1.5, "w*t": 3.14}
 
 
@@ -35,7 +61,9 @@ def test_the_usual_rules_hold():
     both = value("-a*v*|v| + b_1*sin(theta)", a=1.2, b_1=3.0)
     assert both == pytest.approx(1.2 * 1.69 + 3 * math.sin(2.1), rel=1e-14)
     assert evaluate(NOTHING.codes, NOTHING.numbers, 1.0, 2.0, 3.0, 4.0, 5.0) == 0.0
-    assert len(compile_formula("2*pi*a*v", {"a": 3.0}).codes) == 3  # parts without variables are computed once
+    assert (
+        len(compile_formula("2*pi*a*v", {"a": 3.0}).codes) == 3
+    )  # parts without variables are computed once
 
 
 FORMULAS = """
@@ -70,7 +98,10 @@ UNREADABLE = [
     ("sni(v)", "unknown name 'sni' ~ did you mean 'sin'"),
     ("", "empty"),
     ("   ", "empty"),
-    *((text, "cannot be read; write every operation") for text in ("2 v", "2 +", "(v", "|v", "v)", "(v|", "|v)")),
+    *(
+        (text, "cannot be read; write every operation")
+        for text in ("2 v", "2 +", "(v", "|v", "v)", "(v|", "|v)")
+    ),
     ("sin v", "cannot be read"),
     ("sin + v", "'sin' is a function; write sin(...)"),
     *((text, "is not supported") for text in ("v or x", "v if x else w", "v(x)")),
@@ -86,7 +117,10 @@ UNREADABLE = [
 
 def test_a_formula_that_cannot_be_read_is_refused_with_its_place_and_the_mend():
     refused(lambda text: compile_formula(text, {"a": 1.0} if "a*" in text else {}), UNREADABLE)
-    taken = [(name, "is a reserved or invalid name") for name in ("v", "theta", "sin", "pi", "two words", "1st", "|a|")]
+    taken = [
+        (name, "is a reserved or invalid name")
+        for name in ("v", "theta", "sin", "pi", "two words", "1st", "|a|")
+    ]
     refused(lambda name: compile_formula("v", {name: 1.0}), taken)
     with pytest.raises(InputError, match="does not use the coefficient 'b'"):
         compile_formula("a*v", {"a": 1.0, "b": 2.0})

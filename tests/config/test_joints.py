@@ -1,4 +1,5 @@
-"""Each joint is ideal or loose over the same data, with contacts and friction laws that say what they need."""
+"""Each joint is ideal or loose over the same data, with contacts and friction laws that say what
+they need."""
 
 import itertools
 import math
@@ -35,13 +36,19 @@ def test_a_joint_that_makes_no_sense_is_refused():
     """
     pivots = [
         ({"crank_pivot": PIVOT | {"journal": "rod"}}, "joints.crank_pivot ~ 'frame' or 'crank'"),
-        ({"crank_pivot": PIVOT | {"contact": "brass"}}, "joints: crank_pivot.contact: no entry 'brass'"),
+        (
+            {"crank_pivot": PIVOT | {"contact": "brass"}},
+            "joints: crank_pivot.contact: no entry 'brass'",
+        ),
     ]
     refused(lambda joints: mechanism(joints=joints), written(rows) + pivots)
 
 
 def test_clearances_count_when_it_is_asked_whether_the_crank_can_turn():
-    lengths = {"crank": {"length": "400 mm"}, "slider": {"offset": "-162.7 mm"}}  # 1.3 mm short of the rod's 564 mm
+    lengths = {
+        "crank": {"length": "400 mm"},
+        "slider": {"offset": "-162.7 mm"},
+    }  # 1.3 mm short of the rod's 564 mm
     assert mechanism(joints={"crank_pin": "ideal"}, **lengths).slider.offset < 0
     with pytest.raises(InputError, match=r"offset 0\.1627 m plus clearances 0\.002 m.*cannot turn"):
         mechanism(**lengths)
@@ -89,15 +96,23 @@ def test_a_contact_is_as_stiff_as_it_may_be_where_a_kilonewton_presses_a_nanomet
 
 def test_a_contact_that_the_loads_would_press_in_by_half_the_journal_is_refused_with_the_least_value():
     radius, speed = paper().joint("crank_pin").journal_radius, 60.0
-    load = (0.773 + 0.4482) * 0.15 * speed**2 * (1 + 0.15 / 0.564)  # rod and slider at the outer dead centre
+    load = (
+        (0.773 + 0.4482) * 0.15 * speed**2 * (1 + 0.15 / 0.564)
+    )  # rod and slider at the outer dead centre
     for exponent in (1.0, 1.5, 10.0):
         softest = load / (radius / 2) ** exponent
         with_contact(stiffness=1.001 * softest, exponent=exponent).check_contacts(speed)
-        with pytest.raises(InputError, match=r"joints\.crank_pin: contact\.stiffness .* too soft.*journal_radius"):
+        with pytest.raises(
+            InputError, match=r"joints\.crank_pin: contact\.stiffness .* too soft.*journal_radius"
+        ):
             with_contact(stiffness=0.999 * softest, exponent=exponent).check_contacts(speed)
-    with pytest.raises(InputError, match=r"joints\.crank_pin: contact\.youngs_modulus 10000 Pa is too soft") as caught:
+    with pytest.raises(
+        InputError, match=r"joints\.crank_pin: contact\.youngs_modulus 10000 Pa is too soft"
+    ) as caught:
         with_contact(youngs_modulus="10 kPa").check_contacts(speed)
-    least = float(re.search(r"joints\.crank_pin.*give at least (\S+) Pa", str(caught.value)).group(1))
+    least = float(
+        re.search(r"joints\.crank_pin.*give at least (\S+) Pa", str(caught.value)).group(1)
+    )
     joint = with_contact(youngs_modulus=1.01 * least).joint("crank_pin")
     assert hertz_stiffness(joint) * (radius / 2) ** 1.5 == pytest.approx(load, rel=0.02)
     ideal = {name: {"loose": False} for name in ("crank_pin", "piston_pin")}
@@ -106,16 +121,25 @@ def test_a_contact_that_the_loads_would_press_in_by_half_the_journal_is_refused_
 
 def test_friction_laws_fill_in_what_is_left_out_and_take_what_is_given():
     given = with_contact(friction_law="lugre").joint("crank_pin").contact.friction_parameters()
-    filled = {"static_friction": 0.05, "friction": 0.05, "stribeck_speed": 0.01, "viscous_friction": 0.0}
+    filled = {
+        "static_friction": 0.05,
+        "friction": 0.05,
+        "stribeck_speed": 0.01,
+        "viscous_friction": 0.0,
+    }
     assert {key: given[key] for key in filled} == filled
     pressed, mass = 1e3, 0.1  # critical damping of this mass on bristles under this force
     stiffness, damping = pressed * given["bristle_stiffness"], pressed * given["bristle_damping"]
     assert damping == pytest.approx(2 * math.sqrt(stiffness * mass), rel=1e-12)
-    ambrosio = with_contact(friction_law="ambrosio", friction_speed="5 mm/s").joint("crank_pin").contact
+    ambrosio = (
+        with_contact(friction_law="ambrosio", friction_speed="5 mm/s").joint("crank_pin").contact
+    )
     assert ambrosio.friction_parameters()["dead_band_speed"] == pytest.approx(5e-4)
     keys = {"static_friction": 0.2, "stribeck_speed": 0.02, "viscous_friction": 0.3}
     keys |= {"bristle_stiffness": 4e5, "bristle_damping": 0.0}
-    given = with_contact(friction_law="lugre", **keys).joint("crank_pin").contact.friction_parameters()
+    given = (
+        with_contact(friction_law="lugre", **keys).joint("crank_pin").contact.friction_parameters()
+    )
     assert {key: given[key] for key in keys} == keys
 
 

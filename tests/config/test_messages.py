@@ -9,7 +9,15 @@ from jointgap.core.errors import InputError
 from tests.catalogue import each, refused
 from tests.config.mechanisms import PAPER
 
-OBEYED = ["\x1b[31m", "\n", "\r", "\x00", "\x85", "\N{RIGHT-TO-LEFT OVERRIDE}", "\N{LINE SEPARATOR}"]
+OBEYED = [
+    "\x1b[31m",
+    "\n",
+    "\r",
+    "\x00",
+    "\x85",
+    "\N{RIGHT-TO-LEFT OVERRIDE}",
+    "\N{LINE SEPARATOR}",
+]
 
 
 def test_signs_that_a_terminal_obeys_are_written_out_and_letters_of_all_scripts_stay():
@@ -25,9 +33,13 @@ def test_an_error_is_the_same_in_another_process_and_never_fills_pages():
     error = InputError("mine.yaml: one", "mine.yaml: two")
     assert str(pickle.loads(pickle.dumps(error))) == str(error) == "mine.yaml: one\nmine.yaml: two"
     for sign in ("7", "\x0b"):
-        (line,) = str(InputError(f"mine.yaml: speed = '{sign * 10**6}' is no number; correct it")).splitlines()
+        (line,) = str(
+            InputError(f"mine.yaml: speed = '{sign * 10**6}' is no number; correct it")
+        ).splitlines()
         assert len(line) < 2000
-        assert line.startswith("mine.yaml: speed = '") and line.endswith("' is no number; correct it")
+        assert line.startswith("mine.yaml: speed = '") and line.endswith(
+            "' is no number; correct it"
+        )
     boxes = {f"b{n}": {"crank_length": "x"} for n in range(60)}
     with pytest.raises(InputError) as caught:
         resolve({"mechanism": str(PAPER), "optimise": {"boxes": boxes}, "scenarios": {"one": {}}})
@@ -47,11 +59,16 @@ def test_every_line_names_the_configuration_and_the_scenario():
     contacts = {"contacts": {1: {"restitution": 0.5}}, "joints": {"crank_pin": {"contact": "stel"}}}
     cases = [
         ({"a\nb": 1}, "a\\nb"),
-        ({"simulate": {"drive": drive}}, "mine.yaml, scenario one: simulate.drive.file: no file 'nowhere.csv'"),
+        (
+            {"simulate": {"drive": drive}},
+            "mine.yaml, scenario one: simulate.drive.file: no file 'nowhere.csv'",
+        ),
         ({"mechanism": {"base": str(PAPER)} | contacts}, "mechanism.contacts.1 = 1: must be text"),
     ]
     # a section that is left to its defaults has to go with the others
-    cases.append(({"scenarios": {"one": {"simulate": {"revolutions": 3}}}}, "mine.yaml, scenario one: "))
+    cases.append(
+        ({"scenarios": {"one": {"simulate": {"revolutions": 3}}}}, "mine.yaml, scenario one: ")
+    )
     effects = {"mechanism": {"base": str(PAPER), "effects": [{"name": 7}]}}
     cases.append((effects, "mechanism.effects.0.name =  ~ no such effect"))
     refused(told, cases)

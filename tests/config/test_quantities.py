@@ -8,11 +8,22 @@ from jointgap.core.units import respelled, scaled_unit_factor, to_si, unit_facto
 from tests.catalogue import each, refused
 
 SI = {
-    "rad/s": {"600 rpm": 20 * math.pi, "10 turn/s": 20 * math.pi, "10 revolutions/s": 20 * math.pi, "62": 62}
+    "rad/s": {
+        "600 rpm": 20 * math.pi,
+        "10 turn/s": 20 * math.pi,
+        "10 revolutions/s": 20 * math.pi,
+        "62": 62,
+    }
     | {"3600 deg/s": 20 * math.pi, "62 rad/s": 62, "3 °/s": math.pi / 60},
     "Hz": {"10 Hz": 10, "10 kHz": 1e4, "10 / s": 10, "5 1/s": 5},
     "": {"2 %": 0.02},
-    "m": {"7.5 mm": 7.5e-3, "7.5mm": 7.5e-3, "2e3 mm": 2, "\N{MINUS SIGN}20 mm": -0.02, "1e\N{MINUS SIGN}3 m": 1e-3},
+    "m": {
+        "7.5 mm": 7.5e-3,
+        "7.5mm": 7.5e-3,
+        "2e3 mm": 2,
+        "\N{MINUS SIGN}20 mm": -0.02,
+        "1e\N{MINUS SIGN}3 m": 1e-3,
+    },
     "rad": {"90°": math.pi / 2, "turn/3600": math.tau / 3600, "\N{MINUS SIGN}90 deg": -math.pi / 2},
     "m/s^2": {"9.8 m/s^2": 9.8, "9.8 m s^-2": 9.8, "9.8 m/s2": 9.8},
     "kg*m^2": {"3 kg m2": 3, "3 kg*m**2": 3, "3 kg·m²": 3},
@@ -23,18 +34,52 @@ SI = {
     "N*m^2": {"2 Nm2": 2},
     "N/m^2": {"5 N/(mm*m)": 5e3},
 }
-NO_NUMBERS = ["", " ", "mm", "0.1.5 m", "150:200 mm", "150 - 200 mm", "2*3 mm", "5 mm 3", "5 mm/", "5 m//s", "7 mm."]
-NO_NUMBERS += ["nan", "inf m", "turn/0", "turn/3600/2", "9" * 5000, "5 mm" * 1000, "5 1/2 inch", "1/2 inch"]
+NO_NUMBERS = [
+    "",
+    " ",
+    "mm",
+    "0.1.5 m",
+    "150:200 mm",
+    "150 - 200 mm",
+    "2*3 mm",
+    "5 mm 3",
+    "5 mm/",
+    "5 m//s",
+    "7 mm.",
+]
+NO_NUMBERS += [
+    "nan",
+    "inf m",
+    "turn/0",
+    "turn/3600/2",
+    "9" * 5000,
+    "5 mm" * 1000,
+    "5 1/2 inch",
+    "1/2 inch",
+]
 NO_NUMBERS += ["1 500 mm", "1 500", "1'500 mm", "1\N{NARROW NO-BREAK SPACE}500 mm"]
 NO_NUMBERS += ["1,500.5 mm", "150 mm ± 1", "\N{EN DASH}150 mm", "360 mm/4096"]
 WITH_COMMA = {"7,5 mm": "'7.5 mm'", "7,5": "'7.5'", "-1,5e-3 m": "'-1.5e-3 m'", ",5 m": "'0.5 m'"}
 WITH_COMMA |= {"0,500 m": "'0.500 m'", "1,500 mm": "'1.500 mm' (or '1500 mm')"}
 EVALUATED = ["9**9**9 m", "5 m^9999999999", "5 km⁹⁹⁹⁹⁹⁹⁹⁹", "m/9**9**9", "9**9**9"]
 SPELLED = {
-    "rad/s": {"RPM": "rpm", "r/min": "turn/min", "min-1": "rpm", "U/min": "turn/min", "RPS": "turn/s"},
+    "rad/s": {
+        "RPM": "rpm",
+        "r/min": "turn/min",
+        "min-1": "rpm",
+        "U/min": "turn/min",
+        "RPS": "turn/s",
+    },
     "rad": {"rev": "turn", "CAD": "deg", "°CA": "deg", "DEG": "deg"},
     "m/s^2": {"G": "g_n", "g": "g_n", "M/S2": "m/s2"},
-    "N*m": {"N-m": "N*m", "N.m": "N*m", "nm": "N*m", "ft-lb": "lbf*ft", "in lbf": "lbf*inch", "kg-cm": "kgf*cm"},
+    "N*m": {
+        "N-m": "N*m",
+        "N.m": "N*m",
+        "nm": "N*m",
+        "ft-lb": "lbf*ft",
+        "in lbf": "lbf*inch",
+        "kg-cm": "kgf*cm",
+    },
     "s": {"Sec": "sec", "mS": "ms", "V": ""},
     "kg": {"Kg": "kg", "kgs": "kg"},
     "N": {"lbs": "lbf", "KN": "kN", "kp": "kgf"},
@@ -51,7 +96,10 @@ def test_a_number_with_a_unit_is_converted():
     def converted(text, unit, number):
         assert to_si(text, unit) == pytest.approx(number, rel=1e-14)
 
-    each(converted, [(text, unit, number) for unit, texts in SI.items() for text, number in texts.items()])
+    each(
+        converted,
+        [(text, unit, number) for unit, texts in SI.items() for text, number in texts.items()],
+    )
 
 
 def test_usual_spellings_of_units_are_understood_as_what_the_quantity_needs():
@@ -63,31 +111,56 @@ def test_usual_spellings_of_units_are_understood_as_what_the_quantity_needs():
 
 def test_a_unit_that_is_not_understood_is_answered_with_the_one_that_is_meant():
     suggested = [
-        (base, *pair) for base, units in SPELLED.items() for pair in units.items() if all(pair) and " " not in pair[0]
+        (base, *pair)
+        for base, units in SPELLED.items()
+        for pair in units.items()
+        if all(pair) and " " not in pair[0]
     ]
-    cases = [(f"2 {written}", base, f"; did you mean '2 {unit}'?") for base, written, unit in suggested]
+    cases = [
+        (f"2 {written}", base, f"; did you mean '2 {unit}'?") for base, written, unit in suggested
+    ]
     refused(to_si, [*cases, ("rev/3600", "rad", "did you mean 'turn/3600'?")], ValueError)
-    refused(unit_factor, [(written, base, f"did you mean '{unit}'?") for base, written, unit in suggested], ValueError)
-    refused(unit_factor, [(unit, unit, "did you mean 'N*m/A'?") for unit in ("N-m/A", "N.m/A")], ValueError)
+    refused(
+        unit_factor,
+        [(written, base, f"did you mean '{unit}'?") for base, written, unit in suggested],
+        ValueError,
+    )
+    refused(
+        unit_factor,
+        [(unit, unit, "did you mean 'N*m/A'?") for unit in ("N-m/A", "N.m/A")],
+        ValueError,
+    )
     scales = [(f"0.35 {unit}/A", "A", "N*m", "did you mean") for unit in ("N-m", "ft-lb", "lb.in")]
     refused(scaled_unit_factor, scales, ValueError)
 
 
 def test_what_is_no_number_with_a_unit_is_refused_and_nothing_in_a_text_is_evaluated():
     cases = [(text, "m", "is not a number with a unit") for text in NO_NUMBERS + EVALUATED]
-    cases += [(text, "m", f"has a decimal comma; write {plain}") for text, plain in WITH_COMMA.items()]
-    cases += [(text, "m", "with a unit") for text in ("1_500 mm", "5 furlongg", "0x10 mm", "5 and", "5½ inch")]
+    cases += [
+        (text, "m", f"has a decimal comma; write {plain}") for text, plain in WITH_COMMA.items()
+    ]
+    cases += [
+        (text, "m", "with a unit")
+        for text in ("1_500 mm", "5 furlongg", "0x10 mm", "5 and", "5½ inch")
+    ]
     cases += [(number, "m", "too large for a number") for number in (10**400, -(10**400))]
     cases += [(value, "m", "finite") for value in ("1e400", "1e400 mm", math.inf, math.nan)]
-    cases += [(text, "rad/s", "write rpm, turn/s or rad/s") for text in ("10 Hz", "10 1/s", "10 / s", "0.6 / ms")]
+    cases += [
+        (text, "rad/s", "write rpm, turn/s or rad/s")
+        for text in ("10 Hz", "10 1/s", "10 / s", "0.6 / ms")
+    ]
     cases += [(text, "Hz", "write Hz or 1/s") for text in ("600 rpm", "10 rad/s", "10 turn/s")]
     refused(to_si, cases, ValueError)
 
 
 def test_a_unit_has_a_factor_and_a_sensors_factor_makes_its_signal_a_quantity():
-    factors = [unit_factor(*given) for given in (("mm", "m"), ("1/min", "Hz"), ("turn/4000", "rad"))]
+    factors = [
+        unit_factor(*given) for given in (("mm", "m"), ("1/min", "Hz"), ("turn/4000", "rad"))
+    ]
     assert factors == pytest.approx([1e-3, 1 / 60, math.tau / 4000], rel=1e-15)
-    units = [(unit, "m", " such as m") for unit in ("", " ", "5 mm", "1", "000 mm", "9**9**9 m", "m*0")]
+    units = [
+        (unit, "m", " such as m") for unit in ("", " ", "5 mm", "1", "000 mm", "9**9**9 m", "m*0")
+    ]
     refused(unit_factor, units, ValueError)
     assert scaled_unit_factor("0.35 Nm/A", "mA", "N*m") == pytest.approx(0.35e-3, rel=1e-14)
     assert scaled_unit_factor("2.5", "mm", "m") == pytest.approx(2.5e-3, rel=1e-14)

@@ -1,4 +1,5 @@
-"""Data that look mistaken and a contact that does otherwise than one may think say so, with the number."""
+"""Data that look mistaken and a contact that does otherwise than one may think say so, with the
+number."""
 
 import json
 import math
@@ -37,8 +38,13 @@ def test_masses_and_inertias_that_do_not_fit_the_size_are_remarked_on():
     tight = {"joints": CLOSE}
     (told,) = odd_data(mechanism(slider={"mass": 2400}, **tight))  # grams, without the unit
     assert told.startswith("slider.mass: 2400 kg is implausible with rod.length 0.564 m")
-    assert odd_data(mechanism(crank={"mass": "20 kg"}, rod={"mass": "2 kg"}, **tight)) == []  # a flywheel
-    grams = {body: {"mass": f"{mass} g"} for body, mass in (("crank", 0.37), ("rod", 0.77), ("slider", 0.45))}
+    assert (
+        odd_data(mechanism(crank={"mass": "20 kg"}, rod={"mass": "2 kg"}, **tight)) == []
+    )  # a flywheel
+    grams = {
+        body: {"mass": f"{mass} g"}
+        for body, mass in (("crank", 0.37), ("rod", 0.77), ("slider", 0.45))
+    }
     for body in ("crank", "rod"):
         grams[body]["inertia"] = 1e-6
     light = odd_data(mechanism(**grams, **tight))
@@ -50,30 +56,47 @@ def test_masses_and_inertias_that_do_not_fit_the_size_are_remarked_on():
 def test_a_bare_number_for_the_speed_that_probably_meant_rpm_is_remarked_on():
     compressor = load_mechanism("compressor")
     assert odd_speed(compressor, 1450 * math.pi / 30) == []
-    assert "1450 rpm" in odd_speed(compressor, -1450)[0] and "13846 rpm" in odd_speed(compressor, 1450)[0]
+    assert (
+        "1450 rpm" in odd_speed(compressor, -1450)[0]
+        and "13846 rpm" in odd_speed(compressor, 1450)[0]
+    )
     assert sentences(compressor, 1450)[0].startswith("`speed`: ")
 
 
 def test_a_speed_without_a_unit_is_remarked_in_a_file_that_a_person_wrote(tmp_path):
     mine, motor = tmp_path / "mine.yaml", "motor: {no_load_speed: 30, stall_torque: 5 N*m}\n"
-    mine.write_text("runs: [{id: a, speed: 200 rpm}, {id: b, speed: 240}]\n" + motor, encoding="utf-8")
+    mine.write_text(
+        "runs: [{id: a, speed: 200 rpm}, {id: b, speed: 240}]\n" + motor, encoding="utf-8"
+    )
     run, no_load = plain_speeds(mine)
     assert "runs.b.speed = 240 " in run and "2291.8 rpm" in run and "'240 rpm'" in run
     assert "motor.no_load_speed = 30 " in no_load
     written = tmp_path / "options.json"  # by a program
     written.write_text('{"simulate": {"speed": 240.0}}', encoding="utf-8")
     assert plain_speeds(written) == []
-    mine.write_text("mechanism: erkaya2009\nscenarios: {one: {simulate: {speed: '240'}}}\n", encoding="utf-8")
+    mine.write_text(
+        "mechanism: erkaya2009\nscenarios: {one: {simulate: {speed: '240'}}}\n", encoding="utf-8"
+    )
     done = CliRunner().invoke(cli, ["config", str(mine)])
-    assert done.exit_code == 0 and "scenarios.one.simulate.speed = 240" in done.stderr and json.loads(done.stdout)
-    own = [path for place in ("config", "examples", "docs") for path in (ROOT / place).rglob("*.yaml")]
+    assert (
+        done.exit_code == 0
+        and "scenarios.one.simulate.speed = 240" in done.stderr
+        and json.loads(done.stdout)
+    )
+    own = [
+        path for place in ("config", "examples", "docs") for path in (ROOT / place).rglob("*.yaml")
+    ]
     assert own and [remark for path in own for remark in plain_speeds(path)] == []
 
 
-@pytest.mark.parametrize(("link", "most"), [("crank", 0.3704 * (20 * 0.15) ** 2), ("rod", 0.773 * 1.128**2)])
+@pytest.mark.parametrize(
+    ("link", "most"), [("crank", 0.3704 * (20 * 0.15) ** 2), ("rod", 0.773 * 1.128**2)]
+)
 def test_an_inertia_that_no_link_of_its_mass_and_length_has_is_refused(link, most):
     assert mechanism(**{link: {"inertia": 0.999 * most}})
-    with pytest.raises(InputError, match=rf"mine\.yaml: {link}.inertia .* give at most {most:.3g} kg\*m\^2"):
+    with pytest.raises(
+        InputError, match=rf"mine\.yaml: {link}.inertia .* give at most {most:.3g} kg\*m\^2"
+    ):
         mechanism(**{link: {"inertia": 1.001 * most}})
 
 
@@ -82,7 +105,9 @@ def test_a_law_that_delivers_another_restitution_is_named_for_each_loose_joint()
         found = remarks(with_contact(law=law, restitution=restitution))
         assert [remark.split(":")[0] for remark in found] == ["crank_pin", "piston_pin"]
         for remark in found:
-            assert f"a restitution of {restitution:g}; {law} effectively gives {delivered}" in remark
+            assert (
+                f"a restitution of {restitution:g}; {law} effectively gives {delivered}" in remark
+            )
     assert remarks(with_contact(law="exact_restitution")) == []
     assert remarks(with_contact(law="carvalho_martins", restitution=0.7)) == []
 
@@ -92,7 +117,9 @@ def test_the_penalty_form_says_what_it_delivers():
     assert "depends on mass and speed: approximately 1 at 0.1 m/s and 1 at 1 m/s" in elastic
     damped = remarks(with_contact(penalty_damping=2000, **PENALTY))[0]
     numbers = [float(word) for word in damped.split() if word[:2] == "0."]
-    assert all(0 < number < 1 for number in numbers) and len(numbers) == 3  # two restitutions and a speed
+    assert (
+        all(0 < number < 1 for number in numbers) and len(numbers) == 3
+    )  # two restitutions and a speed
 
 
 def test_bristles_that_can_drive_the_motion_say_so():
@@ -102,4 +129,11 @@ def test_bristles_that_can_drive_the_motion_say_so():
     most = 0.01 * 0.1 / (0.15 - 0.1)  # sigma_1 (mu_s - mu) = sigma_2 mu
     assert math.isclose(most, 0.02)
     assert "a bristle_damping of at most 0.02 s/m" in found[0]
-    assert remarks(with_contact(static_friction=0.15, viscous_friction=0.01, bristle_damping=0.019, **lugre)) == []
+    assert (
+        remarks(
+            with_contact(
+                static_friction=0.15, viscous_friction=0.01, bristle_damping=0.019, **lugre
+            )
+        )
+        == []
+    )

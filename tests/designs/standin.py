@@ -11,11 +11,15 @@ from jointgap.lengths.region import Region
 
 BOX = Box(crank_length=(0.14, 0.16), rod_length=(0.54, 0.59))
 NOMINAL, STEADY, ROD = 0.147, 0.155, 0.57
-"""Crank lengths at which the mean and the deviation of the error are smallest, and the best rod length [m]."""
+"""Crank lengths at which the mean and the deviation of the error are smallest, and the best rod
+length [m]."""
 
 
-def asked(constraints: Constraints | None = None, region: Region | None = None, **options) -> RobustProblem:
-    """Lengths in the box, the original ones in its middle; the rest are keys of the section `optimise_robust`."""
+def asked(
+    constraints: Constraints | None = None, region: Region | None = None, **options
+) -> RobustProblem:
+    """Lengths in the box, the original ones in its middle; the rest are keys of the section
+    `optimise_robust`."""
     given = {"generations": 16, "population": 12, "resamples": 100} | options
     return RobustProblem(
         region=region or Region.of(BOX, None),
@@ -33,7 +37,8 @@ def standard_draws(count: int = 64, seed: int = 0) -> np.ndarray:
 
 
 class Formula:
-    """Error with mean 1 + a^2 and deviation 1 + b^2, a and b distances from two lengths [cm]; keeps what was asked."""
+    """Error with mean 1 + a^2 and deviation 1 + b^2, a and b distances from two lengths [cm]; keeps
+    what was asked."""
 
     def __init__(self, z: np.ndarray, force=lambda lengths, z: 0.0 * z):
         self.z, self.force, self.calls = z, force, []
@@ -42,7 +47,14 @@ class Formula:
         self.calls.append(lengths)
         crank, rod = 100.0 * lengths[:, :1], 100.0 * lengths[:, 1:]
         beside = (rod - 100.0 * ROD) ** 2
-        error = 1.0 + (crank - 100.0 * NOMINAL) ** 2 + beside + self.z * (0.3 + (crank - 100.0 * STEADY) ** 2)
+        error = (
+            1.0
+            + (crank - 100.0 * NOMINAL) ** 2
+            + beside
+            + self.z * (0.3 + (crank - 100.0 * STEADY) ** 2)
+        )
         actual = np.repeat(lengths[:, None, :], len(self.z), axis=1)
         force = self.force(lengths, self.z) * np.ones_like(error)
-        return Responses(lengths, actual, error, force, 2.0 * actual[..., 0], np.full(error.shape, None))
+        return Responses(
+            lengths, actual, error, force, 2.0 * actual[..., 0], np.full(error.shape, None)
+        )

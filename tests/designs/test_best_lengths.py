@@ -1,4 +1,5 @@
-"""The best lengths of a design by the paper's method where they are known, and what its printed optima come out as."""
+"""The best lengths of a design by the paper's method where they are known, and what its printed
+optima come out as."""
 
 import math
 
@@ -14,7 +15,6 @@ from jointgap.lengths.objective import frozen_objective, objective_of_motion
 from jointgap.paper.printed import OPTIMA
 from tests.catalogue import refused
 from tests.dynamics.cases import mechanism, options
-from tests.rows import each
 
 MADE = mechanism(friction=0.1)
 CRANK, ROD = MADE.crank.length, MADE.rod.length
@@ -31,7 +31,7 @@ def measured(scenario: Scenario) -> list[dict]:
     return simulate_designs(designs_of(scenario), 0, scenario.sweep.designs, 1).to_dict("records")
 
 
-@each("longer", [-5e-3, -1e-4, 1e-4, 5e-3])
+@pytest.mark.parametrize("longer", [-5e-3, -1e-4, 1e-4, 5e-3])
 def test_clearances_that_act_as_a_longer_crank_ask_for_a_crank_as_much_shorter(longer):
     known = frozen_objective(MADE, ANGLE, longer * np.sin(ANGLE))
     best = best_crank_length(known, ROD)
@@ -41,7 +41,9 @@ def test_clearances_that_act_as_a_longer_crank_ask_for_a_crank_as_much_shorter(l
 
 def test_without_clearance_the_best_lengths_are_the_original_ones_and_no_share_is_reported():
     rod = -np.arcsin(CRANK * np.sin(ANGLE) / ROD)
-    assert best_crank_length(objective_of_motion(MADE, ANGLE, rod), ROD) == pytest.approx(CRANK, abs=1e-9)
+    assert best_crank_length(objective_of_motion(MADE, ANGLE, rod), ROD) == pytest.approx(
+        CRANK, abs=1e-9
+    )
     for design in measured(asked({"speed": ["300 rpm", "600 rpm"]}, mechanism(loose=()))):
         assert design["best_crank_length"] == pytest.approx(CRANK, abs=1e-9)
         assert math.isnan(design["reduction_at_best"])
@@ -49,10 +51,13 @@ def test_without_clearance_the_best_lengths_are_the_original_ones_and_no_share_i
 
 def test_the_best_lengths_of_a_design_are_those_of_its_clearance_vectors_in_both_revolutions():
     window = (math.radians(60), math.radians(300))
-    (design, _) = measured(asked({"friction": [0.1, 0.2]}, window=window, design="grid"))
+    design, _ = measured(asked({"friction": [0.1, 0.2]}, window=window, design="grid"))
     samples = simulate(MADE, COARSE).samples
     turned = samples["crank_angle"].to_numpy()
-    parts = {"": slice(360, 720), "_in_window": (turned >= window[0] - 1e-9) & (turned <= window[1] + 1e-9)}
+    parts = {
+        "": slice(360, 720),
+        "_in_window": (turned >= window[0] - 1e-9) & (turned <= window[1] + 1e-9),
+    }
     for suffix, part in parts.items():
         own = samples[part]
         known = frozen_objective(MADE, own["crank_angle"].to_numpy(), clearance_lift(own))
@@ -66,12 +71,19 @@ def test_the_best_lengths_of_a_design_are_those_of_its_clearance_vectors_in_both
         assert design[f"reduction_at_best{suffix}"] > 0.0
 
 
-@each("measure, key", [("best_ratio", "best_lengths"), ("reduction_at_printed_local", "printed_numbers")])
+@pytest.mark.parametrize(
+    "measure, key",
+    [("best_ratio", "best_lengths"), ("reduction_at_printed_local", "printed_numbers")],
+)
 def test_what_decides_is_asked_of_what_is_measured_alone(measure, key):
-    given = asked({"friction": [0.1, 0.2]}, best_lengths=False).model_dump(by_alias=True, exclude_unset=True)
+    given = asked({"friction": [0.1, 0.2]}, best_lengths=False).model_dump(
+        by_alias=True, exclude_unset=True
+    )
     with pytest.raises(ValueError, match=f"{measure} is not computed; set sweep.{key} to true"):
         Scenario(**given | {"sensitivity": {"measures": [measure]}})
-    Scenario(**given | {"sweep": given["sweep"] | {key: True}, "sensitivity": {"measures": [measure]}})
+    Scenario(
+        **given | {"sweep": given["sweep"] | {key: True}, "sensitivity": {"measures": [measure]}}
+    )
 
 
 COUNTED = {
@@ -101,7 +113,9 @@ def objective(samples, design: dict):
     return frozen_objective(MADE, part["crank_angle"].to_numpy(), clearance_lift(part))
 
 
-def test_the_printed_lengths_reduce_the_error_of_a_design_as_the_objective_of_its_clearance_vectors_says(motion):
+def test_the_printed_lengths_reduce_the_error_of_a_design_as_the_objective_of_its_clearance_vectors_says(
+    motion,
+):
     for design in simulate_designs(designs_of(printed_of(COUNTED)), 0, 4, 1).to_dict("records"):
         known = objective(motion, design)
         for printed in OPTIMA:
@@ -114,9 +128,17 @@ def test_the_printed_lengths_reduce_the_error_of_a_design_as_the_objective_of_it
 
 REFUSED = [
     ({"revolution": [1]}, {"printed_numbers": False}, "revolution: defines the error"),
-    ({"revolution": [1, 3]}, {}, "revolution = 3: must be an integer from 1 to simulate.revolutions, 2"),
+    (
+        {"revolution": [1, 3]},
+        {},
+        "revolution = 3: must be an integer from 1 to simulate.revolutions, 2",
+    ),
     ({"error_measure": ["rmse"]}, {}, "error_measure = 'rmse': no such measure"),
-    ({"window_start": ["100 deg"], "window_end": ["50 deg"]}, {}, "window_start = 1.74533, window_end = 0.872665"),
+    (
+        {"window_start": ["100 deg"], "window_end": ["50 deg"]},
+        {},
+        "window_start = 1.74533, window_end = 0.872665",
+    ),
     ({"clearance": {"from": "0.1 mm", "to": "0.5 mm"}}, {}, "do not apply to this mechanism"),
 ]
 

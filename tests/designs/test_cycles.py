@@ -1,4 +1,5 @@
-"""Statistics over revolutions against what can be worked out by hand; what a small change grows to."""
+"""Statistics over revolutions against what can be worked out by hand; what a small change grows
+to."""
 
 import math
 
@@ -44,15 +45,25 @@ BY_HAND = events(
 
 def test_time_is_shared_out_among_flight_impact_and_contact():
     found = contacts(BY_HAND, "crank_pin")
-    assert time_shares(found, 0.0, 10.0) == pytest.approx({"flight": 0.45, "impact": 0.05, "contact": 0.5})
-    assert time_shares(found, 1.25, 2.25) == pytest.approx({"flight": 0.5, "impact": 0.25, "contact": 0.25})
-    assert time_shares(contacts(BY_HAND, "piston_pin"), 0.0, 10.0) == {"flight": 1.0, "impact": 0.0, "contact": 0.0}
+    assert time_shares(found, 0.0, 10.0) == pytest.approx(
+        {"flight": 0.45, "impact": 0.05, "contact": 0.5}
+    )
+    assert time_shares(found, 1.25, 2.25) == pytest.approx(
+        {"flight": 0.5, "impact": 0.25, "contact": 0.25}
+    )
+    assert time_shares(contacts(BY_HAND, "piston_pin"), 0.0, 10.0) == {
+        "flight": 1.0,
+        "impact": 0.0,
+        "contact": 0.0,
+    }
 
 
 def test_a_motion_that_repeats_after_some_revolutions_has_that_period_and_another_none_but_how_near_it_comes():
     for period in (1, 3):
         turns = np.arange(12 * 100 + 1) / 100
-        vectors = 1e-3 * np.stack([np.cos(2 * np.pi * turns / period), np.sin(2 * np.pi * turns)], axis=1)
+        vectors = 1e-3 * np.stack(
+            [np.cos(2 * np.pi * turns / period), np.sin(2 * np.pi * turns)], axis=1
+        )
         found = periodicity(vectors, 100, 1e-3)
         assert found.period == period and found.distances[period - 1] < 1e-15
     turns = np.arange(8 * 100 + 1) / 100
@@ -60,12 +71,17 @@ def test_a_motion_that_repeats_after_some_revolutions_has_that_period_and_anothe
     found = periodicity(vectors, 100, 1e-3)
     assert found.period is None
     # three revolutions are nearest to a whole number, 2, of its turns: 3 x 0.618 = 1.854
-    assert found.distances[2] == pytest.approx(2e-3 * math.sin(math.pi * (2 - 3 * (math.sqrt(5) - 1) / 2)), rel=0.01)
+    assert found.distances[2] == pytest.approx(
+        2e-3 * math.sin(math.pi * (2 - 3 * (math.sqrt(5) - 1) / 2)), rel=0.01
+    )
 
 
 @pytest.fixture(scope="module")
 def settled():
-    made, wanted = mechanism(friction=0.2, loose=ALL), options(revolutions=12, samples_per_revolution=360)
+    made, wanted = (
+        mechanism(friction=0.2, loose=ALL),
+        options(revolutions=12, samples_per_revolution=360),
+    )
     return made, wanted, simulate(made, wanted)
 
 
@@ -78,7 +94,9 @@ def test_statistics_of_a_settled_motion_say_that_it_repeats_in_contact(settled):
     shares = found.revolutions[["share_flight", "share_impact", "share_contact"]].sum(axis=1)
     np.testing.assert_allclose(shares, 1.0, rtol=1e-12)
     hardest = found.revolutions.groupby("joint")["peak_force"].max()
-    assert (hardest >= run.events.groupby("joint")["peak_force"].max().reindex(hardest.index).fillna(0)).all()
+    assert (
+        hardest >= run.events.groupby("joint")["peak_force"].max().reindex(hardest.index).fillna(0)
+    ).all()
     spread = found.eccentricity["high"] - found.eccentricity["low"]
     assert spread.max() < 1e-5
     apart = found.section.groupby("joint")[["x", "y"]].agg(np.ptp)
@@ -90,7 +108,9 @@ def test_the_section_takes_each_revolution_once_at_the_angle_asked_for(settled):
     section = poincare_section(run.samples, ["crank_pin"], 360, math.radians(90.2), first=11)
     assert list(section["revolution"]) == [11, 12]
     assert np.degrees(section["crank_angle"]).to_numpy() == pytest.approx([3690, 4050])
-    assert math.hypot(section["x"][0], section["y"][0]) == pytest.approx(run.samples.iloc[3690]["r2"], rel=1e-12)
+    assert math.hypot(section["x"][0], section["y"][0]) == pytest.approx(
+        run.samples.iloc[3690]["r2"], rel=1e-12
+    )
     with pytest.raises(InputError, match="the motion has 12 revolutions"):
         poincare_section(run.samples, ["crank_pin"], 360, first=13)
 
@@ -113,11 +133,17 @@ COARSE = options(samples_per_revolution=360)
 
 def test_a_change_is_forgotten_with_friction_and_grows_without():
     wanted = options(revolutions=3, samples_per_revolution=180)
-    rubbing, sliding = (measure_growth(mechanism(friction=mu), wanted, directions=3) for mu in (0.2, 0.0))
+    rubbing, sliding = (
+        measure_growth(mechanism(friction=mu), wanted, directions=3) for mu in (0.2, 0.0)
+    )
     np.testing.assert_allclose(rubbing.factors[:, 0], 1.0, rtol=1e-12)
     assert rubbing.frame()["median"][-180:].max() < 1 and "throughout" in rubbing.verdict
     assert sliding.frame()["median"][-180:].min() > 100
-    one, ten = (measure_growth(mechanism(), COARSE, change, directions=2) for change in (1e-11, 1e-10))
-    np.testing.assert_allclose(one.factors[:, :90], ten.factors[:, :90], rtol=0.02)  # in proportion to its size
+    one, ten = (
+        measure_growth(mechanism(), COARSE, change, directions=2) for change in (1e-11, 1e-10)
+    )
+    np.testing.assert_allclose(
+        one.factors[:, :90], ten.factors[:, :90], rtol=0.02
+    )  # in proportion to its size
     with pytest.raises(InputError, match="all joints are ideal"):
         measure_growth(mechanism(loose=()), COARSE)

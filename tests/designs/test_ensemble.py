@@ -1,4 +1,5 @@
-"""Many motions at once are the motions one by one, whoever simulates them; the same from the command line."""
+"""Many motions at once are the motions one by one, whoever simulates them; the same from the
+command line."""
 
 import itertools
 import json
@@ -50,7 +51,12 @@ def test_a_run_that_fails_says_why_and_the_others_go_on(tmp_path):
     made = mechanism(friction=0.1)
     braked = mechanism(effect("slider_constant_force", force_N=5000.0), friction=0.1)
     stalling = options(drive=MOTOR, samples_per_revolution=90, tolerance=1e-9)
-    runs = [Run(made, COARSE), Run(made, COARSE, [0.1, 0, 0, 0]), Run(braked, stalling), Run(made, COARSE)]
+    runs = [
+        Run(made, COARSE),
+        Run(made, COARSE, [0.1, 0, 0, 0]),
+        Run(braked, stalling),
+        Run(made, COARSE),
+    ]
     written = write_ensemble(runs, tmp_path)
     assert "not less than its clearance" in written["reason"][1]
     assert "stalls" in written["reason"][2]
@@ -88,7 +94,11 @@ def test_every_combination_runs_from_every_start():
     runs = runs_of(vary={"speed": ["300 rpm", "600 rpm"], "friction": [0, 0.1, 0.2]}, members=2)
     assert len(runs) == 2 * 3 * 2
     assert sorted({run.options.speed for run in runs}) == pytest.approx([10 * np.pi, 20 * np.pi])
-    assert [run.mechanism.joint("crank_pin").contact.friction for run in runs[:6:2]] == [0, 0.1, 0.2]
+    assert [run.mechanism.joint("crank_pin").contact.friction for run in runs[:6:2]] == [
+        0,
+        0.1,
+        0.2,
+    ]
     assert not np.any(runs[0].perturbation) and np.any(runs[1].perturbation)
     np.testing.assert_array_equal(runs[1].perturbation, runs[3].perturbation)
     assert not np.any([run.perturbation[4:] for run in runs])  # the crank pivot is ideal
@@ -102,13 +112,21 @@ def test_the_clearance_of_one_joint_is_varied_by_its_path():
 
 
 def test_an_effect_at_two_sites_is_found_by_name_and_site():
-    pins = [effect("pin_friction", site=site, coefficient=0.1) for site in ("crank_pin", "piston_pin")]
+    pins = [
+        effect("pin_friction", site=site, coefficient=0.1) for site in ("crank_pin", "piston_pin")
+    ]
     made, end = mechanism(*pins, loose=()), "parameters.coefficient"
     key = f"mechanism.effects.pin_friction@piston_pin.{end}"
     (run,) = ensemble_runs(made, COARSE, Runs(vary={key: [0.2]}, members=1))
-    assert [run.mechanism.effect("pin_friction", pin).coefficient for pin in ("crank_pin", "piston_pin")] == [0.1, 0.2]
+    assert [
+        run.mechanism.effect("pin_friction", pin).coefficient for pin in ("crank_pin", "piston_pin")
+    ] == [0.1, 0.2]
     with pytest.raises(InputError, match=r"did you mean .*'pin_friction@crank_pin'"):
-        list(ensemble_runs(made, COARSE, Runs(vary={f"mechanism.effects.pin_friction.{end}": [0.2]}, members=1)))
+        list(
+            ensemble_runs(
+                made, COARSE, Runs(vary={f"mechanism.effects.pin_friction.{end}": [0.2]}, members=1)
+            )
+        )
 
 
 REFUSED = [
@@ -130,7 +148,9 @@ SIMULATE = {"revolutions": 3, "samples_per_revolution": 360, "tolerance": 1e-9}
 
 def sections_of(**sections) -> str:
     made = mechanism(friction=0.2).model_dump()
-    return json.dumps({"mechanism": made, "simulate": SIMULATE, "surrogate": {"training_points": 37}} | sections)
+    return json.dumps(
+        {"mechanism": made, "simulate": SIMULATE, "surrogate": {"training_points": 37}} | sections
+    )
 
 
 def call(*arguments):
@@ -142,7 +162,16 @@ def call(*arguments):
 def test_statistics_of_a_simulated_motion_are_printed_and_written(tmp_path):
     motion = ["--trajectory", tmp_path / "motion.parquet", "--events", tmp_path / "events.parquet"]
     call("simulate", "--options", sections_of(), *motion)
-    output = call("cycles", "--options", sections_of(), *motion, "--folder", tmp_path / "cycles", "--angle", "90 deg")
+    output = call(
+        "cycles",
+        "--options",
+        sections_of(),
+        *motion,
+        "--folder",
+        tmp_path / "cycles",
+        "--angle",
+        "90 deg",
+    )
     assert "from revolution 2 on: " in output and "crank_pin: flight" in output
     section = parquet.read(schema.POINCARE_SECTION, tmp_path / "cycles/section.parquet")
     assert list(section["revolution"]) == [2, 3, 2, 3]

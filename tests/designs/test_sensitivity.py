@@ -28,7 +28,9 @@ EVEN = {
 
 
 def designs(parameters: dict, **more) -> Designs:
-    return designs_of(Scenario(mechanism=MADE, simulate=COARSE, sweep={"parameters": parameters, **more}))
+    return designs_of(
+        Scenario(mechanism=MADE, simulate=COARSE, sweep={"parameters": parameters, **more})
+    )
 
 
 def swept(drawn: Designs, measure, reason=None) -> pd.DataFrame:
@@ -46,7 +48,11 @@ def decide(drawn: Designs, measure, reason=None, seed=0) -> SensitivityResult:
 def quantiles(frame: pd.DataFrame) -> np.ndarray:
     """(n, 3) in [0, 1) of the parameters `EVEN`."""
     return np.column_stack(
-        [np.log10(frame["clearance"] / 1e-4), frame["friction"] / 0.2, frame["speed"] * 30 / math.pi / 600 - 0.5]
+        [
+            np.log10(frame["clearance"] / 1e-4),
+            frame["friction"] / 0.2,
+            frame["speed"] * 30 / math.pi / 600 - 0.5,
+        ]
     )
 
 
@@ -64,7 +70,8 @@ def additive(frame: pd.DataFrame) -> np.ndarray:
 
 
 def check(found: SensitivityResult, known: dict, within: float, beside: float = 1e-6) -> None:
-    """Indices are known `within` so much, their intervals hold them or lie `beside` them by no more."""
+    """Indices are known `within` so much, their intervals hold them or lie `beside` them by no
+    more."""
     indices = found.indices.set_index("parameter")
     assert list(indices.index) == list(known)
     for parameter, pair in known.items():
@@ -82,9 +89,19 @@ def test_the_indices_of_ishigami_s_function_come_out_within_their_intervals():
 
 def test_a_sum_has_the_shares_of_its_variances_whatever_the_distributions():
     parameters = {
-        "clearance": {"distribution": "triangular", "from": "0.1 mm", "peak": "0.2 mm", "to": "0.7 mm"},
+        "clearance": {
+            "distribution": "triangular",
+            "from": "0.1 mm",
+            "peak": "0.2 mm",
+            "to": "0.7 mm",
+        },
         "crank_length": {"distribution": "normal", "mean": "150 mm", "deviation": "0.1 mm"},
-        "rod_length": {"distribution": "normal", "mean": "564 mm", "deviation": "0.1 mm", "from": "563.9 mm"},
+        "rod_length": {
+            "distribution": "normal",
+            "mean": "564 mm",
+            "deviation": "0.1 mm",
+            "from": "563.9 mm",
+        },
         "speed": {"distribution": "log_uniform", "from": "300 rpm", "to": "900 rpm"},
         "mechanism.slider.mass": [1.0, 2.0, 6.0],
         "mechanism.joints.crank_pin.journal": ["crank", "rod"],
@@ -95,10 +112,17 @@ def test_a_sum_has_the_shares_of_its_variances_whatever_the_distributions():
     weights = np.arange(1.0, 6.0) / deviations
 
     def weighed(frame):
-        return frame.iloc[:, :5].to_numpy(dtype=float) @ weights + 6 * (frame.iloc[:, 5] == "rod") / 0.5
+        return (
+            frame.iloc[:, :5].to_numpy(dtype=float) @ weights
+            + 6 * (frame.iloc[:, 5] == "rod") / 0.5
+        )
 
     shares = np.arange(1.0, 7.0) ** 2 / 91
-    check(decide(drawn, weighed), dict(zip(parameters, zip(shares, shares, strict=True), strict=False)), within=0.01)
+    check(
+        decide(drawn, weighed),
+        dict(zip(parameters, zip(shares, shares, strict=True), strict=False)),
+        within=0.01,
+    )
 
 
 def fine_waves(frame: pd.DataFrame, variance: float) -> np.ndarray:
@@ -108,7 +132,11 @@ def fine_waves(frame: pd.DataFrame, variance: float) -> np.ndarray:
 
 def held_in_intervals(seed: int) -> list[bool]:
     """Which intervals hold the indices of a sum with fine waves of a tenth of the variance."""
-    found = decide(designs(EVEN, number=256, seed=seed), lambda f: additive(f) + fine_waves(f, 14 / 12 / 9), seed=seed)
+    found = decide(
+        designs(EVEN, number=256, seed=seed),
+        lambda f: additive(f) + fine_waves(f, 14 / 12 / 9),
+        seed=seed,
+    )
     known = 0.9 * np.array([9, 4, 1]) / 14 + [0, 0, 0.1]
     return [
         bool(row[f"{index}_low"] <= value <= row[f"{index}_high"])
@@ -135,7 +163,9 @@ def test_failed_designs_are_left_out_and_counted():
     found = decide(designs(EVEN, number=512), additive, corner)
     assert 20 < found.failed < 51
     assert found.surrogates.loc[0, "failed"] == found.failed
-    check(found, {key: (w / 14, w / 14) for key, w in zip(EVEN, (9, 4, 1), strict=True)}, within=0.01)
+    check(
+        found, {key: (w / 14, w / 14) for key, w in zip(EVEN, (9, 4, 1), strict=True)}, within=0.01
+    )
 
 
 def test_too_many_failed_or_too_few_designs_a_constant_and_a_rough_measure_have_no_index():
@@ -147,7 +177,12 @@ def test_too_many_failed_or_too_few_designs_a_constant_and_a_rough_measure_have_
         (64, additive, half, "undefined for 50 % of the designs (32 failed), more than 10 %"),
         (32, additive, None, "32 designs with a value, fewer than 50"),
         (64, lambda frame: np.full(len(frame), 0.3), None, "equal for all designs"),
-        (128, lambda frame: additive(frame) + 3 * noise.normal(size=len(frame)), None, "less than 80 %"),
+        (
+            128,
+            lambda frame: additive(frame) + 3 * noise.normal(size=len(frame)),
+            None,
+            "less than 80 %",
+        ),
     ):
         found = decide(designs(EVEN, number=number), measure, failed)
         assert found.indices.empty and reason in found.surrogates.loc[0, "reason"]
@@ -156,7 +191,8 @@ def test_too_many_failed_or_too_few_designs_a_constant_and_a_rough_measure_have_
 
 
 def dataset(drawn: Designs, folder: Path) -> None:
-    """A sweep's dataset without a simulation: its stroke is `additive`, nothing else was measured."""
+    """A sweep's dataset without a simulation: its stroke is `additive`, nothing else was
+    measured."""
     frame = swept(drawn, additive)
     blank = {name: np.nan for name in MEASURES.names if name != "stroke"}
     frame = frame.assign(design=np.arange(len(frame)), steps=1, **blank)
@@ -165,7 +201,12 @@ def dataset(drawn: Designs, folder: Path) -> None:
 
 def scenario(number: int) -> Scenario:
     sweep = {"parameters": EVEN, "number": number}
-    return Scenario(mechanism=MADE, simulate=COARSE, sweep=sweep, sensitivity={"measures": ["stroke", "noise_share"]})
+    return Scenario(
+        mechanism=MADE,
+        simulate=COARSE,
+        sweep=sweep,
+        sensitivity={"measures": ["stroke", "noise_share"]},
+    )
 
 
 def test_the_stage_says_on_its_page_what_decides_and_finds_the_same_again(tmp_path):
@@ -180,4 +221,8 @@ def test_the_stage_says_on_its_page_what_decides_and_finds_the_same_again(tmp_pa
         parquet.write(table, frame, written := tmp_path / Path(table.path).name)
         assert written.read_bytes() == (folder / written.name).read_bytes()
     assert (folder / "summary.html").exists()
-    assert {path.stem for path in (folder / "figures").iterdir()} == {"indices", "main_effects_stroke", "map_stroke"}
+    assert {path.stem for path in (folder / "figures").iterdir()} == {
+        "indices",
+        "main_effects_stroke",
+        "map_stroke",
+    }

@@ -1,4 +1,5 @@
-"""A sweep draws the designs that its parameters ask for, and measures each as a simulation alone does."""
+"""A sweep draws the designs that its parameters ask for, and measures each as a simulation alone
+does."""
 
 import math
 from pathlib import Path
@@ -17,7 +18,6 @@ from jointgap.designs.statistics import clearance_vectors
 from jointgap.dynamics.simulation import simulate
 from tests.catalogue import refused
 from tests.dynamics.cases import mechanism, options
-from tests.rows import each
 
 MADE = mechanism(friction=0.1)
 COARSE = options(revolutions=2, samples_per_revolution=360, tolerance=1e-8)
@@ -31,11 +31,14 @@ def column(parameters: dict, number: int = 512, **more) -> np.ndarray:
     """Values of the one parameter."""
     (key,) = parameters
     return np.array(
-        [values[key] for values in designs_of(scenario(parameters, number=number, **more)).values(0, number)]
+        [
+            values[key]
+            for values in designs_of(scenario(parameters, number=number, **more)).values(0, number)
+        ]
     )
 
 
-@each("design", ["sobol", "latin_hypercube", "grid"])
+@pytest.mark.parametrize("design", ["sobol", "latin_hypercube", "grid"])
 def test_designs_do_not_depend_on_the_part_in_which_they_are_drawn(design):
     ranges = {
         "friction": {"from": 0, "to": 0.2, "number": 5},
@@ -48,7 +51,10 @@ def test_designs_do_not_depend_on_the_part_in_which_they_are_drawn(design):
 
 
 def test_a_larger_number_of_a_sobol_sequence_only_adds_designs():
-    few, many = (designs_of(scenario({"friction": {"from": 0, "to": 0.2}}, number=number)) for number in (8, 64))
+    few, many = (
+        designs_of(scenario({"friction": {"from": 0, "to": 0.2}}, number=number))
+        for number in (8, 64)
+    )
     assert many.values(0, 8) == few.values(0, 8)
     assert many.digest == few.digest
 
@@ -63,12 +69,21 @@ def test_values_are_distributed_as_is_asked():
     logarithmic = spread("log_uniform", **{"from": "0.1 mm", "to": "1 mm"})
     assert np.mean(logarithmic < math.sqrt(1e-4 * 1e-3)) == pytest.approx(0.5, abs=0.01)
     normal = {"mean": "0.5 mm", "deviation": "0.1 mm"}
-    free, cut = spread("normal", **normal), spread("normal", **normal, **{"from": "0.4 mm", "to": "0.6 mm"})
-    assert (free.mean(), free.std()) == (pytest.approx(5e-4, rel=1e-3), pytest.approx(1e-4, rel=0.03))
+    free, cut = (
+        spread("normal", **normal),
+        spread("normal", **normal, **{"from": "0.4 mm", "to": "0.6 mm"}),
+    )
+    assert (free.mean(), free.std()) == (
+        pytest.approx(5e-4, rel=1e-3),
+        pytest.approx(1e-4, rel=0.03),
+    )
     assert 4e-4 <= cut.min() < cut.max() <= 6e-4
     triangular = spread("triangular", **{"from": "0.1 mm", "peak": "0.2 mm", "to": "0.6 mm"})
     assert triangular.mean() == pytest.approx(3e-4, rel=0.01)
-    assert np.count_nonzero(column({"mechanism.joints.crank_pin.journal": ["crank", "rod"]}) == "rod") == 256
+    assert (
+        np.count_nonzero(column({"mechanism.joints.crank_pin.journal": ["crank", "rod"]}) == "rod")
+        == 256
+    )
     strata = column({"friction": {"from": 0, "to": 0.2}}, number=50, design="latin_hypercube")
     np.testing.assert_array_equal(np.sort(np.floor(strata / 0.2 * 50)), np.arange(50))
     ranges = {"friction": [0, 0.1], "speed": {"from": "300 rpm", "to": "500 rpm", "number": 3}}
@@ -81,7 +96,10 @@ def test_values_are_distributed_as_is_asked():
 @pytest.fixture(scope="module")
 def measured() -> tuple:
     """Designs, and what was measured of the first four."""
-    ranges = {"clearance": {"from": "0.2 mm", "to": "0.8 mm"}, "friction": {"from": 0.02, "to": 0.2}}
+    ranges = {
+        "clearance": {"from": "0.2 mm", "to": "0.8 mm"},
+        "friction": {"from": 0.02, "to": 0.2},
+    }
     designs = designs_of(scenario(ranges, number=4, window=["60 deg", "360 deg"]))
     return designs, simulate_designs(designs, 0, 4)
 
@@ -97,21 +115,31 @@ def test_a_design_is_measured_as_its_simulation_alone_says(measured):
         ideal = math.pi / 2 + np.arcsin(-crank * np.sin(samples["crank_angle"]) / rod)
         return (ideal - samples["transmission_angle"]).to_numpy()
 
-    assert row["angle_error_rms"] == pytest.approx(np.sqrt(np.mean(error(last)[:-1] ** 2)), rel=1e-9)
+    assert row["angle_error_rms"] == pytest.approx(
+        np.sqrt(np.mean(error(last)[:-1] ** 2)), rel=1e-9
+    )
     assert row["angle_error_peak"] == pytest.approx(np.abs(error(last)[:-1]).max(), rel=1e-9)
     window = alone.samples.iloc[60:360]
-    assert row["angle_error_mean_in_window"] == pytest.approx(np.abs(error(window)).mean(), rel=1e-9)
+    assert row["angle_error_mean_in_window"] == pytest.approx(
+        np.abs(error(window)).mean(), rel=1e-9
+    )
     assert row["stroke"] == pytest.approx(np.ptp(last["slider_position"]), rel=1e-4)
     assert row["crank_pin_rms_force"] == pytest.approx(
         np.sqrt(np.mean(last["crank_pin_normal_force"][:-1] ** 2)), rel=1e-9
     )
     touching = np.mean(last["piston_pin_mode"].isin(["impact", "contact"]))
     assert row["piston_pin_contact_share"] == pytest.approx(touching, abs=2 / 360)
-    impacts = alone.events[(alone.events["time"] >= last["time"].iloc[0]) & (alone.events["joint"] == "piston_pin")]
+    impacts = alone.events[
+        (alone.events["time"] >= last["time"].iloc[0]) & (alone.events["joint"] == "piston_pin")
+    ]
     assert row["piston_pin_impacts"] == np.count_nonzero(impacts["event"] == "impact")
-    vectors = np.hstack([clearance_vectors(alone.samples, joint) for joint in ("crank_pin", "piston_pin")])
+    vectors = np.hstack(
+        [clearance_vectors(alone.samples, joint) for joint in ("crank_pin", "piston_pin")]
+    )
     apart = np.linalg.norm(vectors[-361:] - vectors[-721:-360], axis=1).max()
-    assert row["repeat_distance"] == pytest.approx(apart / own.mechanism.clearance("crank_pin"), rel=1e-9)
+    assert row["repeat_distance"] == pytest.approx(
+        apart / own.mechanism.clearance("crank_pin"), rel=1e-9
+    )
 
 
 def test_a_mechanism_without_clearance_has_no_error_and_the_stroke_and_dead_centres_of_geometry():
@@ -124,8 +152,12 @@ def test_a_mechanism_without_clearance_has_no_error_and_the_stroke_and_dead_cent
     for crank, row in zip(frame["crank_length"], frame.to_dict("records"), strict=True):
         outer, inner = (math.sqrt((rod + sign * crank) ** 2 - offset**2) for sign in (1, -1))
         assert row["stroke"] == pytest.approx(outer - inner, rel=1e-7)
-        assert math.sin(row["outer_dead_centre_angle"]) == pytest.approx(offset / (rod + crank), abs=1e-5)
-        assert math.sin(row["inner_dead_centre_angle"]) == pytest.approx(-offset / (rod - crank), abs=1e-5)
+        assert math.sin(row["outer_dead_centre_angle"]) == pytest.approx(
+            offset / (rod + crank), abs=1e-5
+        )
+        assert math.sin(row["inner_dead_centre_angle"]) == pytest.approx(
+            -offset / (rod - crank), abs=1e-5
+        )
         assert row["angle_error_peak"] == pytest.approx(0.0, abs=1e-12)
         assert math.isnan(row["crank_pin_impacts"])
 
@@ -138,7 +170,9 @@ def test_the_number_of_workers_does_not_change_a_byte(measured, tmp_path):
 
 
 def test_an_impossible_design_is_a_row_with_its_reason():
-    designs = designs_of(scenario({"mechanism.crank.mass_centre": {"from": "60 mm", "to": "200 mm"}}, number=8))
+    designs = designs_of(
+        scenario({"mechanism.crank.mass_centre": {"from": "60 mm", "to": "200 mm"}}, number=8)
+    )
     frame = simulate_designs(designs, 0, 8)
     failed = frame["mechanism.crank.mass_centre"] > MADE.crank.length
     assert 0 < failed.sum() < 8
@@ -180,8 +214,10 @@ def test_a_grown_sweep_simulates_no_design_again_and_ends_with_the_files_of_one_
     assert dataset(tmp_path / "grown") == dataset(tmp_path / "at once")
 
 
-@each("left", [None, 200])
-def test_a_killed_sweep_goes_on_with_the_parts_that_are_missing_or_damaged(simulated, tmp_path, left):
+@pytest.mark.parametrize("left", [None, 200])
+def test_a_killed_sweep_goes_on_with_the_parts_that_are_missing_or_damaged(
+    simulated, tmp_path, left
+):
     made = scenario(RANGE, number=4, designs_per_job=2)
     sweep(made, tmp_path, 1)
     whole, part = dataset(tmp_path), tmp_path / "designs/part_000001.parquet"
@@ -202,22 +238,34 @@ def test_a_sweep_over_another_measured_angle_is_another_sweep(tmp_path):
         made = scenario(RANGE, number=2)
         drive = {"kind": "measured", "file": str(file)}
         driven = made.simulate.model_dump() | {"drive": drive}
-        return designs_of(made.model_copy(update={"simulate": type(made.simulate)(**driven)})).digest
+        return designs_of(
+            made.model_copy(update={"simulate": type(made.simulate)(**driven)})
+        ).digest
 
     assert digest(60.0) == digest(60.0) != digest(30.0)
 
 
-def test_a_folder_that_holds_anything_else_is_refused_before_anything_is_simulated(simulated, tmp_path):
+def test_a_folder_that_holds_anything_else_is_refused_before_anything_is_simulated(
+    simulated, tmp_path
+):
     sweep(scenario(RANGE, number=5, designs_per_job=2), tmp_path, 1)
     simulated.clear()
     before, part = dataset(tmp_path), "part_000001.parquet: contains designs 2 to 3"
     cases = [
         (RANGE, 3, 2, f"{part}, more than sweep.number = 3; set it to 5 or more"),
         (RANGE, 5, 4, f"{part}, which do not match parts of 4"),
-        ({"friction": {"from": 0, "to": 0.2}}, 5, 2, "part_000000.parquet: belongs to another sweep"),
+        (
+            {"friction": {"from": 0, "to": 0.2}},
+            5,
+            2,
+            "part_000000.parquet: belongs to another sweep",
+        ),
     ]
     refused(
-        lambda ranges, *sizes: sweep(scenario(ranges, number=sizes[0], designs_per_job=sizes[1]), tmp_path, 1), cases
+        lambda ranges, *sizes: sweep(
+            scenario(ranges, number=sizes[0], designs_per_job=sizes[1]), tmp_path, 1
+        ),
+        cases,
     )
     assert not simulated and dataset(tmp_path) == before
 
@@ -240,14 +288,26 @@ def test_a_design_that_is_missing_or_there_twice_is_reported(tmp_path):
 
 REFUSED = [
     ({}, "sweep.parameters: is empty"),
-    ({"clearance": {"from": "1 mm", "to": "0.1 mm"}}, "clearance: from = 1 mm and to = 0.1 mm are in the wrong"),
+    (
+        {"clearance": {"from": "1 mm", "to": "0.1 mm"}},
+        "clearance: from = 1 mm and to = 0.1 mm are in the wrong",
+    ),
     ({"cleerance": {"from": 0, "to": 1}}, "cleerance: no such word; did you mean 'clearance'"),
     ({"friction": {"from": 2, "to": 3}}, "must be less than or equal to 0.6"),
-    ({"friction": {"distribution": "normal", "mean": 0.1, "deviation": 1e-300}}, "all values round to 0.1"),
-    ({"friction": {"distribution": "normal", "mean": 0, "deviation": 0.01, "from": 0.1}}, "exclude all values"),
+    (
+        {"friction": {"distribution": "normal", "mean": 0.1, "deviation": 1e-300}},
+        "all values round to 0.1",
+    ),
+    (
+        {"friction": {"distribution": "normal", "mean": 0, "deviation": 0.01, "from": 0.1}},
+        "exclude all values",
+    ),
     ({"crank_length": ["150 mm", "0.15 m", "151 mm"]}, "contains equal values"),
     ({"friction": {"distribution": "log_uniform", "from": 0, "to": 1}}, "must begin above zero"),
-    ({"clearance": [1e-4], "mechanism.joints.crank_pin.bearing_radius": [8e-3]}, "set the same value"),
+    (
+        {"clearance": [1e-4], "mechanism.joints.crank_pin.bearing_radius": [8e-3]},
+        "set the same value",
+    ),
 ]
 
 
@@ -259,16 +319,19 @@ def test_high_orders_are_those_above_the_tenth():
     turned = np.arange(400) * (2 * math.pi / 400)
     quiet = 7.0 + 5.0 * np.cos(turned) + 2.0 * np.sin(10 * turned)
     assert high_order_rms(quiet) < 1e-13
-    assert high_order_rms(quiet + 3.0 * np.cos(11 * turned) + 4.0 * np.sin(50 * turned)) == pytest.approx(
-        math.sqrt(12.5)
-    )
+    assert high_order_rms(
+        quiet + 3.0 * np.cos(11 * turned) + 4.0 * np.sin(50 * turned)
+    ) == pytest.approx(math.sqrt(12.5))
 
 
 def test_a_grid_of_two_parameters_is_drawn_as_a_map(tmp_path):
     grid = {"clearance": [2e-4, 4e-4], "friction": [0.05, 0.1]}
     made = scenario(grid, design="grid")
     sweep(made, tmp_path, workers=1)
-    drawn, designs = pd.read_parquet(tmp_path / "map.parquet"), pd.read_parquet(tmp_path / "designs")
+    drawn, designs = (
+        pd.read_parquet(tmp_path / "map.parquet"),
+        pd.read_parquet(tmp_path / "designs"),
+    )
     errors = drawn[drawn["series"] == "RMS error of the transmission angle"]["value"]
     assert sorted(errors) == pytest.approx(sorted(np.degrees(designs["angle_error_rms"])))
     assert "data:image/png" in (tmp_path / "summary.html").read_text()

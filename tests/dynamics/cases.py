@@ -59,23 +59,39 @@ def mechanism(
     crank=None,
     **contact,
 ) -> Mechanism:
-    """The paper's slider-crank with a crank pivot that may be loose too; `contact` holds further keys of the
-    contact, `crank` of the crank.
+    """The paper's slider-crank with a crank pivot that may be loose too; `contact` holds further
+    keys of the contact, `crank` of the crank.
     """
-    steel = {"law": law, "friction": friction, **({} if law == "penalty" else {"restitution": restitution}), **contact}
+    steel = {
+        "law": law,
+        "friction": friction,
+        **({} if law == "penalty" else {"restitution": restitution}),
+        **contact,
+    }
     carriers = dict(zip(ALL, ("frame", *journals), strict=True))
     radii = dict(zip(ALL, (0.010, 0.007, 0.007), strict=True))
     own = {
         "crank": BODIES["crank"] | (crank or {}),
         "slider": BODIES["slider"] | {"offset": offset},
-        "joints": {name: joint(name in loose, carriers[name], radii[name], clearance, steel) for name in ALL},
+        "joints": {
+            name: joint(name in loose, carriers[name], radii[name], clearance, steel)
+            for name in ALL
+        },
         "effects": [*effects, *([{"name": "gravity"}] if gravity else [])],
     }
     return Mechanism.model_validate(BODIES | own)
 
 
 def options(**changed) -> Simulate:
-    return Simulate(**{"speed": SPEED, "revolutions": 1, "samples_per_revolution": 360, "tolerance": 1e-12, **changed})
+    return Simulate(
+        **{
+            "speed": SPEED,
+            "revolutions": 1,
+            "samples_per_revolution": 360,
+            "tolerance": 1e-12,
+            **changed,
+        }
+    )
 
 
 def integrated(
@@ -88,12 +104,17 @@ def integrated(
 
 
 def free_impact(made: Mechanism, mass: float, speed: float) -> tuple[Parameters, np.ndarray]:
-    """Impact and separation (2, 9) of a rod of `mass` [kg] that hits a standing crank head-on at `speed` [m/s], its
-    mass centre in the pin.
+    """Impact and separation (2, 9) of a rod of `mass` [kg] that hits a standing crank head-on at
+    `speed` [m/s], its mass centre in the pin.
     """
     p = with_numbers(
         parameters(made, options(speed=1.0)),
-        bodies={"crank_length": 0.0, "rod_centre": 0.0, "rod_mass": mass, "rod_inverse_mass": 1 / mass},
+        bodies={
+            "crank_length": 0.0,
+            "rod_centre": 0.0,
+            "rod_mass": mass,
+            "rod_inverse_mass": 1 / mass,
+        },
         piston_pin={"clearance": 10.0},
     )
     start = np.array([0.0, 0.0, 0.0, 0.0, 0.0, speed, 0.0, speed]), np.zeros(AUXILIARY_STATES)
@@ -111,7 +132,8 @@ def with_numbers(p: Parameters, **groups: dict) -> Parameters:
 
 
 def order(p: Parameters, here, time_map, begin: float, end: float, counts) -> float:
-    """Order at which the velocities after `count` equal steps from s = `begin` to `end` converge."""
+    """Order at which the velocities after `count` equal steps from s = `begin` to `end`
+    converge."""
 
     def velocities(count):
         there, s = here, begin

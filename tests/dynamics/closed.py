@@ -1,4 +1,5 @@
-"""The slider-crank with ideal joints in closed form: kinematics over the crank angle, reactions by Newton and Euler."""
+"""The slider-crank with ideal joints in closed form: kinematics over the crank angle, reactions by
+Newton and Euler."""
 
 from dataclasses import dataclass
 
@@ -9,7 +10,8 @@ from jointgap.config import Mechanism
 
 @dataclass(frozen=True)
 class Closed:
-    """Motion at crank angles `angle` (n,) [rad] with the crank's `speed` and `acceleration` there; SI.
+    """Motion at crank angles `angle` (n,) [rad] with the crank's `speed` and `acceleration` there;
+    SI.
 
     A prime is a derivative with respect to the crank angle.
     """
@@ -20,21 +22,28 @@ class Closed:
     acceleration: np.ndarray | float = 0.0
 
     def rated(self, first, second):
-        """Rate and second rate over time of a quantity with the derivatives `first` and `second` over the angle."""
+        """Rate and second rate over time of a quantity with the derivatives `first` and `second`
+        over the angle."""
         return first * self.speed, second * self.speed**2 + first * self.acceleration
 
     @property
     def rod_angle(self):
-        return np.arcsin((self.made.slider.offset - self.made.crank.length * np.sin(self.angle)) / self.made.rod.length)
+        return np.arcsin(
+            (self.made.slider.offset - self.made.crank.length * np.sin(self.angle))
+            / self.made.rod.length
+        )
 
     @property
     def rod_primes(self):
         ratio = self.made.crank.length / self.made.rod.length
         first = -ratio * np.cos(self.angle) / np.cos(self.rod_angle)
-        return first, (ratio * np.sin(self.angle) + np.sin(self.rod_angle) * first**2) / np.cos(self.rod_angle)
+        return first, (ratio * np.sin(self.angle) + np.sin(self.rod_angle) * first**2) / np.cos(
+            self.rod_angle
+        )
 
     def on_rod(self, distance):
-        """Place, first and second derivative over the crank angle of a point of the rod, (2, n) each."""
+        """Place, first and second derivative over the crank angle of a point of the rod, (2, n)
+        each."""
         r, turn, bend = self.made.crank.length, *self.rod_primes
         crank = np.array([np.cos(self.angle), np.sin(self.angle)])
         along = np.array([np.cos(self.rod_angle), np.sin(self.rod_angle)])
@@ -66,12 +75,14 @@ class Closed:
         return crank.inertia + crank.mass * (crank.mass_centre**2 + crank.mass_centre_across**2)
 
     def turned(self, along, beside, twice=False):
-        """A vector of the crank, `along` its line and `beside` it, turned by 90 degrees or by twice that, (2, n)."""
+        """A vector of the crank, `along` its line and `beside` it, turned by 90 degrees or by twice
+        that, (2, n)."""
         arm = (along + 1j * beside) * np.exp(1j * self.angle) * (-1 if twice else 1j)
         return np.array([arm.real, arm.imag])
 
     def virtual_work_torque(self, slider_force=0.0):
-        """Torque of the drive [N m]: what inertia, weight and the force on the slider [N] take up per radian."""
+        """Torque of the drive [N m]: what inertia, weight and the force on the slider [N] take up
+        per radian."""
         made, gravity = self.made, self.made.gravity[:, None]
         _, turn, _ = self.on_rod(made.rod.mass_centre)
         moved = self.turned(made.crank.mass_centre, made.crank.mass_centre_across)
@@ -83,8 +94,8 @@ class Closed:
         return torque + pull * self.on_rod(made.rod.length)[1][0]
 
     def reactions(self, slider_force=0.0, pin_moment=0.0, piston_moment=0.0):
-        """Forces on the rod in crank pin and piston pin, of the frame on the crank, (2, n) each [N]; guide force;
-        torque.
+        """Forces on the rod in crank pin and piston pin, of the frame on the crank, (2, n) each
+        [N]; guide force; torque.
 
         `pin_moment` and `piston_moment` act on the rod by friction in its pins [N m].
         """
@@ -93,7 +104,9 @@ class Closed:
         c, s = np.cos(self.rod_angle), np.sin(self.rod_angle)
         inertia = rod.mass * (self.centre_rates[1] - gravity)
         piston_x = slider_force - made.slider.mass * (self.slider_rates[1] - made.gravity[0])
-        moment = rod.inertia * self.rod_rates[1] + rod.mass_centre * (c * inertia[1] - s * inertia[0])
+        moment = rod.inertia * self.rod_rates[1] + rod.mass_centre * (
+            c * inertia[1] - s * inertia[0]
+        )
         piston_y = ((moment - pin_moment - piston_moment) / rod.length + s * piston_x) / c
         piston = np.array([piston_x + 0 * piston_y, piston_y])
         pin = inertia - piston

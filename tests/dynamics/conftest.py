@@ -7,7 +7,8 @@ import pytest
 
 @pytest.fixture
 def worst(record_property) -> Callable[[str, float, float], None]:
-    """A function that checks that a deviation is within its bound, and remembers it under a name."""
+    """A function that checks that a deviation is within its bound, and remembers it under a
+    name."""
 
     def within(name: str, deviation: float, bound: float) -> None:
         record_property("worst", (name, float(deviation), float(bound)))

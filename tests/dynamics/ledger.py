@@ -1,6 +1,7 @@
 """Energy, momenta, powers and forces of the whole mechanism, each from its own definition.
 
-Bodies as points and directions, forces by their laws: nothing here knows how the equations of motion are written.
+Bodies as points and directions, forces by their laws: nothing here knows how the equations of
+motion are written.
 """
 
 import math
@@ -24,11 +25,14 @@ def turned(vector):
 
 def rod_centre(moved: Motion) -> np.ndarray:
     """Place and velocity of the rod's mass centre, (2, 2, panels, nodes)."""
-    return np.array([[moved[f"rod_{what}_{axis}"] for axis in "xy"] for what in ("position", "velocity")])
+    return np.array(
+        [[moved[f"rod_{what}_{axis}"] for axis in "xy"] for what in ("position", "velocity")]
+    )
 
 
 def bodies(moved: Motion) -> list[tuple]:
-    """Crank, unbalance, rod, slider: mass, position and velocity of the mass centre, inertia, angular velocity."""
+    """Crank, unbalance, rod, slider: mass, position and velocity of the mass centre, inertia,
+    angular velocity."""
     made = moved.made
     angle, speed = moved.angles, moved["crank_speed"]
     pivot, pivot_rate = (np.array([moved.auxiliary(i), moved.auxiliary(i + 1)]) for i in (0, 4))
@@ -50,22 +54,30 @@ def bodies(moved: Motion) -> list[tuple]:
 
 
 def bending(moved: Motion) -> dict[str, np.ndarray]:
-    """What the rod's bending adds: integrals over a uniform beam with the deflection q sin(pi s / l) across its
-    axis.
+    """What the rod's bending adds: integrals over a uniform beam with the deflection q sin(pi s /
+    l) across its axis.
     """
     effect, rod = moved.made.effect("rod_flexibility"), moved.made.rod
     if not effect:
         names = ("kinetic", "strain", "potential", "spin", "loss", "moment")
-        return dict.fromkeys(names, np.zeros_like(moved.angles)) | {"momentum": np.zeros((2, *moved.angles.shape))}
+        return dict.fromkeys(names, np.zeros_like(moved.angles)) | {
+            "momentum": np.zeros((2, *moved.angles.shape))
+        }
     m, beyond = rod.mass, 0.5 * rod.length - rod.mass_centre
     q, rate, turn = moved.auxiliary(3), moved.auxiliary(7), moved["rod_angular_velocity"]
     along = np.array([np.cos(moved["rod_angle"]), np.sin(moved["rod_angle"])])
     across = turned(along)
     place, velocity = rod_centre(moved)
     forward, sideways = (velocity * along).sum(0), (velocity * across).sum(0) + turn * beyond
-    kinetic = m * (0.25 * rate**2 + 0.25 * (q * turn) ** 2 + SHARE * (rate * sideways - q * turn * forward))
+    kinetic = m * (
+        0.25 * rate**2 + 0.25 * (q * turn) ** 2 + SHARE * (rate * sideways - q * turn * forward)
+    )
     momentum = m * SHARE * (rate * across - q * turn * along)
-    spin = cross(place, momentum) + m * SHARE * (q * cross(across, velocity) + rate * beyond) + 0.5 * m * q**2 * turn
+    spin = (
+        cross(place, momentum)
+        + m * SHARE * (q * cross(across, velocity) + rate * beyond)
+        + 0.5 * m * q**2 * turn
+    )
     angular_frequency = 2 * math.pi * effect.frequency_Hz
     return {
         "kinetic": kinetic,
@@ -89,7 +101,10 @@ def slider_effects(moved: Motion) -> np.ndarray:
     if e := made.effect("slider_quadratic_drag"):
         force = force - e.drag_N_s2_m2 * v * np.abs(v)
     if e := made.effect("slider_stribeck_friction"):
-        lasting, falling = 1 - e.stribeck_share, e.stribeck_share * np.exp(-np.abs(v) / e.stribeck_speed_m_s)
+        lasting, falling = (
+            1 - e.stribeck_share,
+            e.stribeck_share * np.exp(-np.abs(v) / e.stribeck_speed_m_s),
+        )
         force = force - e.force_N * (lasting + falling) * sign
     if e := made.effect("slider_position_friction"):
         wave = np.cos(math.pi * (x - e.tightest_position_m) / e.length_m) ** 2
@@ -107,10 +122,14 @@ def slider_effects(moved: Motion) -> np.ndarray:
         force = force - e.stiffness_N_m * ((1 - c) * stretch + c * stretch**3 / e.length_m**2)
     if e := made.effect("gas_pressure"):
         outermost = math.sqrt((made.crank.length + made.rod.length) ** 2 - made.slider.offset**2)
-        force = force - e.force_N * (e.dead_length_m / (e.dead_length_m + outermost - x)) ** e.exponent
+        force = (
+            force - e.force_N * (e.dead_length_m / (e.dead_length_m + outermost - x)) ** e.exponent
+        )
     if e := made.effect("harmonic_force"):
         force = force + e.force_N * np.cos(2 * math.pi * e.frequency_Hz * time + e.phase_rad)
-    if made.effect("discovered_slider_force"):  # the one of the tests: see `tests.dynamics.test_balance`
+    if made.effect(
+        "discovered_slider_force"
+    ):  # the one of the tests: see `tests.dynamics.test_balance`
         force = force - 2.0 * v * np.abs(v) + 3.0 * np.sin(moved.angles)
     return force
 
@@ -122,7 +141,9 @@ def crank_losses(moved: Motion) -> np.ndarray:
         moment = moment - e.torque_N_m * np.tanh(w / CRANK_SIGN_SPEED)
     if e := moved.made.effect("crank_angle_friction"):
         wave = np.cos((moved.angles - e.tightest_angle_rad) / 2) ** 2
-        moment = moment - e.torque_N_m * (1 - e.varying_share + e.varying_share * wave) * np.tanh(w / CRANK_SIGN_SPEED)
+        moment = moment - e.torque_N_m * (1 - e.varying_share + e.varying_share * wave) * np.tanh(
+            w / CRANK_SIGN_SPEED
+        )
     if e := moved.made.effect("crank_viscous_friction"):
         moment = moment - e.damping_N_m_s * w
     if e := moved.made.effect("crank_brake"):
@@ -138,12 +159,20 @@ def crank_losses(moved: Motion) -> np.ndarray:
 def joint_powers(moved: Motion, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Elastic energy [J] of a joint and power [W] that it turns into heat."""
     joint, rod, crank = getattr(moved.p, name), moved["rod_angular_velocity"], moved["crank_speed"]
-    pairs = {"crank_pin": (rod, crank), "piston_pin": (rod, 0.0 * rod), "crank_pivot": (crank, 0.0 * crank)}
+    pairs = {
+        "crank_pin": (rod, crank),
+        "piston_pin": (rod, 0.0 * rod),
+        "crank_pivot": (crank, 0.0 * crank),
+    }
     body, partner = pairs[name]
     push, drag = moved[f"{name}_normal_force"], moved[f"{name}_friction_force"]
     if not joint.loose:
         rubbing = moved.made.effect("pin_friction", name)
-        moment = rubbing.coefficient * moved.made.joint(name).journal_radius * push if rubbing else 0.0 * push
+        moment = (
+            rubbing.coefficient * moved.made.joint(name).journal_radius * push
+            if rubbing
+            else 0.0 * push
+        )
         return 0.0 * push, moment * np.tanh((body - partner) / CRANK_SIGN_SPEED) * (body - partner)
     number = NUMBERS[name]
     r, parting = moved[f"r{number}"], moved[f"r{number}_dot"]
@@ -162,9 +191,22 @@ def joint_powers(moved: Motion, name: str) -> tuple[np.ndarray, np.ndarray]:
         loss = loss + dry * parting - rubbed * sliding
         push, drag = push - dry, drag - rubbed
         filled = np.sqrt(1 - np.minimum(r / gap, 1 - least / gap) ** 2)
-        shear = 2 * math.pi * film.viscosity_Pa_s * data.journal_radius**3 * film.length_m / (gap * filled)
+        shear = (
+            2
+            * math.pi
+            * film.viscosity_Pa_s
+            * data.journal_radius**3
+            * film.length_m
+            / (gap * filled)
+        )
         couple = -0.5 * r * drag  # the pair of forces acts halfway between the centres
-        loss = loss + push * parting - drag * around - couple * (body + partner) + shear * (body - partner) ** 2
+        loss = (
+            loss
+            + push * parting
+            - drag * around
+            - couple * (body + partner)
+            + shear * (body - partner) ** 2
+        )
     else:
         loss = loss + push * parting - drag * sliding
     return elastic * depth / (joint.exponent + 1), loss

@@ -1,7 +1,8 @@
-"""The same mechanism once more, written without a line of the package: vectors, cross products and scipy.
+"""The same mechanism once more, written without a line of the package: vectors, cross products and
+scipy.
 
-Slow and plain on purpose. Bodies are given by their own radii and material points; the event search is scipy's.
-Friction in a joint acts halfway through the overlap of the surfaces.
+Slow and plain on purpose. Bodies are given by their own radii and material points; the event search
+is scipy's. Friction in a joint acts halfway through the overlap of the surfaces.
 """
 
 import numpy as np
@@ -23,14 +24,22 @@ def turn(rate, arm):
 
 
 def ends(t, z, speed):
-    """Per joint: centres of pin and ring, their velocities, angular velocities of their bodies; rod's mass centre."""
+    """Per joint: centres of pin and ring, their velocities, angular velocities of their bodies;
+    rod's mass centre."""
     along = np.array([np.cos(z[2]), np.sin(z[2])])
     centre, velocity, rate = z[0:2], z[4:6], z[6]
     crank = CRANK * np.array([np.cos(speed * t), np.sin(speed * t)])
     near, far = -CENTRE * along, (ROD - CENTRE) * along
     return (
         (crank, centre + near, turn(speed, crank), velocity + turn(rate, near), speed, rate),
-        (np.array([z[3], 0.0]), centre + far, np.array([z[7], 0.0]), velocity + turn(rate, far), 0.0, rate),
+        (
+            np.array([z[3], 0.0]),
+            centre + far,
+            np.array([z[7], 0.0]),
+            velocity + turn(rate, far),
+            0.0,
+            rate,
+        ),
     ), centre
 
 
@@ -44,25 +53,39 @@ def approach_rate(joint):
 
 
 def damping_factor(chi, approach, since, memory):
-    """chi / d'_0, and what it fades to as a contact lasts: `memory` is how long it stays and fades [s], and v_ref."""
+    """chi / d'_0, and what it fades to as a contact lasts: `memory` is how long it stays and fades
+    [s], and v_ref."""
     if memory is None:
         return chi / approach
     kept, fading, reference = memory
-    return chi / approach + betainc(5, 5, np.clip((since - kept) / fading, 0, 1)) * (chi / reference - chi / approach)
+    return chi / approach + betainc(5, 5, np.clip((since - kept) / fading, 0, 1)) * (
+        chi / reference - chi / approach
+    )
 
 
 def force_on_ring(joint, contact, now, chi, friction, friction_speed, memory):
     """Force on the body with the ring (the rod), and the point where it acts."""
     pin, ring, pin_velocity, ring_velocity, pin_rate, ring_rate = joint
     depth = max(penetration(joint), 0.0)
-    outward = (pin - ring) / np.linalg.norm(pin - ring)  # from the ring's centre to the place of contact
+    outward = (pin - ring) / np.linalg.norm(
+        pin - ring
+    )  # from the ring's centre to the place of contact
     point = ring + (BEARING + depth / 2) * outward
-    slip = (ring_velocity + turn(ring_rate, point - ring)) - (pin_velocity + turn(pin_rate, point - pin))
+    slip = (ring_velocity + turn(ring_rate, point - ring)) - (
+        pin_velocity + turn(pin_rate, point - pin)
+    )
     tangent = np.array([-outward[1], outward[0]])
     approach, begin = contact
-    push = STIFFNESS * depth**1.5 * (1 + damping_factor(chi, approach, now - begin, memory) * approach_rate(joint))
+    push = (
+        STIFFNESS
+        * depth**1.5
+        * (1 + damping_factor(chi, approach, now - begin, memory) * approach_rate(joint))
+    )
     push = max(push, 0.0)
-    return push * outward - friction * np.tanh(slip @ tangent / friction_speed) * push * tangent, point
+    return (
+        push * outward - friction * np.tanh(slip @ tangent / friction_speed) * push * tangent,
+        point,
+    )
 
 
 def slope(t, z, speed, contacts, law):
@@ -71,14 +94,21 @@ def slope(t, z, speed, contacts, law):
     for joint, contact in zip(joints, contacts, strict=True):
         if contact is not None:
             force, point = force_on_ring(joint, contact, t, *law)
-            total, moment, on_slider = total + force, moment + cross(point - centre, force), -force[0]
+            total, moment, on_slider = (
+                total + force,
+                moment + cross(point - centre, force),
+                -force[0],
+            )
     if contacts[1] is None:
         on_slider = 0.0
-    return np.concatenate((z[4:], total / ROD_MASS, [moment / ROD_INERTIA, on_slider / SLIDER_MASS]))
+    return np.concatenate(
+        (z[4:], total / ROD_MASS, [moment / ROD_INERTIA, on_slider / SLIDER_MASS])
+    )
 
 
 def simulate(angles, speed, chi, friction, friction_speed, tolerance, memory=None):
-    """States (n, 8) at crank angles `angles` [rad] from dead centre, and impacts (time, joint, approach speed)."""
+    """States (n, 8) at crank angles `angles` [rad] from dead centre, and impacts (time, joint,
+    approach speed)."""
     times = np.asarray(angles) / speed
     rate = -CRANK * speed / ROD
     z = np.array([CRANK + CENTRE, 0, 0, CRANK + ROD, 0, CRANK * speed + CENTRE * rate, rate, 0.0])
@@ -97,9 +127,18 @@ def simulate(angles, speed, chi, friction, friction_speed, tolerance, memory=Non
             events[joint].direction = 1 if contact is None else -1
         law = (chi, friction, friction_speed, memory)
         part = solve_ivp(
-            slope, (t, times[-1]), z, "DOP853", events=events, args=(speed, contacts, law),
-            rtol=1e-13, atol=tolerance * scale, first_step=1e-7, max_step=1e-3, dense_output=True,
-        )  # fmt: skip
+            slope,
+            (t, times[-1]),
+            z,
+            "DOP853",
+            events=events,
+            args=(speed, contacts, law),
+            rtol=1e-13,
+            atol=tolerance * scale,
+            first_step=1e-7,
+            max_step=1e-3,
+            dense_output=True,
+        )
         inside = times[(times > t if states else times >= t) & (times <= part.t[-1])]
         states += [part.sol(time) for time in inside]
         t, z = part.t[-1], part.y[:, -1]

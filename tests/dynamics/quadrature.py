@@ -59,11 +59,14 @@ class Motion:
         return np.cumsum(self.steps(values))
 
 
-def motion(made: Mechanism, revolutions: float, tolerance=1e-15, panels_per_revolution=1000, **changed) -> Motion:
+def motion(
+    made: Mechanism, revolutions: float, tolerance=1e-15, panels_per_revolution=1000, **changed
+) -> Motion:
     """Simulate once for the events, again with samples at Gauss nodes between them.
 
-    At an event forces go like a half-integer power of the time from it. With the crank angle a + (b - a) sin^2(u)
-    between events a and b all is smooth in u, and Gauss' rule converges at its full rate. Kinks of friction laws are
+    At an event forces go like a half-integer power of the time from it. With the crank angle a + (b
+    - a) sin^2(u) between events a and b all is smooth in u, and Gauss' rule converges at its full
+      rate. Kinks of friction laws are
     elsewhere: panels in which the forces are not smooth are divided.
     """
     chosen = options(**changed)
@@ -101,11 +104,16 @@ def _sampled(made: Mechanism, p: Parameters, panels: np.ndarray, tolerance: floa
 
 
 def _roughness(moved: Motion) -> np.ndarray:
-    """About how much impulse a panel's quadrature misses, over the largest impulse that there is in half a turn."""
+    """About how much impulse a panel's quadrature misses, over the largest impulse that there is in
+    half a turn."""
     missed = np.zeros(len(moved.angles))
     for name in ("crank_pin", "piston_pin", "crank_pivot"):
         for axis in "xy":
             force = moved[f"{name}_force_{axis}"]
-            tail = np.abs((force[:, 1:-1] * WEIGHTS) @ LAST.T).max(axis=1) * moved.weights.sum(axis=1)
-            missed = np.maximum(missed, tail / np.abs(moved.integral(np.abs(force))).max().clip(1e-9))
+            tail = np.abs((force[:, 1:-1] * WEIGHTS) @ LAST.T).max(axis=1) * moved.weights.sum(
+                axis=1
+            )
+            missed = np.maximum(
+                missed, tail / np.abs(moved.integral(np.abs(force))).max().clip(1e-9)
+            )
     return missed

@@ -1,4 +1,5 @@
-"""Accuracy: against independent code, against itself at tighter tolerances, at samples and at events."""
+"""Accuracy: against independent code, against itself at tighter tolerances, at samples and at
+events."""
 
 import numpy as np
 import pytest
@@ -9,9 +10,17 @@ from jointgap.dynamics.equations import AUXILIARY_STATES
 from jointgap.dynamics.joints import FORCE_FREE
 from jointgap.dynamics.simulation import integrate_to_angles
 from tests.dynamics import plain
-from tests.dynamics.cases import ALL, LUGRE, MOTOR, SPEED, integrated, mechanism, options, with_numbers
+from tests.dynamics.cases import (
+    ALL,
+    LUGRE,
+    MOTOR,
+    SPEED,
+    integrated,
+    mechanism,
+    options,
+    with_numbers,
+)
 from tests.dynamics.laws import impact_duration
-from tests.rows import each
 
 DEGREES = np.arange(0.0, 45.5, 0.5)
 
@@ -19,24 +28,43 @@ DEGREES = np.arange(0.0, 45.5, 0.5)
 def placed(p, run) -> np.ndarray:
     """Rod's mass centre and angle, slider's position at the samples, (n, 4)."""
     seen = run.observed(p)
-    return np.array([seen[name] for name in ("rod_position_x", "rod_position_y", "rod_angle", "slider_position")]).T
+    return np.array(
+        [
+            seen[name]
+            for name in ("rod_position_x", "rod_position_y", "rod_angle", "slider_position")
+        ]
+    ).T
 
 
-@each(
+@pytest.mark.parametrize(
     "law, restitution, friction, friction_speed, reference",
     [("exact_restitution", 0.46, 0.1, 0.1, None), ("lankarani_nikravesh", 0.46, 0.2, 0.1, 0.02)],
 )
-def test_independent_code_gives_the_same_motion(worst, law, restitution, friction, friction_speed, reference):
-    memory = {"memory": "published"} if reference is None else {"reference_approach_speed": reference}
-    made = mechanism(law=law, restitution=restitution, friction=friction, friction_speed=friction_speed, **memory)
+def test_independent_code_gives_the_same_motion(
+    worst, law, restitution, friction, friction_speed, reference
+):
+    memory = (
+        {"memory": "published"} if reference is None else {"reference_approach_speed": reference}
+    )
+    made = mechanism(
+        law=law, restitution=restitution, friction=friction, friction_speed=friction_speed, **memory
+    )
     p, run = integrated(made, DEGREES, tolerance=1e-14)
     kept = None
     if reference is not None:
         duration = impact_duration(plain.STIFFNESS, 1.5, plain.ROD_MASS + plain.SLIDER_MASS, 1e-3)
         kept = 2.5 * duration, 2.5 * duration, reference
-        assert (run.times[-1] - run.begins[-1, :2] > 5 * duration).any()  # a contact whose memory has faded
+        assert (
+            run.times[-1] - run.begins[-1, :2] > 5 * duration
+        ).any()  # a contact whose memory has faded
     states, impacts = plain.simulate(
-        np.radians(DEGREES), SPEED, LAWS[law](restitution), friction, friction_speed, tolerance=1e-15, memory=kept
+        np.radians(DEGREES),
+        SPEED,
+        LAWS[law](restitution),
+        friction,
+        friction_speed,
+        tolerance=1e-15,
+        memory=kept,
     )
     worst("plain scipy code, 45 deg [m]", np.abs(placed(p, run) - states[:, :4]).max(), 1e-10)
     ours = run.events[run.events[:, 2] == 1]
@@ -52,12 +80,18 @@ def test_independent_code_agrees_where_heavy_damping_holds_the_force_at_zero(wor
     made = mechanism(law="exact_restitution", restitution=0.1)
     p, run = integrated(made, degrees, tolerance=1e-14)
     assert (run.modes == FORCE_FREE).any()
-    states, impacts = plain.simulate(np.radians(degrees), SPEED, LAWS["exact_restitution"](0.1), 0.0, 1e-3, 1e-15)
-    worst("plain scipy code, 220 deg, e = 0.1 [m]", np.abs(placed(p, run) - states[:, :4]).max(), 1e-11)
+    states, impacts = plain.simulate(
+        np.radians(degrees), SPEED, LAWS["exact_restitution"](0.1), 0.0, 1e-3, 1e-15
+    )
+    worst(
+        "plain scipy code, 220 deg, e = 0.1 [m]",
+        np.abs(placed(p, run) - states[:, :4]).max(),
+        1e-11,
+    )
     assert len(impacts) == (run.events[:, 2] == 1).sum()
 
 
-@each(
+@pytest.mark.parametrize(
     "keys, drive, end",
     [
         ({"restitution": 0.9, "law": "exact_restitution"}, {}, 25.0),
@@ -75,7 +109,9 @@ def test_the_error_at_samples_falls_with_the_tolerance(worst, keys, drive, end):
 
     exact, tolerances = vectors(1e-15), 10.0 ** -np.arange(8.0 if end < 90.0 else 9.0, 14.0)
     errors = [np.abs(vectors(tolerance) - exact).max() for tolerance in tolerances]
-    worst(f"error at tolerance 1e-12 m, {end:.0f} deg [m]", errors[-2], 1e-9 if end < 90.0 else 1e-10)
+    worst(
+        f"error at tolerance 1e-12 m, {end:.0f} deg [m]", errors[-2], 1e-9 if end < 90.0 else 1e-10
+    )
     worst("error at tolerance 1e-13 m [m]", errors[-1], 1e-10)
     # one more power of ten in the tolerance is worth nearly one in the error
     assert 0.7 < np.polyfit(np.log10(tolerances), np.log10(errors), 1)[0] < 1.35
@@ -84,7 +120,8 @@ def test_the_error_at_samples_falls_with_the_tolerance(worst, keys, drive, end):
 def test_neither_samples_nor_the_length_of_a_run_change_the_motion():
     made = mechanism(friction=0.1)
     coarse, fine, longer = (
-        integrated(made, degrees, 1e-11)[1] for degrees in (np.arange(181), np.arange(1801) / 10, np.arange(361))
+        integrated(made, degrees, 1e-11)[1]
+        for degrees in (np.arange(181), np.arange(1801) / 10, np.arange(361))
     )
     np.testing.assert_array_equal(fine.states[::10], coarse.states)
     np.testing.assert_array_equal(fine.events, coarse.events)
@@ -96,9 +133,11 @@ HEIGHT = THROW**2 / (2 * FALL)
 
 
 def thrown(clearance):
-    """Events of a body thrown up from the middle of a ring of that clearance, so that it turns near the ring's top.
+    """Events of a body thrown up from the middle of a ring of that clearance, so that it turns near
+    the ring's top.
 
-    A crank and a lever of no length make the rod's mass centre the journal's; its whole flight fits into one step.
+    A crank and a lever of no length make the rod's mass centre the journal's; its whole flight fits
+    into one step.
     """
     p = with_numbers(
         parameters(mechanism(), options(speed=1.0)),
@@ -110,7 +149,7 @@ def thrown(clearance):
     return integrate_to_angles(p, start, np.array([0.0, 1.5 * THROW / FALL]), 1e-12).events
 
 
-@each("share", (1e-3, 1e-6, 1e-9))
+@pytest.mark.parametrize("share", (1e-3, 1e-6, 1e-9))
 def test_a_grazing_impact_between_two_step_ends_is_found_and_a_near_miss_is_none(share):
     events = thrown(HEIGHT * (1 - share))
     assert events.shape[0] == 2

@@ -1,4 +1,5 @@
-"""Energy and momentum of the whole mechanism, integrated over its motion, whatever it is made of."""
+"""Energy and momentum of the whole mechanism, integrated over its motion, whatever it is made
+of."""
 
 from itertools import pairwise
 
@@ -9,7 +10,6 @@ from jointgap.config.friction_laws import FRICTION_LAWS
 from tests.dynamics import ledger
 from tests.dynamics.cases import ALL, LUGRE, MOTOR, PINS, effect, mechanism
 from tests.dynamics.quadrature import motion
-from tests.rows import each
 
 RUB = {"friction": 0.1, "friction_speed": 0.1}
 WEIGHT = {"gravity": True, "offset": 0.03}
@@ -23,15 +23,31 @@ SLIDER = [
     effect("slider_viscous_friction", damping_N_s_m=5.0),
     effect("slider_quadratic_drag", drag_N_s2_m2=0.5),
     effect("slider_stribeck_friction", force_N=15.0, stribeck_speed_m_s=0.5, stribeck_share=0.7),
-    effect("slider_position_friction", force_N=10.0, tightest_position_m=0.6, length_m=0.25, varying_share=0.8),
+    effect(
+        "slider_position_friction",
+        force_N=10.0,
+        tightest_position_m=0.6,
+        length_m=0.25,
+        varying_share=0.8,
+    ),
     effect("slider_power_drag", force_N=2.0, speed_m_s=1.5, exponent=3.5),
     effect("slider_load_friction", coefficient=0.1),
     effect("slider_constant_force", force_N=-50.0),
     effect("slider_spring", stiffness_N_m=2000.0, rest_position_m=0.56),
-    effect("slider_nonlinear_spring", stiffness_N_m=1000.0, rest_position_m=0.6, length_m=0.15, cubic_share=0.7),
+    effect(
+        "slider_nonlinear_spring",
+        stiffness_N_m=1000.0,
+        rest_position_m=0.6,
+        length_m=0.15,
+        cubic_share=0.7,
+    ),
     effect("gas_pressure", force_N=300.0, dead_length_m=0.05, exponent=1.3),
     effect("harmonic_force", force_N=30.0, frequency_Hz=37.0, phase_rad=0.4),
-    effect("discovered_slider_force", formula="-a*v*|v| + b*sin(theta)", coefficients={"a": 2.0, "b": 3.0}),
+    effect(
+        "discovered_slider_force",
+        formula="-a*v*|v| + b*sin(theta)",
+        coefficients={"a": 2.0, "b": 3.0},
+    ),
 ]
 CRANK = [
     effect("crank_coulomb_friction", torque_N_m=0.3),
@@ -46,11 +62,19 @@ MOTORED = {"drive": MOTOR}
 CASES = {
     "with friction": ([], RUB, {}),
     "all ideal": ([], {"loose": ()} | WEIGHT, {}),
-    "penalty form": ([], {"law": "penalty", "penalty_damping": 2e3, "penalty_depth": 1e-4} | RUB, {}),
+    "penalty form": (
+        [],
+        {"law": "penalty", "penalty_damping": 2e3, "penalty_depth": 1e-4} | RUB,
+        {},
+    ),
     "film": (FILMS, RUB, {}),
     "flexible rod": ([BENDING], RUB | WEIGHT, {}),
     "fluctuating speed": ([FLUCTUATION, UNBALANCE], RUB | WEIGHT, {}),
-    "every force, three loose, motor": ([*SLIDER, *CRANK, UNBALANCE], {"loose": ALL} | RUB | WEIGHT, MOTORED),
+    "every force, three loose, motor": (
+        [*SLIDER, *CRANK, UNBALANCE],
+        {"loose": ALL} | RUB | WEIGHT,
+        MOTORED,
+    ),
     "every force, all ideal, motor": ([*SLIDER, *CRANK], {"loose": ()} | WEIGHT, MOTORED),
     "friction of ideal pins": (PIN_FRICTION, {"loose": ()} | WEIGHT, {}),
     "lugre": ([], LUGRE, {}),
@@ -61,17 +85,27 @@ LATER = {
         LUGRE | WEIGHT | {"loose": ("crank_pivot", "crank_pin")},
         MOTORED,
     ),
-    "journals on the rod": ([], RUB | WEIGHT | {"journals": ("rod", "rod"), "law": "exact_restitution"}, {}),
+    "journals on the rod": (
+        [],
+        RUB | WEIGHT | {"journals": ("rod", "rod"), "law": "exact_restitution"},
+        {},
+    ),
     "crank pivot alone loose": ([], {"loose": ("crank_pivot",)} | RUB | WEIGHT, {}),
     "exponent 2": ([], {"stiffness": 5e12, "exponent": 2.0}, {}),
-    "bengisu-akay": ([], {"friction_law": "bengisu_akay", "static_friction": 0.15, "stribeck_speed": 0.1} | RUB, {}),
+    "bengisu-akay": (
+        [],
+        {"friction_law": "bengisu_akay", "static_friction": 0.15, "stribeck_speed": 0.1} | RUB,
+        {},
+    ),
     "lugre, three loose": ([], LUGRE | {"loose": ALL}, MOTORED),
     "flexible rod, three loose, motor": ([BENDING], {"loose": ALL} | RUB | WEIGHT, MOTORED),
 }
 BOUND = 1e-8
 
 
-@pytest.fixture(scope="module", params=[*CASES, *(pytest.param(case, marks=pytest.mark.slow) for case in LATER)])
+@pytest.fixture(
+    scope="module", params=[*CASES, *(pytest.param(case, marks=pytest.mark.slow) for case in LATER)]
+)
 def moved(request):
     effects, keys, drive = (CASES | LATER)[request.param]
     return motion(mechanism(*effects, **keys), revolutions=0.5, start_angle=0.4, **drive)
@@ -91,12 +125,21 @@ def test_work_of_the_drive_becomes_motion_strain_and_heat(moved, worst):
     for name in ALL:
         elastic, loss = ledger.joint_powers(moved, name)
         stored, joint_loss = stored + elastic, joint_loss + loss
-    work = moved["crank_torque"] * moved["crank_speed"] + ledger.slider_effects(moved) * moved["slider_velocity"]
+    work = (
+        moved["crank_torque"] * moved["crank_speed"]
+        + ledger.slider_effects(moved) * moved["slider_velocity"]
+    )
     work = work + ledger.crank_losses(moved) * moved["crank_speed"] - joint_loss - bend["loss"]
     energy = kinetic + height + stored
-    if moved.p.crank_pin.friction_law != FRICTION_LAWS["lugre"].code:  # bristles give back what they have stored
+    if (
+        moved.p.crank_pin.friction_law != FRICTION_LAWS["lugre"].code
+    ):  # bristles give back what they have stored
         assert (joint_loss > -1e-6 * np.abs(kinetic).max()).all()
-    worst("energy balance", relative(energy[:, -1] - energy[0, 0] - moved.integral(work), kinetic), BOUND)
+    worst(
+        "energy balance",
+        relative(energy[:, -1] - energy[0, 0] - moved.integral(work), kinetic),
+        BOUND,
+    )
 
 
 def test_linear_momentum_changes_by_the_reactions_of_frame_and_guide(moved, worst):
@@ -116,15 +159,21 @@ def test_angular_momentum_changes_by_drive_guide_frame_and_weight(moved, worst):
     for mass, place, velocity, inertia, turn in ledger.bodies(moved):
         spin = spin + mass * ledger.cross(place, velocity) + inertia * turn
         moment = moment + mass * ledger.cross(place, made.gravity)
-    moment = moment + moved["crank_torque"] + ledger.crank_losses(moved) + ledger.frame_moment(moved)
+    moment = (
+        moment + moved["crank_torque"] + ledger.crank_losses(moved) + ledger.frame_moment(moved)
+    )
     moment = moment + moved["slider_position"] * moved["guide_force"] + moved["guide_moment"]
     moment = moment - made.slider.offset * ledger.slider_effects(moved)
-    worst("angular momentum", relative(spin[:, -1] - spin[0, 0] - moved.integral(moment), spin), BOUND)
+    worst(
+        "angular momentum", relative(spin[:, -1] - spin[0, 0] - moved.integral(moment), spin), BOUND
+    )
 
 
-@each("joint", ALL)
+@pytest.mark.parametrize("joint", ALL)
 def test_derivatives_of_the_clearance_are_derivatives(moved, worst, joint):
-    away = moved[f"r{ledger.NUMBERS[joint]}"].min(axis=1) > 1e-4  # at the centre directions turn at any rate
+    away = (
+        moved[f"r{ledger.NUMBERS[joint]}"].min(axis=1) > 1e-4
+    )  # at the centre directions turn at any rate
     for symbol in ("r", "gamma") if getattr(moved.p, joint).loose else ():
         seen = [moved[f"{symbol}{ledger.NUMBERS[joint]}{dots}"] for dots in ("", "_dot", "_ddot")]
         for quantity, rate in pairwise(seen):

@@ -11,12 +11,19 @@ import pytest
 from jointgap.dynamics import numba_cache
 from jointgap.dynamics.numba_cache import compiled, compiled_by_one, remove_old_folders
 
-HOLD = "import fcntl, sys; f = open(sys.argv[1], 'w'); fcntl.flock(f, fcntl.LOCK_EX); print(1, flush=True); input()"
+HOLD = (
+    "import fcntl, sys; f = open(sys.argv[1], 'w'); fcntl.flock(f, fcntl.LOCK_EX); print(1,"
+    " flush=True); input()"
+)
 
 
-def test_compiled_code_of_earlier_sources_goes_but_for_the_newest_and_those_of_the_last_day(tmp_path):
+def test_compiled_code_of_earlier_sources_goes_but_for_the_newest_and_those_of_the_last_day(
+    tmp_path,
+):
     now, day = time.time(), 24 * 3600
-    ages = {f"{i:016x}": age for i, age in enumerate([60, 3600, *(days * day for days in range(2, 9))])}
+    ages = {
+        f"{i:016x}": age for i, age in enumerate([60, 3600, *(days * day for days in range(2, 9))])
+    }
     for name, age in (ages | {"not-a-digest": now}).items():
         (tmp_path / name).mkdir()
         os.utime(tmp_path / name, (now - age, now - age))
@@ -27,7 +34,9 @@ def test_compiled_code_of_earlier_sources_goes_but_for_the_newest_and_those_of_t
 def test_the_lock_of_a_process_that_was_killed_is_free(tmp_path):
     pytest.importorskip("fcntl")
     lock = tmp_path / "f.lock"
-    holder = subprocess.Popen([sys.executable, "-c", HOLD, lock], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    holder = subprocess.Popen(
+        [sys.executable, "-c", HOLD, lock], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
     holder.stdout.readline()
     holder.kill()
     holder.communicate()

@@ -1,10 +1,11 @@
-"""Where a joint is ideal: Newton's and Euler's equations of all bodies with their constraints, solved as one system."""
+"""Where a joint is ideal: Newton's and Euler's equations of all bodies with their constraints,
+solved as one system."""
 
 import numpy as np
+import pytest
 
 from jointgap.dynamics.simulation import simulate
 from tests.dynamics.cases import CENTRE, CRANK, MOTOR, PINS, ROD, SPEED, effect, mechanism, options
-from tests.rows import each
 
 WEIGHED = {"mass_centre": -0.02, "mass_centre_across": 0.03}
 COULOMB = effect("slider_coulomb_friction", force_N=4.0)
@@ -21,7 +22,8 @@ MIXES = (
 
 
 def point(rows, unknown, lever):
-    """Acceleration x, y of a body's point at `lever` (n, 2) from its mass centre, by the body's x'', y'', angle''."""
+    """Acceleration x, y of a body's point at `lever` (n, 2) from its mass centre, by the body's
+    x'', y'', angle''."""
     jacobian = np.zeros((rows, 2, 8))
     jacobian[:, 0, unknown] = jacobian[:, 1, unknown + 1] = 1.0
     jacobian[:, 0, unknown + 2], jacobian[:, 1, unknown + 2] = -lever[:, 1], lever[:, 0]
@@ -29,19 +31,26 @@ def point(rows, unknown, lever):
 
 
 def solved(mechanism, loose, t, motor):
-    """Accelerations (n, 8) of crank, rod (x, y, angle each) and slider (x, y), and the constraints' forces by name."""
+    """Accelerations (n, 8) of crank, rod (x, y, angle each) and slider (x, y), and the constraints'
+    forces by name."""
     crank, rod, piston = mechanism.crank, mechanism.rod, mechanism.slider
     n = len(t)
     toward = np.stack([np.cos(t.crank_angle), np.sin(t.crank_angle)], 1)
     along = np.stack([np.cos(t.rod_angle), np.sin(t.rod_angle)], 1)
-    centre = crank.mass_centre * toward + crank.mass_centre_across * np.stack([-toward[:, 1], toward[:, 0]], 1)
+    centre = crank.mass_centre * toward + crank.mass_centre_across * np.stack(
+        [-toward[:, 1], toward[:, 0]], 1
+    )
     to_pivot, to_pin = -centre, CRANK * toward - centre
     near, far = -CENTRE * along, (ROD - CENTRE) * along
     w, turn = t.crank_speed.to_numpy()[:, None], t.rod_angular_velocity.to_numpy()[:, None]
     inertia = crank.inertia + (MOTOR["inertia"] if motor else 0.0)
-    masses = np.array([crank.mass, crank.mass, inertia, rod.mass, rod.mass, rod.inertia, piston.mass, piston.mass])
+    masses = np.array(
+        [crank.mass, crank.mass, inertia, rod.mass, rod.mass, rod.inertia, piston.mass, piston.mass]
+    )
     push = np.zeros((n, 8))
-    push[:, [0, 1]], push[:, [3, 4]], push[:, [6, 7]] = (body.mass * mechanism.gravity for body in (crank, rod, piston))
+    push[:, [0, 1]], push[:, [3, 4]], push[:, [6, 7]] = (
+        body.mass * mechanism.gravity for body in (crank, rod, piston)
+    )
     against = -np.tanh(t.slider_velocity.to_numpy() / 0.01)
     if coulomb := mechanism.effect("slider_coulomb_friction"):
         push[:, 6] += coulomb.force_N * against
@@ -82,17 +91,24 @@ def solved(mechanism, loose, t, motor):
     return found[:, :8], dict(zip(names, found[:, 8:].T, strict=True))
 
 
-@each("loose, effects, crank, drive", MIXES)
+@pytest.mark.parametrize("loose, effects, crank, drive", MIXES)
 def test_accelerations_and_reactions_are_those_of_the_constrained_equations_of_motion(
     loose, effects, crank, drive, worst
 ):
     made = mechanism(*effects, loose=loose, offset=0.03, gravity=True, crank=crank)
     t = simulate(made, options(samples_per_revolution=90, tolerance=1e-10, **drive)).samples
     a, forces = solved(made.applied(), loose, t, bool(drive))
-    seen = {"rod_acceleration_x": 3, "rod_acceleration_y": 4, "rod_angular_acceleration": 5, "slider_acceleration": 6}
+    seen = {
+        "rod_acceleration_x": 3,
+        "rod_acceleration_y": 4,
+        "rod_angular_acceleration": 5,
+        "slider_acceleration": 6,
+    }
     expected = {name: a[:, column] for name, column in seen.items()}
     expected |= {"crank_acceleration": a[:, 2]} if drive else {}
-    expected |= {name: force for name, force in forces.items() if name in t} | {"guide_force": forces["guide"]}
+    expected |= {name: force for name, force in forces.items() if name in t} | {
+        "guide_force": forces["guide"]
+    }
     for name, values in expected.items():
         off = np.abs(t[name] - values).max() / np.abs(values).max()
         worst("constrained equations of motion", off, 1e-11)

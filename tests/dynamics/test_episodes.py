@@ -1,4 +1,5 @@
-"""Contacts as episodes: impulse, peak force and duration in the table of events, and what mode each sample is in."""
+"""Contacts as episodes: impulse, peak force and duration in the table of events, and what mode each
+sample is in."""
 
 import numpy as np
 import pytest
@@ -8,13 +9,12 @@ from jointgap.dynamics.integrate import EVENT
 from jointgap.dynamics.simulation import simulate
 from tests.dynamics.cases import ALL, LUGRE, PINS, free_impact, mechanism, options
 from tests.dynamics.quadrature import motion
-from tests.rows import each
 
 COLUMN = {name: i for i, name in enumerate(EVENT)}
 MASS, HIT = 0.773, 0.3
 
 
-@each("restitution", (0.1, 0.9))
+@pytest.mark.parametrize("restitution", (0.1, 0.9))
 def test_the_impulse_of_a_free_impact_is_the_change_of_momentum(restitution, worst):
     made = mechanism(law="exact_restitution", restitution=restitution)
     _, (impact, separation) = free_impact(made, MASS, HIT)
@@ -25,31 +25,48 @@ def test_the_impulse_of_a_free_impact_is_the_change_of_momentum(restitution, wor
 
 
 def contacts(moved):
-    """Impulse and peak of each contact that ended, as the events tell them and as the samples do."""
+    """Impulse and peak of each contact that ended, as the events tell them and as the samples
+    do."""
     events, times = moved.run.events, moved.sampled(moved.run.times)
     for joint, name in enumerate(JOINTS):
         own = events[events[:, COLUMN["joint"]] == joint]
-        force = np.maximum(moved[f"{name}_normal_force"], 0.0) if getattr(moved.p, name).loose else None
+        force = (
+            np.maximum(moved[f"{name}_normal_force"], 0.0) if getattr(moved.p, name).loose else None
+        )
         for impact, separation in zip(own[::2], own[1::2], strict=False):
             inside = (times[:, 8] > impact[0]) & (times[:, 8] < separation[0])
             told = separation[COLUMN["impulse"]], separation[COLUMN["peak_force"]]
             yield *told, moved.steps(force)[inside].sum(), force[inside].max()
 
 
-@each(
+@pytest.mark.parametrize(
     "keys, tolerance, bounds",
     [
         ({"loose": ALL}, 1e-14, (1e-5, 1e-2)),
         (LUGRE, 1e-14, (1e-5, 1e-2)),
-        ({"loose": ALL, "restitution": 0.9}, 1e-8, (5e-3, 5e-2)),  # long steps with near misses in them
+        (
+            {"loose": ALL, "restitution": 0.9},
+            1e-8,
+            (5e-3, 5e-2),
+        ),  # long steps with near misses in them
     ],
 )
-def test_the_impulse_is_the_integral_of_the_normal_force_and_the_peak_its_largest_value(keys, tolerance, bounds, worst):
+def test_the_impulse_is_the_integral_of_the_normal_force_and_the_peak_its_largest_value(
+    keys, tolerance, bounds, worst
+):
     ended = list(contacts(motion(mechanism(**keys), revolutions=0.25, tolerance=tolerance)))
     assert len(ended) > 3
     for told, told_peak, impulse, peak in ended:
-        worst(f"impulse over integral of force, tolerance {tolerance} m", abs(told / impulse - 1), bounds[0])
-        worst(f"peak force over densest sample, tolerance {tolerance} m", abs(told_peak / peak - 1), bounds[1])
+        worst(
+            f"impulse over integral of force, tolerance {tolerance} m",
+            abs(told / impulse - 1),
+            bounds[0],
+        )
+        worst(
+            f"peak force over densest sample, tolerance {tolerance} m",
+            abs(told_peak / peak - 1),
+            bounds[1],
+        )
 
 
 def test_labels_of_samples_agree_with_the_events():
@@ -57,9 +74,14 @@ def test_labels_of_samples_agree_with_the_events():
     run = simulate(mechanism(friction=0.1), options(samples_per_revolution=36000))
     for joint in PINS:
         own, time = run.events[run.events.joint == joint], run.samples.time.to_numpy()
-        label, wanted = run.samples[f"{joint}_mode"].to_numpy(), np.full(time.size, "flight", dtype=object)
+        label, wanted = (
+            run.samples[f"{joint}_mode"].to_numpy(),
+            np.full(time.size, "flight", dtype=object),
+        )
         begins, ends = own[own.event == "impact"].time, own[own.event == "separation"]
-        for begin, end, maxima in zip(begins, [*ends.time, np.inf], [*ends.maxima, np.inf], strict=False):
+        for begin, end, maxima in zip(
+            begins, [*ends.time, np.inf], [*ends.maxima, np.inf], strict=False
+        ):
             wanted[(time >= begin) & (time <= end)] = "impact" if maxima <= 1 else "contact"
         assert set(wanted) == {"flight", "impact", "contact"}
         away = np.abs(time[:, None] - own.time.to_numpy()).min(axis=1) > 1e-12

@@ -1,4 +1,5 @@
-"""What cannot be simulated says so, soon, with time, crank angle and state; the compiled code needs no home."""
+"""What cannot be simulated says so, soon, with time, crank angle and state; the compiled code needs
+no home."""
 
 import re
 import sys
@@ -12,13 +13,14 @@ from jointgap.dynamics import numba_cache
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
 from tests.dynamics.cases import ALL, CRANK, ROD, effect, mechanism, options, with_numbers
-from tests.rows import each
 
 TURN = np.linspace(0.0, 2 * np.pi, 10)
 WHERE = r"time \S+ s, crank angle \S+ deg \(state in SI: crank.speed"
 
 
-@each("group, number", [("crank_pin", {"stiffness": 1e308}), ("bodies", {"gravity_y": np.nan})])
+@pytest.mark.parametrize(
+    "group, number", [("crank_pin", {"stiffness": 1e308}), ("bodies", {"gravity_y": np.nan})]
+)
 def test_numbers_beyond_reason_end_in_an_error(group, number):
     p = parameters(mechanism(), options())
     with pytest.raises(SimulationError, match=WHERE):
@@ -30,7 +32,9 @@ def test_a_formula_without_a_value_on_the_way_ends_in_an_error():
     with pytest.raises(SimulationError, match=f"not finite.*{WHERE}.*formulas") as told:
         simulate(mechanism(rooted), options())
     angle = float(str(told.value).split("crank angle ")[1].split(" deg")[0])
-    slider = CRANK * np.cos(np.radians(angle)) + np.sqrt(ROD**2 - (CRANK * np.sin(np.radians(angle))) ** 2)
+    slider = CRANK * np.cos(np.radians(angle)) + np.sqrt(
+        ROD**2 - (CRANK * np.sin(np.radians(angle))) ** 2
+    )
     assert slider == pytest.approx(0.6, abs=3e-3)  # within the clearances of where the root ends
 
 
@@ -44,23 +48,35 @@ def test_a_motor_that_stalls_or_that_friction_holds_is_reported_with_advice(monk
     monkeypatch.setattr(sys.modules[integrate_to_angles.__module__], "STEPS_PER_REVOLUTION", 2000)
     weak = {"kind": "motor", "stall_torque": 0.001, "no_load_speed": 150.0, "inertia": 0.05}
     held = mechanism(effect("slider_coulomb_friction", force_N=50.0))
-    with pytest.raises(SimulationError, match=f"more than 2000 steps.*{WHERE}.*stands still.*more torque"):
+    with pytest.raises(
+        SimulationError, match=f"more than 2000 steps.*{WHERE}.*stands still.*more torque"
+    ):
         simulate(held, options(drive=weak, speed=0.0))
 
 
 def test_a_motion_of_too_many_steps_says_what_each_joint_does_and_what_to_change(monkeypatch):
-    """Friction makes the journal of a tight crank pivot whirl; it takes 50 000 steps a revolution."""
+    """Friction makes the journal of a tight crank pivot whirl; it takes 50 000 steps a
+    revolution."""
     monkeypatch.setattr(sys.modules[integrate_to_angles.__module__], "STEPS_PER_REVOLUTION", 10_000)
     whirling = mechanism(loose=("crank_pivot",), friction=0.3, clearance=2e-5)
-    with pytest.raises(SimulationError, match=r"more than 30000 steps.*friction that makes a journal whirl") as told:
+    with pytest.raises(
+        SimulationError, match=r"more than 30000 steps.*friction that makes a journal whirl"
+    ) as told:
         simulate(whirling, options(revolutions=3, tolerance=1e-9))
-    turns = re.search(r"crank pivot: \d+ contacts, in contact, circling its clearance (\S+) times", str(told.value))
+    turns = re.search(
+        r"crank pivot: \d+ contacts, in contact, circling its clearance (\S+) times",
+        str(told.value),
+    )
     assert abs(float(turns[1])) > 50
     assert "crank pin:" not in str(told.value)
 
 
 def test_every_source_of_compiled_code_renews_what_is_kept():
     package = Path(numba_cache.__file__).parent
-    sources = {path for path in package.rglob("*.py") if "jointgap.dynamics.numba_cache import" in path.read_text()}
+    sources = {
+        path
+        for path in package.rglob("*.py")
+        if "jointgap.dynamics.numba_cache import" in path.read_text()
+    }
     assert len(sources) > 10
     assert sources <= set(numba_cache.SOURCES)

@@ -1,4 +1,5 @@
-"""A load on the slider from a table moves the mechanism as the law that the table was sampled from."""
+"""A load on the slider from a table moves the mechanism as the law that the table was sampled
+from."""
 
 import math
 from dataclasses import replace
@@ -17,9 +18,8 @@ from tests.catalogue import refused
 from tests.config.mechanisms import mechanism as listed
 from tests.dynamics.cases import CRANK, ROD, effect, mechanism, options
 from tests.dynamics.closed import Closed
-from tests.rows import each
-from tests.slider_crank.rigs import campaign, read, recorded, seen
-from tests.slider_crank.rigs import mechanism as content
+from tests.rig.rigs import campaign, read, recorded, seen
+from tests.rig.rigs import mechanism as content
 
 TURN = np.arange(0.0, 360.0, 2.0)  # deg
 WAVE = 30.0 * np.cos(np.radians(TURN))
@@ -44,14 +44,18 @@ def table(tmp_path):
         pd.DataFrame({"at": place, "F": load}).to_csv(tmp_path / f"{name}.csv", index=False)
         columns = {"angle" if unit == "deg" else "time": ("at", unit), kind: ("F", load_unit)}
         given = {name: {"column": column, "unit": unit} for name, (column, unit) in columns.items()}
-        return effect("slider_force_table", **{"file": str(tmp_path / f"{name}.csv")} | given | more)
+        return effect(
+            "slider_force_table", **{"file": str(tmp_path / f"{name}.csv")} | given | more
+        )
 
     return write
 
 
 def torque(*effects, revolutions=1):
     """Of the drive at each sample [N m]."""
-    chosen = options(start_angle=0.1, revolutions=revolutions, samples_per_revolution=90, tolerance=1e-11)
+    chosen = options(
+        start_angle=0.1, revolutions=revolutions, samples_per_revolution=90, tolerance=1e-11
+    )
     return simulate(mechanism(*effects, loose=()), chosen).samples.crank_torque.to_numpy()
 
 
@@ -79,7 +83,9 @@ def test_pressure_and_bore_are_a_force_and_an_angle_may_be_reversed(table):
     assert away(torque(table(degrees, force[::-1], reversed=True)), by_force) < 1e-9
 
 
-def test_a_four_stroke_load_repeats_after_two_revolutions_and_one_over_time_in_its_own_period(table):
+def test_a_four_stroke_load_repeats_after_two_revolutions_and_one_over_time_in_its_own_period(
+    table,
+):
     degrees = np.arange(-180.0, 540.0, 1.0)
     expected = torque(effect("discovered_slider_force", formula=FOUR_STROKE), revolutions=3)
     assert away(torque(table(degrees, four_stroke(degrees)), revolutions=3), expected) < 1e-6
@@ -89,12 +95,15 @@ def test_a_four_stroke_load_repeats_after_two_revolutions_and_one_over_time_in_i
 
     time = np.linspace(0.0, 1.0 / 37.0, 200, endpoint=False)
     entry = table(time, 30.0 * np.cos(math.tau * 37.0 * time + 0.4), "s", period=1.0 / 37.0)
-    expected = torque(effect("harmonic_force", force_N=30.0, frequency_Hz=37.0, phase_rad=0.4), revolutions=3)
+    expected = torque(
+        effect("harmonic_force", force_N=30.0, frequency_Hz=37.0, phase_rad=0.4), revolutions=3
+    )
     assert away(torque(entry, revolutions=3), expected) < 1e-6
 
 
 def test_several_tables_at_the_slider_act_together(table):
-    """Of two strokes and of four, of one over an angle that is reversed and shifted; and two over time."""
+    """Of two strokes and of four, of one over an angle that is reversed and shifted; and two over
+    time."""
     coarse, fine = np.arange(0.0, 360.0, 3.0), np.arange(-180.0, 540.0, 1.7)
     two = table(coarse, gas_force(coarse), name="two", reversed=True, zero="40 deg")
     four = table(fine, four_stroke(fine), name="four")
@@ -102,22 +111,32 @@ def test_several_tables_at_the_slider_act_together(table):
     slow = table(time * 0.3, 30.0 * np.cos(math.tau * time), "s", name="slow", period=0.3)
     fast = table(time * 0.1, 9.0 * np.sin(math.tau * time), "s", name="fast", period=0.1)
     long = np.linspace(0.0, 720.0, 3601)
-    rows = [table(long + shift, four_stroke(long + shift), name=f"of {shift}") for shift in (0.0, 0.1)]
+    rows = [
+        table(long + shift, four_stroke(long + shift), name=f"of {shift}") for shift in (0.0, 0.1)
+    ]
     alone = torque(revolutions=3)
     for one, other in ((two, four), (slow, fast), rows):
         parts = [torque(each, revolutions=3) - alone for each in (one, other)]
         assert min(np.abs(part).max() for part in parts) > 0.1
         assert away(torque(one, other, revolutions=3) - alone, sum(parts)) < 1e-7
-    refused(lambda *given: listed(*given), [(two, slow, "one load is over the crank angle and another one over time")])
+    refused(
+        lambda *given: listed(*given),
+        [(two, slow, "one load is over the crank angle and another one over time")],
+    )
     odd = table(time * 0.123, 9.0 * np.sin(math.tau * time), "s", name="odd", period=0.123456)
     refused(lambda *given: listed(*given), [(slow, odd, "no common multiple")])
 
 
-def test_the_pressure_on_the_side_of_the_crank_pushes_outwards_and_a_sensor_has_a_zero_and_a_gain(table):
+def test_the_pressure_on_the_side_of_the_crank_pushes_outwards_and_a_sensor_has_a_zero_and_a_gain(
+    table,
+):
     degrees, area = np.arange(0.0, 361.0, 1.0), math.pi * 0.07**2 / 4
     bar = 2.0 + np.sin(np.radians(degrees))
     keys = {"kind": "pressure", "load_unit": "bar", "bore": "70 mm", "ambient_pressure": "1 bar"}
-    head, crank = torque(table(degrees, bar, **keys)), torque(table(degrees, bar, side="crank", **keys))
+    head, crank = (
+        torque(table(degrees, bar, **keys)),
+        torque(table(degrees, bar, side="crank", **keys)),
+    )
     assert away(crank - torque(), torque() - head) < 1e-12
     read = (bar - 0.3) / 1.1
     for side, expected in (("head", head), ("crank", crank)):
@@ -130,13 +149,19 @@ def test_the_pressure_on_the_side_of_the_crank_pushes_outwards_and_a_sensor_has_
 DEGREES, TIME = np.arange(0.0, 720.0, 1.0), np.linspace(0.0, 0.3, 300, endpoint=False)
 
 
-@each(
+@pytest.mark.parametrize(
     "written, keys",
-    [((DEGREES, four_stroke(DEGREES)), {}), ((TIME, 30.0 * np.cos(math.tau * TIME / 0.3), "s"), {"period": 0.3})],
+    [
+        ((DEGREES, four_stroke(DEGREES)), {}),
+        ((TIME, 30.0 * np.cos(math.tau * TIME / 0.3), "s"), {"period": 0.3}),
+    ],
 )
 def test_a_campaign_simulates_the_load_as_its_records_have_it(table, written, keys):
-    """In two turns that are not alike, read from the third turn on by a clock that begins with the first."""
-    own = campaign(content(effects=[table(*written, **keys)]), channels=("time", "crank_angle", "crank_torque"))
+    """In two turns that are not alike, read from the third turn on by a clock that begins with the
+    first."""
+    own = campaign(
+        content(effects=[table(*written, **keys)]), channels=("time", "crank_angle", "crank_torque")
+    )
     runs = {
         name: replace(one, time=one.time + 2 * math.tau / {"slow": 30.0, "fast": 45.0}[name])
         for name, one in recorded(own).runs.items()
@@ -145,7 +170,9 @@ def test_a_campaign_simulates_the_load_as_its_records_have_it(table, written, ke
     for run in runs:
         true = seen(model, run)["crank_torque"]
         assert np.abs(true[:90] - true[90:180]).max() > 0.1 * np.std(true)
-        np.testing.assert_allclose(read(model, run=run)["crank_torque"], true, atol=1e-5 * np.std(true))
+        np.testing.assert_allclose(
+            read(model, run=run)["crank_torque"], true, atol=1e-5 * np.std(true)
+        )
 
 
 def test_a_table_that_is_no_load_of_one_period_is_refused(table):
@@ -165,9 +192,12 @@ def test_a_table_that_is_no_load_of_one_period_is_refused(table):
 
 
 def pressure(degrees):
-    """A four-stroke engine [bar]: flat strokes, a compression, and a pressure that rises fourfold within 3 deg."""
+    """A four-stroke engine [bar]: flat strokes, a compression, and a pressure that rises fourfold
+    within 3 deg."""
     away = np.radians(degrees - 360.0)
-    burnt = 15.0 * (1.0 + np.tanh(degrees - 365.0)) * np.exp(-np.logaddexp(0.0, degrees - 365.0) / 40.0)
+    burnt = (
+        15.0 * (1.0 + np.tanh(degrees - 365.0)) * np.exp(-np.logaddexp(0.0, degrees - 365.0) / 40.0)
+    )
     return 1.0 + 9.0 * np.exp(-((away / 0.5) ** 2)) + burnt
 
 
@@ -184,7 +214,10 @@ def test_a_spike_of_a_table_is_remarked_and_a_steep_rise_is_not(table):
         assert remarks_of(table(degrees, pressure(degrees), **BAR)) == []
     one, two = pressure(np.arange(0.0, 720.0, 2.0)), pressure(np.arange(0.0, 720.0, 2.0))
     one[60], two[[100, 101]] = 500.0, 300.0
-    for load, words in ((one, "row 62: 500 bar is far"), (two, "row 102 and 1 more: 300 bar is far")):
+    for load, words in (
+        (one, "row 62: 500 bar is far"),
+        (two, "row 102 and 1 more: 300 bar is far"),
+    ):
         (remark,) = remarks_of(table(np.arange(0.0, 720.0, 2.0), load, **BAR))
         assert "load.csv, column F" in remark and words in remark
     noisy = pressure(DEGREES) + 0.3 * np.random.default_rng(0).standard_normal(DEGREES.size)
@@ -219,18 +252,29 @@ def test_a_long_table_is_thinned_to_the_curve_of_all_its_rows(table):
 
 def test_a_repeated_row_counts_once_and_a_missing_one_is_bridged(table):
     expected = torque(table(DEGREES, four_stroke(DEGREES)), revolutions=2)
-    joined = np.concatenate([np.arange(0.0, 361.0), np.arange(360.0, 721.0)])  # 360 deg ends one turn, begins the next
+    joined = np.concatenate(
+        [np.arange(0.0, 361.0), np.arange(360.0, 721.0)]
+    )  # 360 deg ends one turn, begins the next
     assert away(torque(table(joined, four_stroke(joined)), revolutions=2), expected) < 1e-9
     gap = four_stroke(DEGREES)
     gap[100] = np.nan
     assert away(torque(table(DEGREES, gap), revolutions=2), expected) < 1e-6
-    assert away(torque(table(*np.delete([DEGREES, four_stroke(DEGREES)], 300, axis=1)), revolutions=2), expected) < 1e-6
+    assert (
+        away(
+            torque(table(*np.delete([DEGREES, four_stroke(DEGREES)], 300, axis=1)), revolutions=2),
+            expected,
+        )
+        < 1e-6
+    )
 
 
 def test_a_row_of_units_that_says_another_unit_is_refused(table, tmp_path):
     rows = "".join(f"{at:g};{load:g}\n" for at, load in zip(TURN, 100.0 + WAVE, strict=True))
     keys = {"bore": "70 mm", "pressure": {"column": "F", "unit": "kPa"}, "force": None}
-    for unit, said in (("bar", "row below the headings says 'bar', but pressure.unit is 'kPa'"), ("kPa", None)):
+    for unit, said in (
+        ("bar", "row below the headings says 'bar', but pressure.unit is 'kPa'"),
+        ("kPa", None),
+    ):
         entry = table(TURN, WAVE, **keys)
         (tmp_path / "load.csv").write_text(f"at;F\ndeg;{unit}\n{rows}")
         if said:

@@ -9,7 +9,6 @@ from scipy.integrate import solve_ivp
 from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.dynamics.friction import bristle_rate, friction_coefficient
 from tests.dynamics.laws import JointParameters, joint
-from tests.rows import each
 
 MU, STATIC, SPEED, DEAD_BAND, STRIBECK = 0.2, 0.35, 1e-2, 2e-3, 5e-2
 BRISTLES = {"bristle_stiffness": 1e5, "bristle_damping": 30.0, "viscous_friction": 25.0}
@@ -30,22 +29,26 @@ def rubbing(law: str) -> JointParameters:
 def coefficients(law: str, *speeds) -> np.ndarray:
     """Over `speeds`, or over 101 of them between two."""
     speeds = np.linspace(*speeds, 101) if len(speeds) == 2 else speeds[0]
-    return np.array([friction_coefficient(rubbing(law), float(speed), 0.0) for speed in np.atleast_1d(speeds)])
+    return np.array(
+        [friction_coefficient(rubbing(law), float(speed), 0.0) for speed in np.atleast_1d(speeds)]
+    )
 
 
 def slid(law: JointParameters, speed, *times: float) -> np.ndarray:
-    """Deflection of bristles [m] and energy taken up per normal force [m], (2, n), at times [s] of a sliding at
-    `speed(t)`.
+    """Deflection of bristles [m] and energy taken up per normal force [m], (2, n), at times [s] of
+    a sliding at `speed(t)`.
     """
 
     def slope(t, state):
-        return bristle_rate(law, speed(t), state[0]), friction_coefficient(law, speed(t), state[0]) * speed(t)
+        return bristle_rate(law, speed(t), state[0]), friction_coefficient(
+            law, speed(t), state[0]
+        ) * speed(t)
 
     settings = {"rtol": 1e-9, "atol": (1e-15, 1e-15), "max_step": times[0] / 200}
     return solve_ivp(slope, (0, times[-1]), (0, 0), "Radau", t_eval=times, **settings).y
 
 
-@each("law", [law for law in FRICTION_LAWS if law != "lugre"])
+@pytest.mark.parametrize("law", [law for law in FRICTION_LAWS if law != "lugre"])
 def test_the_coefficient_is_odd_opposes_sliding_and_is_the_kinetic_one_when_fast(law):
     speeds = np.geomspace(1e-7, 10, 200)
     forward, backward = (coefficients(law, sign * speeds) for sign in (1, -1))
@@ -54,7 +57,7 @@ def test_the_coefficient_is_odd_opposes_sliding_and_is_the_kinetic_one_when_fast
     assert coefficients(law, 100.0) == pytest.approx(MU, rel=1e-12)
 
 
-@each("law, share", [("coulomb", math.tanh(1)), ("threlfall", 1 - math.exp(-3))])
+@pytest.mark.parametrize("law, share", [("coulomb", math.tanh(1)), ("threlfall", 1 - math.exp(-3))])
 def test_coulomb_and_threlfall_rise_to_their_known_shares_at_the_friction_speed(law, share):
     rising = coefficients(law, 0, 30 * SPEED)
     assert (np.diff(rising) >= 0).all() and rising.max() <= MU
@@ -63,33 +66,44 @@ def test_coulomb_and_threlfall_rise_to_their_known_shares_at_the_friction_speed(
 
 def test_ambrosio_has_a_dead_band_a_straight_ramp_and_a_plateau():
     assert not coefficients("ambrosio", -DEAD_BAND, DEAD_BAND).any()
-    np.testing.assert_allclose(coefficients("ambrosio", DEAD_BAND, SPEED), np.linspace(0, MU, 101), atol=1e-15)
+    np.testing.assert_allclose(
+        coefficients("ambrosio", DEAD_BAND, SPEED), np.linspace(0, MU, 101), atol=1e-15
+    )
     assert (coefficients("ambrosio", SPEED, 1) == MU).all()
 
 
 def test_bengisu_and_akay_peak_at_the_static_coefficient_and_decay_with_the_stribeck_speed():
     law = "bengisu_akay"
     assert coefficients(law, SPEED) == STATIC
-    assert (np.diff(coefficients(law, 0, SPEED)) > 0).all() and (np.diff(coefficients(law, SPEED, 1)) < 0).all()
+    assert (np.diff(coefficients(law, 0, SPEED)) > 0).all() and (
+        np.diff(coefficients(law, SPEED, 1)) < 0
+    ).all()
     decayed = coefficients(law, SPEED + 2 * STRIBECK) - MU
     assert decayed == pytest.approx((STATIC - MU) * math.exp(-2), rel=1e-13)
 
 
-@each("speed", (-2.0, 1e-4, 0.01))
+@pytest.mark.parametrize("speed", (-2.0, 1e-4, 0.01))
 def test_steady_sliding_of_bristles_is_on_the_stribeck_curve(speed):
     law = rubbing("lugre")
-    ((bristle,), _) = slid(law, lambda _: speed, 2e-4 / abs(speed))  # a path of many times the bristles' bend
+    (bristle,), _ = slid(
+        law, lambda _: speed, 2e-4 / abs(speed)
+    )  # a path of many times the bristles' bend
     steady = math.copysign(MU + (STATIC - MU) * math.exp(-((speed / STRIBECK) ** 2)), speed)
     assert bristle == pytest.approx(steady / BRISTLES["bristle_stiffness"], rel=1e-7)
     force = friction_coefficient(law, speed, bristle)
     assert force == pytest.approx(steady + BRISTLES["viscous_friction"] * speed, rel=1e-6)
 
 
-@each("law, stroke", [("coulomb", 1e-6), ("bengisu_akay", 1e-6), ("ambrosio", 1e-4), ("lugre", 1e-6)])
+@pytest.mark.parametrize(
+    "law, stroke", [("coulomb", 1e-6), ("bengisu_akay", 1e-6), ("ambrosio", 1e-4), ("lugre", 1e-6)]
+)
 def test_a_cycle_takes_up_energy(law, stroke):
-    """To and fro from rest, the first and the later cycles; what bent bristles store can only make it more."""
+    """To and fro from rest, the first and the later cycles; what bent bristles store can only make
+    it more."""
     assert BRISTLES["bristle_damping"] * (STATIC - MU) <= BRISTLES["viscous_friction"] * MU
     rate = 40 * math.tau
-    bristle, work = slid(rubbing(law), lambda t: stroke / 2 * rate * math.sin(rate * t), 1 / 40, 2 / 40)
+    bristle, work = slid(
+        rubbing(law), lambda t: stroke / 2 * rate * math.sin(rate * t), 1 / 40, 2 / 40
+    )
     assert (work >= BRISTLES["bristle_stiffness"] * bristle**2 / 2 - 1e-15).all()
     assert 0.0 < work[0] < work[1]

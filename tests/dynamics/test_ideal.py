@@ -1,15 +1,26 @@
-"""Ideal joints: closed-form kinematics, drives, torque by virtual work, reactions, frictions; a rod that bends."""
+"""Ideal joints: closed-form kinematics, drives, torque by virtual work, reactions, frictions; a rod
+that bends."""
 
 import math
 
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
-from tests.dynamics.cases import ALL, MOTOR, PINS, ROD, SPEED, effect, integrated, mechanism, options
+from tests.dynamics.cases import (
+    ALL,
+    MOTOR,
+    PINS,
+    ROD,
+    SPEED,
+    effect,
+    integrated,
+    mechanism,
+    options,
+)
 from tests.dynamics.closed import Closed
-from tests.rows import each
 
 COUNTERWEIGHT = {"mass_centre": -0.02, "mass_centre_across": 0.03}
 
@@ -19,7 +30,7 @@ def of_largest(seen, exact):
     return np.abs(np.asarray(seen) - exact).max() / np.abs(exact).max()
 
 
-@each(
+@pytest.mark.parametrize(
     "keys, drive",
     [
         ({"offset": 0.05}, {}),
@@ -27,7 +38,9 @@ def of_largest(seen, exact):
         ({"crank": COUNTERWEIGHT}, {"speed": 600.0}),
     ],
 )
-def test_motion_and_reactions_are_those_of_the_closed_form_and_of_newton_and_euler(keys, drive, worst):
+def test_motion_and_reactions_are_those_of_the_closed_form_and_of_newton_and_euler(
+    keys, drive, worst
+):
     made = mechanism(loose=(), gravity=True, **keys)
     samples = simulate(made, options(**drive)).samples
     exact = Closed(made, samples.crank_angle.to_numpy(), drive.get("speed", SPEED))
@@ -40,10 +53,16 @@ def test_motion_and_reactions_are_those_of_the_closed_form_and_of_newton_and_eul
         "slider_position": exact.slider_position,
         "slider_velocity": exact.slider_rates[0],
     }
-    accelerations = {"rod_angular_acceleration": exact.rod_rates[1], "slider_acceleration": exact.slider_rates[1]}
+    accelerations = {
+        "rod_angular_acceleration": exact.rod_rates[1],
+        "slider_acceleration": exact.slider_rates[1],
+    }
     forces = {"guide_force": guide}
     for i, axis in enumerate("xy"):
-        places |= {f"rod_position_{axis}": centre[i], f"rod_velocity_{axis}": exact.centre_rates[0][i]}
+        places |= {
+            f"rod_position_{axis}": centre[i],
+            f"rod_velocity_{axis}": exact.centre_rates[0][i],
+        }
         accelerations[f"rod_acceleration_{axis}"] = exact.centre_rates[1][i]
         forces[f"frame_force_{axis}"] = -frame[i]
     for name, value in (("crank_pin", pin), ("piston_pin", piston), ("crank_pivot", frame)):
@@ -58,12 +77,20 @@ def test_motion_and_reactions_are_those_of_the_closed_form_and_of_newton_and_eul
         ("reactions", 50, forces),
     ):
         for name, value in columns.items():
-            worst(f"ideal joints: {what} [last places]", of_largest(samples[name], value) / epsilon, bound)
+            worst(
+                f"ideal joints: {what} [last places]",
+                of_largest(samples[name], value) / epsilon,
+                bound,
+            )
     for value in (torque, exact.virtual_work_torque()):
-        worst("ideal joints: torque [last places]", of_largest(samples.crank_torque, value) / epsilon, 50)
+        worst(
+            "ideal joints: torque [last places]",
+            of_largest(samples.crank_torque, value) / epsilon,
+            50,
+        )
 
 
-@each("loose", [(), *((joint,) for joint in ALL)])
+@pytest.mark.parametrize("loose", [(), *((joint,) for joint in ALL)])
 def test_ideal_joints_stay_shut_and_say_so(loose):
     samples = simulate(mechanism(loose=loose), options()).samples
     for number, name in enumerate(ALL, 1):
@@ -72,9 +99,11 @@ def test_ideal_joints_stay_shut_and_say_so(loose):
         assert ideal.all() == samples[f"gamma{number}"].isna().all() == (name not in loose)
 
 
-@each("ratio, order, phase, loose", [(0.02, 2, 0.5, PINS), (0.3, 12, 4.0, ())])
+@pytest.mark.parametrize("ratio, order, phase, loose", [(0.02, 2, 0.5, PINS), (0.3, 12, 4.0, ())])
 def test_a_fluctuating_speed_follows_its_law_over_angle_and_time(ratio, order, phase, loose, worst):
-    made = mechanism(effect("speed_fluctuation", ratio=ratio, order=order, phase_rad=phase), loose=loose)
+    made = mechanism(
+        effect("speed_fluctuation", ratio=ratio, order=order, phase_rad=phase), loose=loose
+    )
     samples = simulate(made, options(start_angle=0.7, revolutions=2)).samples
     angle, time = samples.crank_angle.to_numpy(), samples.time.to_numpy()
 
@@ -84,26 +113,40 @@ def test_a_fluctuating_speed_follows_its_law_over_angle_and_time(ratio, order, p
     worst("fluctuating speed: speed", of_largest(samples.crank_speed, pace(0, angle)), 1e-13)
     slope = -SPEED * ratio * order * np.sin(order * angle - phase) * pace(0, angle)
     assert np.abs(samples.crank_acceleration - slope).max() <= 1e-12 * SPEED**2
-    turned = solve_ivp(pace, (0.0, time[-1]), [0.7], "DOP853", t_eval=time, rtol=1e-13, atol=1e-13).y[0]
+    turned = solve_ivp(
+        pace, (0.0, time[-1]), [0.7], "DOP853", t_eval=time, rtol=1e-13, atol=1e-13
+    ).y[0]
     worst("fluctuating speed: angle over time [rad]", np.abs(turned - angle).max(), 1e-10)
 
 
 def test_a_motor_runs_up_as_lagranges_equation_says(worst):
-    losses = [effect("crank_viscous_friction", damping_N_m_s=0.2), effect("crank_coulomb_friction", torque_N_m=3.0)]
-    made = mechanism(*losses, effect("crank_unbalance", unbalance_kg_m=0.02, angle_rad=2.0), loose=(), gravity=True)
+    losses = [
+        effect("crank_viscous_friction", damping_N_m_s=0.2),
+        effect("crank_coulomb_friction", torque_N_m=3.0),
+    ]
+    made = mechanism(
+        *losses,
+        effect("crank_unbalance", unbalance_kg_m=0.02, angle_rad=2.0),
+        loose=(),
+        gravity=True,
+    )
     start = {"speed": 5.0, "drive": MOTOR, "revolutions": 3, "start_angle": 0.3}
     samples = simulate(made, options(**start, tolerance=1e-14)).samples
     time = samples.time.to_numpy()
 
     def slope(_, z):
         angle, speed = z
-        still, moved = Closed(made, np.full(2, angle), speed, np.array([0.0, 1.0])).virtual_work_torque()
+        still, moved = Closed(
+            made, np.full(2, angle), speed, np.array([0.0, 1.0])
+        ).virtual_work_torque()
         inertia = moved - still + MOTOR["inertia"] + 0.02 * made.crank.length
         line = MOTOR["stall_torque"] * (1 - speed / MOTOR["no_load_speed"])
         weight = 0.02 * made.gravity[1] * np.cos(angle + 2.0)
         return speed, (line - 0.2 * speed - 3.0 * np.tanh(speed / 0.1) + weight - still) / inertia
 
-    exact = solve_ivp(slope, (0, time[-1]), [0.3, 5.0], "DOP853", t_eval=time, rtol=1e-12, atol=1e-12).y
+    exact = solve_ivp(
+        slope, (0, time[-1]), [0.3, 5.0], "DOP853", t_eval=time, rtol=1e-12, atol=1e-12
+    ).y
     worst("motor: run-up, angle [rad]", np.abs(exact[0] - samples.crank_angle).max(), 1e-9)
     worst("motor: run-up, speed", of_largest(samples.crank_speed, exact[1]), 1e-9)
     assert samples.crank_speed.iloc[-1] > 30
@@ -111,7 +154,9 @@ def test_a_motor_runs_up_as_lagranges_equation_says(worst):
 
 def test_friction_in_proportion_to_the_guides_load_is_solved_for(worst):
     """Guide force N = A + B F with F = -k |N| sgn v, that is A / (1 + B k sgn v sgn A), k = 1."""
-    made = mechanism(effect("slider_load_friction", coefficient=1.0), loose=(), offset=0.05, gravity=True)
+    made = mechanism(
+        effect("slider_load_friction", coefficient=1.0), loose=(), offset=0.05, gravity=True
+    )
     samples = simulate(made, options()).samples
     exact = Closed(made, samples.crank_angle.to_numpy(), SPEED)
     sign = np.tanh(exact.slider_rates[0] / 0.01)
@@ -137,7 +182,7 @@ def deflection(made, times, start=0.0):
     return integrate_to_angles(p, (y, x), 1e-6 * times, 1e-15).auxiliary_states[:, 3]
 
 
-@each("ratio", (0.0, 0.05))
+@pytest.mark.parametrize("ratio", (0.0, 0.05))
 def test_a_rod_at_rest_rings_at_its_frequency_and_dies_away_with_its_damping(ratio, worst):
     times, angular_frequency = np.linspace(0.0, 0.1, 200), 2 * math.pi * 250.0
     damped = angular_frequency * math.sqrt(1 - ratio**2)
@@ -148,16 +193,20 @@ def test_a_rod_at_rest_rings_at_its_frequency_and_dies_away_with_its_damping(rat
 
 
 def test_a_rod_at_rest_sags_under_its_weight_as_a_beam_does(worst):
-    """First mode of w'''' = rho g / EI with both ends pinned: 4 rho g l^4 / (pi^5 EI); and EI from the frequency."""
+    """First mode of w'''' = rho g / EI with both ends pinned: 4 rho g l^4 / (pi^5 EI); and EI from
+    the frequency."""
     frequency, line_mass = 50.0, MASS / ROD
     rigidity = line_mass * (2 * math.pi * frequency) ** 2 * ROD**4 / math.pi**4
     sag = -4 * line_mass * GRAVITY * ROD**4 / (math.pi**5 * rigidity)
-    found = deflection(mechanism(bending(frequency, 0.9), loose=(), gravity=True), np.array([0.0, 1.0]))
+    found = deflection(
+        mechanism(bending(frequency, 0.9), loose=(), gravity=True), np.array([0.0, 1.0])
+    )
     worst("flexible rod: sag", abs(found[-1] / sag - 1), 1e-9)
 
 
 def test_the_deflection_obeys_the_modal_equation_of_the_beam(worst):
-    """q'' + 2 zeta w0 q' + (w0^2 - turn^2) q = -4/pi times the acceleration of midspan across the rod."""
+    """q'' + 2 zeta w0 q' + (w0^2 - turn^2) q = -4/pi times the acceleration of midspan across the
+    rod."""
     made = mechanism(bending(100.0, 0.02), loose=(), offset=0.05, gravity=True)
     p, run = integrated(made, np.arange(0, 361), 1e-14)
     angular_frequency = 2 * math.pi * 100.0
@@ -167,8 +216,19 @@ def test_the_deflection_obeys_the_modal_equation_of_the_beam(worst):
         middle = exact.rated(*exact.on_rod(0.5 * ROD)[1:])[1][:, 0] - made.gravity
         angle, turn = exact.rod_angle[0], exact.rod_rates[0][0]
         across = middle[1] * math.cos(angle) - middle[0] * math.sin(angle)
-        return z[1], -0.04 * angular_frequency * z[1] - (angular_frequency**2 - turn**2) * z[0] - 4 / math.pi * across
+        return (
+            z[1],
+            -0.04 * angular_frequency * z[1]
+            - (angular_frequency**2 - turn**2) * z[0]
+            - 4 / math.pi * across,
+        )
 
-    found = solve_ivp(slope, (0, run.times[-1]), [0, 0], "DOP853", t_eval=run.times, rtol=1e-12, atol=1e-16).y[0]
-    worst("flexible rod: modal equation [m]", np.abs(found - run.observed(p)["rod_deflection"]).max(), 1e-11)
+    found = solve_ivp(
+        slope, (0, run.times[-1]), [0, 0], "DOP853", t_eval=run.times, rtol=1e-12, atol=1e-16
+    ).y[0]
+    worst(
+        "flexible rod: modal equation [m]",
+        np.abs(found - run.observed(p)["rod_deflection"]).max(),
+        1e-11,
+    )
     assert np.abs(found).max() > 1e-3

@@ -1,4 +1,5 @@
-"""Order of the integration, at smooth contact and across the branch points where contact begins and ends."""
+"""Order of the integration, at smooth contact and across the branch points where contact begins and
+ends."""
 
 import numpy as np
 import pytest
@@ -21,7 +22,6 @@ from jointgap.dynamics.runge_kutta import (
 )
 from jointgap.dynamics.simulation import integrate_to_angles, start_state
 from tests.dynamics.cases import SPEED, integrated, mechanism, order
-from tests.rows import each
 
 
 def test_the_tableau_fulfils_the_conditions_of_its_order():
@@ -38,10 +38,14 @@ def test_the_tableau_fulfils_the_conditions_of_its_order():
         assert abs(estimator @ nodes**exact_to) > 1e-4
 
 
-@each("share", (0.0, 0.3, 1.0))
+@pytest.mark.parametrize("share", (0.0, 0.3, 1.0))
 def test_the_interpolant_fulfils_the_conditions_of_the_seventh_order(share):
     rest, identity = 1.0 - share, np.eye(KEPT)
-    weights, first, end = np.append(STAGES[COUNT], np.zeros(KEPT - COUNT)), identity[0], identity[COUNT]
+    weights, first, end = (
+        np.append(STAGES[COUNT], np.zeros(KEPT - COUNT)),
+        identity[0],
+        identity[COUNT],
+    )
     terms = [weights, first - weights, 2 * weights - first - end, *INTERPOLANT]
     value = np.zeros(KEPT)
     for number, term in reversed(list(enumerate(terms))):
@@ -57,13 +61,17 @@ def test_the_interpolant_fulfils_the_conditions_of_the_seventh_order(share):
 
 @pytest.fixture(scope="module")
 def impact():
-    """Parameters; instants of the first impact, a quarter and half through its contact; time of separation [s]."""
+    """Parameters; instants of the first impact, a quarter and half through its contact; time of
+    separation [s]."""
     p, run = integrated(mechanism(), [0, 8], tolerance=1e-15)
     (begin, _, _, approach), (end, *_) = run.events[:2, :4]
     times = np.array([0.0, begin, 0.75 * begin + 0.25 * end, 0.5 * (begin + end), end])
     at = integrate_to_angles(p, start_state(p), SPEED * times, 1e-15)
     contact = (CONTACT, FLIGHT, FLIGHT), (approach, np.inf, np.inf), (begin, np.inf, np.inf)
-    instants = [instant(p, times[i], tuple(at.states[i]), tuple(at.auxiliary_states[i]), *contact) for i in (1, 2, 3)]
+    instants = [
+        instant(p, times[i], tuple(at.states[i]), tuple(at.auxiliary_states[i]), *contact)
+        for i in (1, 2, 3)
+    ]
     return p, *instants, end
 
 

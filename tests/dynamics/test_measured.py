@@ -1,4 +1,5 @@
-"""A measured crank angle: what is recovered of a known one, how far it errs, and what is refused."""
+"""A measured crank angle: what is recovered of a known one, how far it errs, and what is
+refused."""
 
 import numpy as np
 import pandas as pd
@@ -10,7 +11,6 @@ from jointgap.dynamics.drive import smooth_angle, unwrapped
 from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
 from tests.dynamics.cases import SPEED, mechanism, options
 from tests.dynamics.closed import Closed
-from tests.rows import each
 
 RATIO, STEP, TURN = 0.02, np.radians(0.1), 2 * np.pi
 IDEAL = mechanism(loose=())
@@ -27,8 +27,16 @@ def known(time):
 def along(folder, times, angles, revolutions, start=0.0, **keys):
     """Options for a run along a table of angles."""
     pd.DataFrame({"t": times, "theta": angles}).to_csv(folder / "angle.csv", index=False)
-    drive = {"kind": "measured", "file": str(folder / "angle.csv"), "time": "t", "angle": "theta", **keys}
-    return options(drive=drive, start_angle=start, revolutions=revolutions, samples_per_revolution=360)
+    drive = {
+        "kind": "measured",
+        "file": str(folder / "angle.csv"),
+        "time": "t",
+        "angle": "theta",
+        **keys,
+    }
+    return options(
+        drive=drive, start_angle=start, revolutions=revolutions, samples_per_revolution=360
+    )
 
 
 def measured(folder, angle_of=lambda angle: angle, count=2001, **keys):
@@ -41,11 +49,16 @@ def in_steps(angle):
     return np.degrees(STEP * np.round(angle / STEP)) % 360
 
 
-@each(
+@pytest.mark.parametrize(
     "name, angle_of, keys, bounds",
     [
         ("clean", lambda angle: angle, {}, (1e-9, 1e-6, 1e-3)),
-        ("0.1 deg steps", in_steps, {"angle_unit": "deg", "resolution": STEP}, (0.5 * STEP, 2e-3, 0.2)),
+        (
+            "0.1 deg steps",
+            in_steps,
+            {"angle_unit": "deg", "resolution": STEP},
+            (0.5 * STEP, 2e-3, 0.2),
+        ),
         ("1e-3 rad noise", lambda angle: angle + NOISE, {}, (1e-3, 1e-2, np.inf)),
     ],
 )
@@ -60,17 +73,28 @@ def test_an_angle_is_recovered_with_its_derivatives_within_its_steps_or_noise(
         off = np.abs(samples[f"crank_{column}"] - value)[10:-10].max() / scale
         worst(f"measured angle, {name}: {column}", off, bound)
     exact = Closed(mechanism(), *(samples[f"crank_{column}"].to_numpy() for column in columns))
-    off = np.abs(samples.crank_torque - exact.virtual_work_torque()).max() / np.abs(samples.crank_torque).max()
+    off = (
+        np.abs(samples.crank_torque - exact.virtual_work_torque()).max()
+        / np.abs(samples.crank_torque).max()
+    )
     worst("measured angle: torque by virtual work", off, 1e-13)
 
 
-@each("turns, order, doubled", [(20, 12, False), (4, 0.5, True), (2.5, 1, False)])
-def test_long_and_short_records_keep_their_motion_and_readings_may_be_nearly_at_the_same_time(turns, order, doubled):
+@pytest.mark.parametrize(
+    "turns, order, doubled", [(20, 12, False), (4, 0.5, True), (2.5, 1, False)]
+)
+def test_long_and_short_records_keep_their_motion_and_readings_may_be_nearly_at_the_same_time(
+    turns, order, doubled
+):
     rng, speed, size = np.random.default_rng(0), 30.0, 4.0 / (order * 30.0) ** 2
     time = np.linspace(0.0, turns * 2.0 * np.pi / speed, round(180 * turns))
     if doubled:
         time = np.sort(np.append(time, time[[20, 90, 300]] * (1.0 + 1e-12)))
-    angle = speed * time + size * np.sin(order * speed * time + 0.4) + 3e-3 * size * rng.standard_normal(time.size)
+    angle = (
+        speed * time
+        + size * np.sin(order * speed * time + 0.4)
+        + 3e-3 * size * rng.standard_normal(time.size)
+    )
     exact = -4.0 * np.sin(order * speed * time + 0.4)
     assert np.sqrt(np.mean((smooth_angle(time, angle, None)(time, 2) - exact)[36:-36] ** 2)) < 0.5
 
@@ -78,7 +102,9 @@ def test_long_and_short_records_keep_their_motion_and_readings_may_be_nearly_at_
 def test_samples_beyond_a_record_are_refused(tmp_path):
     time = np.linspace(0.0, 10.0, 4001)
     p = parameters(IDEAL, along(tmp_path, time, np.pi * time, 4, resolution=STEP))
-    with pytest.raises(InputError, match=r"ends at 1800.1 deg and 10.0005\d* s, the samples at 1980 deg"):
+    with pytest.raises(
+        InputError, match=r"ends at 1800.1 deg and 10.0005\d* s, the samples at 1980 deg"
+    ):
         integrate_to_angles(p, start_state(p), np.linspace(0.0, 11 * np.pi, 100), 1e-12)
 
 
@@ -111,7 +137,7 @@ def as_it_is(table):
     return table
 
 
-@each(
+@pytest.mark.parametrize(
     "change, says, keys",
     [
         (with_value(4, np.nan), "angle.csv, column t, row 5: 'nan' is not a finite number", {}),
@@ -119,24 +145,37 @@ def as_it_is(table):
         (lambda table: table.rename(columns={"theta": "thetas"}), "no column 'theta'.*thetas", {}),
         (lambda table: table[:5], "5 samples are too few", {}),
         (lambda table: table.assign(theta=-table.theta % TURN), "the crank turns clockwise", {}),
-        (lambda table: table.assign(theta=table.theta.mask(table.index < 99, 0.2)), "stands still or turns", {}),
+        (
+            lambda table: table.assign(theta=table.theta.mask(table.index < 99, 0.2)),
+            "stands still or turns",
+            {},
+        ),
         (lambda table: table[:1000], "contains 1 whole revolutions, .*revolutions is 2", {}),
-        (lambda table: table[::50].iloc[:41].assign(theta=table.theta * 10), "steps by .* than half a turn", {}),
+        (
+            lambda table: table[::50].iloc[:41].assign(theta=table.theta * 10),
+            "steps by .* than half a turn",
+            {},
+        ),
         (as_it_is, "time and angle are both column 't'", {"angle": "t"}),
         (as_it_is, "resolution: 180 deg is more than a quarter turn", {"resolution": np.pi}),
         (as_it_is, "16999 pieces, more than 16384", {"count": 17000}),
     ],
 )
-def test_tables_that_cannot_drive_a_crank_are_refused_with_file_column_and_row(tmp_path, change, says, keys):
+def test_tables_that_cannot_drive_a_crank_are_refused_with_file_column_and_row(
+    tmp_path, change, says, keys
+):
     chosen, path = measured(tmp_path, **keys), tmp_path / "angle.csv"
     change(pd.read_csv(path)).to_csv(path, index=False)
     with pytest.raises(InputError, match=says):
         simulate(IDEAL, chosen)
 
 
-@each("unsteadiness, mean_speed", [(0.0, 8.0), (0.6, 80.0), (0.95, 8.0)])
-def test_the_smooth_angle_of_exact_readings_is_exact_however_unsteadily_the_crank_turns(unsteadiness, mean_speed):
-    """The speed falls and rises by `unsteadiness` of its mean within each turn, and drifts over the record."""
+@pytest.mark.parametrize("unsteadiness, mean_speed", [(0.0, 8.0), (0.6, 80.0), (0.95, 8.0)])
+def test_the_smooth_angle_of_exact_readings_is_exact_however_unsteadily_the_crank_turns(
+    unsteadiness, mean_speed
+):
+    """The speed falls and rises by `unsteadiness` of its mean within each turn, and drifts over the
+    record."""
     per_turn, turns = 120, 6
     time = np.arange(per_turn * turns) * (TURN / mean_speed / per_turn)
 

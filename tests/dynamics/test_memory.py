@@ -11,13 +11,17 @@ from jointgap.dynamics.runge_kutta import LINEAR, instant
 from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
 from tests.dynamics.cases import ALL, SPEED, free_impact, integrated, mechanism, options, order
 from tests.dynamics.laws import faded_damping, impact_duration, joint
-from tests.rows import each
 
 CHI, APPROACH = 0.8, 0.4
-FADING = {"damping": CHI, "memory_time": 2e-3, "fading_time": 1e-3, "steady_contact_damping": CHI / 0.05}
+FADING = {
+    "damping": CHI,
+    "memory_time": 2e-3,
+    "fading_time": 1e-3,
+    "steady_contact_damping": CHI / 0.05,
+}
 
 
-@each("exponent, speed", [(1.0, 0.5), (1.5, 1e-3), (3.0, 0.5)])
+@pytest.mark.parametrize("exponent, speed", [(1.0, 0.5), (1.5, 1e-3), (3.0, 0.5)])
 def test_an_elastic_impact_lasts_as_long_as_the_balance_of_energy_says(exponent, speed):
     exact = impact_duration(3.6e10, exponent, 0.7, speed)
     assert elastic_duration(3.6e10, exponent, 0.7, speed) == pytest.approx(exact, rel=1e-9)
@@ -40,7 +44,10 @@ def test_the_damping_goes_over_as_a_smooth_step_of_ninth_order():
     assert set(found[:201]) == {CHI / APPROACH} and set(found[301:]) == {CHI / 0.05}
 
 
-@each("law, restitution", [("exact_restitution", 0.1), ("lankarani_nikravesh", 0.46), ("flores", 0.95)])
+@pytest.mark.parametrize(
+    "law, restitution",
+    [("exact_restitution", 0.1), ("lankarani_nikravesh", 0.46), ("flores", 0.95)],
+)
 def test_a_free_impact_is_the_published_one_to_the_last_bit(law, restitution):
     by_form = [
         free_impact(mechanism(law=law, restitution=restitution, memory=memory), 0.773, 0.3)[1]
@@ -49,11 +56,13 @@ def test_a_free_impact_is_the_published_one_to_the_last_bit(law, restitution):
     np.testing.assert_array_equal(*by_form)
 
 
-@each("law", LAWS)
+@pytest.mark.parametrize("law", LAWS)
 def test_even_the_slowest_impact_of_all_that_moves_is_over_before_its_memory_fades(law):
     """And one ninety times slower than the slowest that is damped as itself."""
     for speed in (1e-3, 1e-3 / 90):
-        p, (impact, separation) = free_impact(mechanism(law=law, restitution=0.1), mass=1.2212, speed=speed)
+        p, (impact, separation) = free_impact(
+            mechanism(law=law, restitution=0.1), mass=1.2212, speed=speed
+        )
         assert impact[EVENT.index("approach_speed")] == pytest.approx(speed, rel=1e-9)
         assert separation[EVENT.index("duration")] < p.crank_pin.memory_time
 
@@ -62,7 +71,9 @@ def test_the_order_is_kept_while_memory_fades_and_after():
     made = mechanism(friction=0.2, friction_speed=0.1, loose=("crank_pin",))
     p, run = integrated(made, np.linspace(0.0, 90.0, 2), tolerance=1e-15)
     begin, approach, length = run.begins[-1, 0], run.approaches[-1, 0], p.crank_pin.fading_time
-    knots = begin + p.crank_pin.memory_time + np.array([0.0, length])  # where fading begins and ends
+    knots = (
+        begin + p.crank_pin.memory_time + np.array([0.0, length])
+    )  # where fading begins and ends
     assert run.modes[-1, 0] == CONTACT and knots[1] < run.times[-1]
     at = integrate_to_angles(p, start_state(p), SPEED * np.concatenate(([0.0], knots)), 1e-15)
     contact = (CONTACT, FLIGHT, FLIGHT), (approach, np.inf, np.inf), (begin, np.inf, np.inf)
@@ -75,9 +86,15 @@ STARTS, SAMPLES = 18, 720
 
 
 def settled(**contact) -> np.ndarray:
-    """Slider acceleration and crank torque over one settled revolution, from 18 start angles: (18, 2, 720)."""
+    """Slider acceleration and crank torque over one settled revolution, from 18 start angles: (18,
+    2, 720)."""
     made, found = mechanism(friction=0.15, gravity=True, **contact), []
-    chosen = {"speed": 10 * np.pi, "revolutions": 12, "samples_per_revolution": SAMPLES, "tolerance": 1e-10}
+    chosen = {
+        "speed": 10 * np.pi,
+        "revolutions": 12,
+        "samples_per_revolution": SAMPLES,
+        "tolerance": 1e-10,
+    }
     for start in range(STARTS):
         run = simulate(made, options(start_angle=2 * np.pi * start / STARTS, **chosen))
         last = run.samples[["slider_acceleration", "crank_torque"]].to_numpy()[-SAMPLES - 1 : -1].T
@@ -86,7 +103,8 @@ def settled(**contact) -> np.ndarray:
 
 
 def apart(motions: np.ndarray) -> np.ndarray:
-    """Largest root mean square difference of each two motions over the standard deviation of the signal."""
+    """Largest root mean square difference of each two motions over the standard deviation of the
+    signal."""
     between = np.sqrt(((motions[:, None] - motions[None]) ** 2).mean(axis=-1))
     return (between / motions.std(axis=-1).mean(axis=0)).max(axis=-1)
 

@@ -1,4 +1,5 @@
-"""What the motion must be, whatever the contact: free flight, starts, limits, and what is undefined."""
+"""What the motion must be, whatever the contact: free flight, starts, limits, and what is
+undefined."""
 
 import math
 
@@ -22,7 +23,6 @@ from tests.dynamics.cases import (
     options,
     with_numbers,
 )
-from tests.rows import each
 
 
 def test_until_the_first_impact_the_rod_flies_straight_and_turns_evenly():
@@ -34,7 +34,11 @@ def test_until_the_first_impact_the_rod_flies_straight_and_turns_evenly():
     np.testing.assert_allclose(free.rod_position_y, lift * free.time, atol=1e-15)
     np.testing.assert_allclose(free.rod_angle, rate * free.time, atol=1e-15)
     np.testing.assert_allclose(free.slider_position, CRANK + ROD, atol=1e-15)
-    forces = [f"{pin}_{force}" for pin in PINS for force in ("normal_force", "friction_force", "force_x", "force_y")]
+    forces = [
+        f"{pin}_{force}"
+        for pin in PINS
+        for force in ("normal_force", "friction_force", "force_x", "force_y")
+    ]
     forces += ["guide_force", "guide_moment"]
     assert (free[forces] == 0).all(axis=None)
 
@@ -68,10 +72,13 @@ def test_a_start_in_contact_or_without_sense_is_refused():
         ((0, 0, 0, 0, 1e-4, 0), "crank pivot ~ ideal"),
         ((np.nan, 0, 0, 0), "four"),
     ]
-    refused(lambda *start: simulate(mechanism(), options(), start), [(*start, words) for start, words in cases])
+    refused(
+        lambda *start: simulate(mechanism(), options(), start),
+        [(*start, words) for start, words in cases],
+    )
 
 
-@each("loose, offset", [(PINS, 0.05), (("crank_pin",), 0.0), (ALL, 0.0)])
+@pytest.mark.parametrize("loose, offset", [(PINS, 0.05), (("crank_pin",), 0.0), (ALL, 0.0)])
 def test_with_vanishing_clearance_the_motion_tends_to_the_ideal_one(loose, offset, worst):
     distances = []
     for clearance in (1e-3, 1e-4, 1e-5):
@@ -89,14 +96,16 @@ def test_with_vanishing_clearance_the_motion_tends_to_the_ideal_one(loose, offse
     worst("distance from the ideal slider at c = 10 um [m]", distances[-1], 5e-5)
 
 
-@each(
+@pytest.mark.parametrize(
     "effects, keys, drive",
     [
         ([], {"loose": ALL, "friction": 0.1}, {"drive": MOTOR}),
         ([effect("speed_fluctuation", ratio=0.1, order=2, phase_rad=0.5)], {}, {}),
     ],
 )
-def test_a_start_one_turn_later_or_from_a_state_on_the_way_gives_the_same_motion(effects, keys, drive, worst):
+def test_a_start_one_turn_later_or_from_a_state_on_the_way_gives_the_same_motion(
+    effects, keys, drive, worst
+):
     made, degrees = mechanism(*effects, **keys), np.arange(0, 45.5, 0.5)
     p, run = integrated(made, degrees, 1e-14, start_angle=0.3, **drive)
     _, later = integrated(made, degrees, 1e-14, start_angle=0.3 + 2 * np.pi, **drive)
@@ -104,6 +113,12 @@ def test_a_start_one_turn_later_or_from_a_state_on_the_way_gives_the_same_motion
     on_the_way = np.flatnonzero((run.modes == 0).all(axis=1) & (degrees > 12))[0]
     angles = 0.3 + np.radians(degrees[on_the_way:])
     there = with_numbers(p, drive={"start_angle": angles[0]})
-    rest = integrate_to_angles(there, (run.states[on_the_way], run.auxiliary_states[on_the_way]), angles, 1e-14)
-    worst("start on the way, 45 deg [m]", np.abs(rest.states - run.states[on_the_way:])[:, :4].max(), 1e-10)
+    rest = integrate_to_angles(
+        there, (run.states[on_the_way], run.auxiliary_states[on_the_way]), angles, 1e-14
+    )
+    worst(
+        "start on the way, 45 deg [m]",
+        np.abs(rest.states - run.states[on_the_way:])[:, :4].max(),
+        1e-10,
+    )
     assert rest.times[-1] == pytest.approx(run.times[-1] - run.times[on_the_way], rel=1e-12)

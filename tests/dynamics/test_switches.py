@@ -1,8 +1,10 @@
-"""Effects are off by default, at zero size they are as if off, and any combination runs without compiling anew."""
+"""Effects are off by default, at zero size they are as if off, and any combination runs without
+compiling anew."""
 
 import re
 
 import numpy as np
+import pytest
 
 from jointgap.dynamics.integrate import integrate
 from jointgap.dynamics.sampling import fill_samples
@@ -10,22 +12,35 @@ from jointgap.dynamics.simulation import simulate
 from jointgap.effects import EFFECTS
 from jointgap.effects.base import example
 from tests.dynamics.cases import ALL, LUGRE, MOTOR, effect, mechanism, options
-from tests.rows import each
 
-SIZE = re.compile("accel|force_N|torque_N_m|damping_N|drag|coefficient$|stiffness_N|unbalance|mass_kg|ratio$|offset_m")
+SIZE = re.compile(
+    "accel|force_N|torque_N_m|damping_N|drag|coefficient$|stiffness_N|unbalance|mass_kg|ratio$|offset_m"
+)
 OTHERS = ("pin_restitution", "common_pin_restitution", "rod_flexibility")
 NOTHING = [
-    one | {"parameters": one["parameters"] | {key: 0.0 for key in one["parameters"] if SIZE.match(key)}}
+    one
+    | {"parameters": one["parameters"] | {key: 0.0 for key in one["parameters"] if SIZE.match(key)}}
     for one in map(example, EFFECTS.values())
     if one["name"] not in OTHERS and any(map(SIZE.match, one["parameters"]))
 ]
-COMPARED = ["time", "slider_position", "rod_angle", "r2", "r3", "crank_torque", "guide_force", "frame_force_x"]
+COMPARED = [
+    "time",
+    "slider_position",
+    "rod_angle",
+    "r2",
+    "r3",
+    "crank_torque",
+    "guide_force",
+    "frame_force_x",
+]
 
 
-@each("nothing", NOTHING)
+@pytest.mark.parametrize("nothing", NOTHING)
 def test_an_effect_of_no_size_changes_nothing(nothing, worst):
     degrees = options(samples_per_revolution=90)
-    without, with_it = (simulate(mechanism(*effects), degrees).samples for effects in ([], [nothing]))
+    without, with_it = (
+        simulate(mechanism(*effects), degrees).samples for effects in ([], [nothing])
+    )
     without, with_it = without[COMPARED][:12], with_it[COMPARED][:12]
     size = without.abs().max()
     deviation = ((with_it - without).abs().max() / size.where(size > 0, 1.0)).max()
@@ -40,7 +55,10 @@ OWN["discovered_slider_force"] = effect("discovered_slider_force", formula="-0.2
 
 
 def test_any_combination_runs_through_and_nothing_is_compiled_anew():
-    every, random = [OWN.get(name, example(one)) for name, one in EFFECTS.items()], np.random.default_rng(5)
+    every, random = (
+        [OWN.get(name, example(one)) for name, one in EFFECTS.items()],
+        np.random.default_rng(5),
+    )
     still = [one for one in every if one["name"] != "speed_fluctuation"]
     strong = {"drive": MOTOR | {"stall_torque": 600.0}}  # enough for all loads at once
     for some, drive in ((random.permutation(every), {}), (random.permutation(still), strong)):

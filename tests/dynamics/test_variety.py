@@ -11,13 +11,20 @@ from tests.dynamics.cases import ALL, PINS, effect, mechanism, options
 
 
 def any_case(random, films):
-    """A mechanism, its drive and start, and the tolerance [m]; `films` take long at low speed, where they are stiff."""
+    """A mechanism, its drive and start, and the tolerance [m]; `films` take long at low speed,
+    where they are stiff."""
     loose, motor_driven = [joint for joint in ALL if random.random() < 0.7], random.random() < 0.3
     effects = [
         effect("slider_load_friction", coefficient=float(random.uniform(0, 1))),
         effect("slider_coulomb_friction", force_N=20.0),
-        effect("rod_flexibility", frequency_Hz=float(random.uniform(300, 2000)), damping_ratio=0.02),
-        *([] if motor_driven else [effect("speed_fluctuation", ratio=0.1, order=int(random.integers(1, 13)))]),
+        effect(
+            "rod_flexibility", frequency_Hz=float(random.uniform(300, 2000)), damping_ratio=0.02
+        ),
+        *(
+            []
+            if motor_driven
+            else [effect("speed_fluctuation", ratio=0.1, order=int(random.integers(1, 13)))]
+        ),
         *(effect("pin_friction", pin, coefficient=float(random.uniform(0, 0.6))) for pin in PINS),
         *(
             effect("lubricated_joint", pin, viscosity_Pa_s=0.01, length_m=0.01)
@@ -39,7 +46,12 @@ def any_case(random, films):
         clearance=float(random.choice([1e-3, 2e-4, 5e-5])),
     )
     speed = float(random.choice([5, 60, 300]))
-    motor = {"kind": "motor", "stall_torque": 0.2 * speed**2 + 10, "no_load_speed": 2 * speed, "inertia": 0.5}
+    motor = {
+        "kind": "motor",
+        "stall_torque": 0.2 * speed**2 + 10,
+        "no_load_speed": 2 * speed,
+        "inertia": 0.5,
+    }
     started = options(
         speed=speed,
         start_angle=float(random.choice(np.linspace(0, 6, 61))),
@@ -61,8 +73,11 @@ def runs_through(seed, count, films=False):
         assert np.isfinite(run.auxiliary_states).all()
         vectors = run.states[:, :2], run.states[:, 2:4], run.auxiliary_states[:, :2]
         for vector, name in zip(vectors, JOINTS, strict=True):
-            # the rings hold their pins: at 300 rad/s some hits of 300 kN press them in by a third of a millimetre
-            assert np.hypot(*vector.T).max() <= (made.clearance(name) + 7e-4 if name in made.loose else 0.0)
+            # the rings hold their pins: at 300 rad/s some hits of 300 kN press them in by a third
+            # of a millimetre
+            assert np.hypot(*vector.T).max() <= (
+                made.clearance(name) + 7e-4 if name in made.loose else 0.0
+            )
 
 
 def test_mechanisms_of_all_kinds_run_through():

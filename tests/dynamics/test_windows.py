@@ -15,7 +15,9 @@ TOLERANCE = 1e-10  # m
 SPEED, SETTLED, PER_TURN, TURNS, SAMPLES = 20.0, 6, 16, 2, 120
 
 
-def test_windows_that_begin_in_states_of_a_trajectory_of_a_loose_crank_pivot_read_what_it_does(worst):
+def test_windows_that_begin_in_states_of_a_trajectory_of_a_loose_crank_pivot_read_what_it_does(
+    worst,
+):
     loose = {name: {"loose": name == "crank_pivot"} for name in ALL}
     p = parameters(mechanism(joints=loose).applied(), options(speed=SPEED, tolerance=TOLERANCE))
     edges = math.tau * (SETTLED + np.arange(TURNS * PER_TURN + 1) / PER_TURN)
@@ -30,10 +32,21 @@ def test_windows_that_begin_in_states_of_a_trajectory_of_a_loose_crank_pivot_rea
         slow[k] = math.atan2(y, x), (x * vy - y * vx) / (x * x + y * y) / SPEED
         carried.modes[k] = motion.modes[row]
     for _ in range(3):  # what a window carries beside its state, it has from the one before
-        found, ends, after, done = simulate_windows(p, rows_of(p, edges, angles), slow, carried, TOLERANCE)
+        found, ends, after, done = simulate_windows(
+            p, rows_of(p, edges, angles), slow, carried, TOLERANCE
+        )
         assert done.all()
-        carried = Carried(*(np.concatenate([first[:1], then[:-1]]) for first, then in zip(carried, after, strict=True)))
-    for channel, bound in {"slider_position": 1e-6, "crank_torque": 5e-3, "frame_force_x": 5e-3}.items():
+        carried = Carried(
+            *(
+                np.concatenate([first[:1], then[:-1]])
+                for first, then in zip(carried, after, strict=True)
+            )
+        )
+    for channel, bound in {
+        "slider_position": 1e-6,
+        "crank_torque": 5e-3,
+        "frame_force_x": 5e-3,
+    }.items():
         off = np.sqrt(np.mean((found[channel] - true[channel]) ** 2)) / np.std(true[channel])
         worst(f"windows of a crank pivot: {channel}", off, bound)
     jumps = ends[:-1] - slow[1:]

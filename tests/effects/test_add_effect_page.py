@@ -1,8 +1,8 @@
-"""docs/how_to/add_effect.md followed to the letter in a copy of the sources: the effect and the fault that it adds work
-everywhere.
+"""docs/how_to/add_effect.md followed to the letter in a copy of the sources: the effect and the
+fault that it adds work everywhere.
 
-Compiled code runs as plain Python here: a copy would have to be compiled anew, which takes longer than these few
-samples.
+Compiled code runs as plain Python here: a copy would have to be compiled anew, which takes longer
+than these few samples.
 """
 
 import os
@@ -25,12 +25,15 @@ def with_diff(text: str, diff: str) -> str:
     """`text` with the lines of a block ``diff`` that begin with + put in where the others stand."""
     lines = diff.splitlines(keepends=True)
     before = "".join(line[1:] for line in lines if not line.startswith("+"))
-    assert text.count(before) == 1, f"the page shows lines that do not stand once in the file:\n{before}"
+    assert text.count(before) == 1, (
+        f"the page shows lines that do not stand once in the file:\n{before}"
+    )
     return text.replace(before, "".join(line[1:] for line in lines))
 
 
 def followed(folder: Path, section: str) -> list[str]:
-    """Apply the blocks of a section of the page to the sources in `folder`; the files that it touches."""
+    """Apply the blocks of a section of the page to the sources in `folder`; the files that it
+    touches."""
     blocks = BLOCK.findall(PAGE[PAGE.index(section) :].split("\n## ")[0])
     for path, diff in blocks:
         file = folder / path
@@ -47,8 +50,13 @@ def sources(tmp_path_factory):
 
 
 def run(sources, *arguments: str) -> str:
-    environment = os.environ | {"PYTHONPATH": f"{sources[0]}{os.pathsep}{ROOT}", "NUMBA_DISABLE_JIT": "1"}
-    done = subprocess.run([sys.executable, *arguments], cwd=ROOT, env=environment, capture_output=True, text=True)
+    environment = os.environ | {
+        "PYTHONPATH": f"{sources[0]}{os.pathsep}{ROOT}",
+        "NUMBA_DISABLE_JIT": "1",
+    }
+    done = subprocess.run(
+        [sys.executable, *arguments], cwd=ROOT, env=environment, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -62,7 +70,9 @@ def test_three_files_make_an_effect_and_one_makes_a_fault(sources):
 def test_the_catalogue_shows_the_effect_and_the_pages_own_check_of_its_law_holds(sources):
     cli = "from jointgap.app.cli import cli; cli()"
     assert "M = -k sin(theta - theta0)" in run(sources, "-c", cli, "effects")
-    assert "stiffness_N_m_rad [>= 0 N*m/rad]" in run(sources, "-c", cli, "effects", "crank_return_spring")
+    assert "stiffness_N_m_rad [>= 0 N*m/rad]" in run(
+        sources, "-c", cli, "effects", "crank_return_spring"
+    )
     (check,) = re.findall(r"```python\n(import numpy.*?)```", PAGE, re.DOTALL)
     run(sources, "-c", check)
 
@@ -72,7 +82,7 @@ import math
 import numpy as np
 from jointgap.rig.model import build_model
 from jointgap.campaign.sentences import format_effect
-from tests.slider_crank.rigs import campaign, mechanism, recorded
+from tests.rig.rigs import campaign, mechanism, recorded
 
 true = {"stiffness_N_m_rad": 2.0, "rest_angle_rad": 2.5}
 spring = {"name": "crank_return_spring", "parameters": true}

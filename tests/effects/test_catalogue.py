@@ -1,5 +1,5 @@
-"""Effects are off unless listed, bounded, told apart, and folded into a mechanism's data where they are nothing
-else.
+"""Effects are off unless listed, bounded, told apart, and folded into a mechanism's data where they
+are nothing else.
 """
 
 import math
@@ -12,19 +12,22 @@ from jointgap.core.errors import InputError
 from jointgap.effects.base import example, parameters_of
 from tests.catalogue import refused
 from tests.config.mechanisms import PIVOT, effect, mechanism, paper
-from tests.rows import each
 
 
-@each("name", EFFECTS)
+@pytest.mark.parametrize("name", EFFECTS)
 def test_every_effect_can_be_listed_as_its_own_example_says(name):
     made = mechanism(example(EFFECTS[name]), joints={"crank_pivot": PIVOT})
     assert made.effect(name) == made.effects[0].parameters
-    assert EFFECTS[name].LAW and EFFECTS[name].REFERENCE and all(row.meaning for row in parameters_of(EFFECTS[name]))
+    assert (
+        EFFECTS[name].LAW
+        and EFFECTS[name].REFERENCE
+        and all(row.meaning for row in parameters_of(EFFECTS[name]))
+    )
     scenario = validate(Scenario, {"mechanism": made.model_dump()}, "mine")
     assert parse_options(scenario.model_dump_json(include={"mechanism"})).mechanism == made
 
 
-@each(
+@pytest.mark.parametrize(
     "name, parameter, inside, outside",
     [
         ("gravity", "acceleration_m_s2", (0, 15), (-0.1, 15.1)),
@@ -59,7 +62,9 @@ def test_parameters_keep_to_the_bounds_of_the_catalogue(name, parameter, inside,
 
 
 FILM = effect("lubricated_joint", "crank_pin", viscosity_Pa_s=0.05, length_m=0.01)
-THICK = effect("lubricated_joint", "crank_pin", viscosity_Pa_s=0.05, length_m=0.01, least_film_m=6e-4)
+THICK = effect(
+    "lubricated_joint", "crank_pin", viscosity_Pa_s=0.05, length_m=0.01, least_film_m=6e-4
+)
 RUBBING = effect("pin_friction", "crank_pin", coefficient=0.1)
 
 
@@ -68,13 +73,19 @@ WIDER = effect("crank_pivot_clearance", clearance_m=1e-4)
 
 def test_an_effect_that_makes_no_sense_is_refused():
     cases = [
-        ([effect("slidr_spring")], "effects.0.name = 'slidr_spring' ~ no such effect ~ did you mean 'slider_spring'"),
+        (
+            [effect("slidr_spring")],
+            "effects.0.name = 'slidr_spring' ~ no such effect ~ did you mean 'slider_spring'",
+        ),
         ([{"parameters": {}}], "effects.0.name' is missing"),
         (
             [effect("gravity", acceleration=9)],
             "'effects.gravity.parameters.acceleration' ~ did you mean 'acceleration_m_s2'",
         ),
-        ([RUBBING, RUBBING | {"site": "piston_pin", "parameters": {"coefficient": 7}}], "pin_friction@piston_pin.par"),
+        (
+            [RUBBING, RUBBING | {"site": "piston_pin", "parameters": {"coefficient": 7}}],
+            "pin_friction@piston_pin.par",
+        ),
         ([effect("pin_friction", coefficient=0.1)], "site' is missing"),
         (
             [effect("pin_friction", "crank_pivot", coefficient=0.1)],
@@ -83,14 +94,31 @@ def test_an_effect_that_makes_no_sense_is_refused():
         ([effect("gravity")] * 2, "gravity at all bodies is listed more than once"),
         ([RUBBING] * 2, "pin_friction at crank_pin is listed more than once"),
         ([effect("discovered_slider_force", formula="a*v")], "formula 'a*v' ~ unknown name 'a'"),
-        ([effect("added_slider_mass", mass_kg=-1)], "effects added_slider_mass ~ slider.mass ~ greater than 0"),
+        (
+            [effect("added_slider_mass", mass_kg=-1)],
+            "effects added_slider_mass ~ slider.mass ~ greater than 0",
+        ),
         ([effect("slider_offset", offset_m=0.5)], "effects slider_offset ~ cannot turn"),
         ([THICK], "lubricated_joint at crank_pin ~ more than 0.5 of the clearance 0.001 m"),
-        ([FILM, effect("crank_pin_clearance", clearance_m=0)], "lubricated_joint at crank_pin requires a clearance"),
-        ([WIDER], {"crank_pivot": "ideal"}, "crank_pivot_clearance requires the data of crank_pivot"),
-        ([RUBBING], {"crank_pin": "ideal"}, "pin_friction at crank_pin requires the joint's journal_radius"),
+        (
+            [FILM, effect("crank_pin_clearance", clearance_m=0)],
+            "lubricated_joint at crank_pin requires a clearance",
+        ),
+        (
+            [WIDER],
+            {"crank_pivot": "ideal"},
+            "crank_pivot_clearance requires the data of crank_pivot",
+        ),
+        (
+            [RUBBING],
+            {"crank_pin": "ideal"},
+            "pin_friction at crank_pin requires the joint's journal_radius",
+        ),
     ]
-    refused(lambda effects, joints=None: mechanism(*effects, **({"joints": joints} if joints else {})), cases)
+    refused(
+        lambda effects, joints=None: mechanism(*effects, **({"joints": joints} if joints else {})),
+        cases,
+    )
 
 
 def test_the_direction_of_gravity_is_an_angle_or_a_word_in_the_frame_of_the_mechanism():
@@ -107,7 +135,10 @@ def test_the_direction_of_gravity_is_an_angle_or_a_word_in_the_frame_of_the_mech
             again = mechanism(gravity, gravity_direction=said.model_dump()["gravity_direction"])
             assert again.gravity_direction == said.gravity_direction
     wrong = "gravity_direction = '{}' ~ angle ~ -90 deg ~ down ~ left"
-    refused(lambda word: mechanism(gravity_direction=word), [(word, wrong.format(word)) for word in ("along", "-z")])
+    refused(
+        lambda word: mechanism(gravity_direction=word),
+        [(word, wrong.format(word)) for word in ("along", "-z")],
+    )
 
 
 def bending(**rod):
@@ -116,8 +147,9 @@ def bending(**rod):
 
 def test_a_rod_bends_as_a_uniform_beam_only_where_its_mass_centre_is_near_the_middle():
     rod = paper().rod
-    # of a rod that turns, a_n = alpha (s - centre), the mode takes the projection of this on sin(pi s / l), which moves
-    # the mass centre in turn: in numbers, the inertia that is left with the modal coordinate free
+    # of a rod that turns, a_n = alpha (s - centre), the mode takes the projection of this on sin(pi
+    # s / l), which moves the mass centre in turn: in numbers, the inertia that is left with the
+    # modal coordinate free
     s = (np.arange(20_000) + 0.5) / 20_000 * rod.length
     dm, mode = rod.mass / len(s), np.sin(np.pi * s / rod.length)
     off = 0.02
@@ -127,19 +159,42 @@ def test_a_rod_bends_as_a_uniform_beam_only_where_its_mass_centre_is_near_the_mi
     farthest = off * math.sqrt(0.5 * rod.inertia / taken)
     for side in (-1, 1):
         assert bending(mass_centre=rod.length / 2 + side * 0.999 * farthest)
-        with pytest.raises(InputError, match=r"rod_flexibility .*uniform beam.*rod\.mass_centre .*rod\.inertia"):
+        with pytest.raises(
+            InputError, match=r"rod_flexibility .*uniform beam.*rod\.mass_centre .*rod\.inertia"
+        ):
             bending(mass_centre=rod.length / 2 + side * 1.001 * farthest)
-    assert mechanism(rod={"mass_centre": 0.1}).rod.mass_centre == 0.1  # a rigid one may have it anywhere
+    assert (
+        mechanism(rod={"mass_centre": 0.1}).rod.mass_centre == 0.1
+    )  # a rigid one may have it anywhere
 
 
-MEANT = {"gas_force": "gas_pressure", "cylinder_pressure": "gas_pressure", "drag": "slider_quadratic_drag"}
-MEANT |= {"spring": "slider_spring", "friction": "slider_coulomb_friction", "cogging": "crank_periodic_torque"}
-MEANT |= {"imbalance": "crank_unbalance", "stiction": "slider_stribeck_friction", "oil_film": "lubricated_joint"}
-MEANT |= {"damper": "slider_viscous_friction", "indicator_diagram": "slider_force_table", "bending": "rod_flexibility"}
+MEANT = {
+    "gas_force": "gas_pressure",
+    "cylinder_pressure": "gas_pressure",
+    "drag": "slider_quadratic_drag",
+}
+MEANT |= {
+    "spring": "slider_spring",
+    "friction": "slider_coulomb_friction",
+    "cogging": "crank_periodic_torque",
+}
+MEANT |= {
+    "imbalance": "crank_unbalance",
+    "stiction": "slider_stribeck_friction",
+    "oil_film": "lubricated_joint",
+}
+MEANT |= {
+    "damper": "slider_viscous_friction",
+    "indicator_diagram": "slider_force_table",
+    "bending": "rod_flexibility",
+}
 
 
 def test_an_effect_under_another_word_is_suggested_by_its_meaning():
-    refused(lambda name: mechanism(effect(name)), [(w, f"did you mean ~ '{n}'") for w, n in MEANT.items()])
+    refused(
+        lambda name: mechanism(effect(name)),
+        [(w, f"did you mean ~ '{n}'") for w, n in MEANT.items()],
+    )
 
 
 def test_mass_offset_and_lengths_become_data():
@@ -153,7 +208,9 @@ def test_mass_offset_and_lengths_become_data():
     assert applied.slider.mass == pytest.approx(0.4982)
     assert applied.slider.offset == pytest.approx(-0.008)
     assert (applied.crank.length, applied.rod.length) == pytest.approx((0.151, 0.560))
-    assert (applied.crank.mass_centre, applied.rod.mass_centre) == pytest.approx((0.0755, 0.280))  # half way, as before
+    assert (applied.crank.mass_centre, applied.rod.mass_centre) == pytest.approx(
+        (0.0755, 0.280)
+    )  # half way, as before
     assert [one.name for one in applied.effects] == ["gravity"]
     assert applied.applied() == applied
 

@@ -1,4 +1,5 @@
-"""A clockwise crank seen from behind: the mirrored mechanism, turning counter-clockwise, moves as the mirror image."""
+"""A clockwise crank seen from behind: the mirrored mechanism, turning counter-clockwise, moves as
+the mirror image."""
 
 import numpy as np
 import pytest
@@ -10,7 +11,6 @@ from jointgap.effects import EFFECTS
 from jointgap.effects.base import example
 from jointgap.rig.sensors import MIRRORED
 from tests.dynamics.cases import SPEED, effect, mechanism, options, with_numbers
-from tests.rows import each
 
 BESIDE = {"mass_centre_across": 0.01}
 ANGLES = 0.7 + np.linspace(0.0, 1.5, 91)
@@ -18,8 +18,12 @@ READ = ("slider_position", "slider_acceleration", "rod_acceleration_x", "frame_f
 OWN = {
     "crank_unbalance": effect("crank_unbalance", unbalance_kg_m=0.02, angle_rad=1.0),
     "lubricated_joint": effect("lubricated_joint", "crank_pin", viscosity_Pa_s=0.4, length_m=0.02),
-    "discovered_slider_force": effect("discovered_slider_force", formula="20*sin(theta) + 0.1*w*v + 5*x"),
-    "discovered_crank_torque": effect("discovered_crank_torque", formula="0.3*cos(theta) - 0.01*w + 0.2*v"),
+    "discovered_slider_force": effect(
+        "discovered_slider_force", formula="20*sin(theta) + 0.1*w*v + 5*x"
+    ),
+    "discovered_crank_torque": effect(
+        "discovered_crank_torque", formula="0.3*cos(theta) - 0.01*w + 0.2*v"
+    ),
 }
 
 
@@ -27,16 +31,21 @@ def loose_joints(name):
     return ("crank_pin",) if name == "lubricated_joint" else ()
 
 
-@each("name", [name for name in EFFECTS if name != "speed_fluctuation"])
+@pytest.mark.parametrize("name", [name for name in EFFECTS if name != "speed_fluctuation"])
 def test_the_mirrored_mechanism_moves_as_the_mirror_image_of_the_clockwise_one(name):
     others = [] if name == "gravity" else [effect("gravity")]
     effects = (*others, OWN.get(name, example(EFFECTS[name])))
     made = mechanism(*effects, loose=loose_joints(name), offset=0.03, crank=BESIDE)
-    clockwise = with_numbers(parameters(made, options()), drive={"speed": -SPEED, "start_angle": -ANGLES[0]})
-    front = integrate_to_angles(clockwise, start_state(clockwise), -ANGLES, 1e-12).observed(clockwise)
+    clockwise = with_numbers(
+        parameters(made, options()), drive={"speed": -SPEED, "start_angle": -ANGLES[0]}
+    )
+    front = integrate_to_angles(clockwise, start_state(clockwise), -ANGLES, 1e-12).observed(
+        clockwise
+    )
     seen = parameters(made.applied().mirrored(), options(start_angle=ANGLES[0]))
     behind = integrate_to_angles(seen, start_state(seen), ANGLES, 1e-12).observed(seen)
-    # The reactions of an ideal pin are solved for, and rounded otherwise in the mirror; a stiff film amplifies that.
+    # The reactions of an ideal pin are solved for, and rounded otherwise in the mirror; a stiff
+    # film amplifies that.
     bound = 1e-4 if name == "lubricated_joint" else 1e-7
     for column in READ:
         sign = -1.0 if column in MIRRORED else 1.0
@@ -44,16 +53,21 @@ def test_the_mirrored_mechanism_moves_as_the_mirror_image_of_the_clockwise_one(n
         assert np.abs(sign * behind[column] - front[column]).max() < bound * size, column
 
 
-@each("loose", [(), ("crank_pin", "piston_pin"), ("crank_pivot",)])
-def test_a_clockwise_speed_gives_every_column_the_sign_that_an_integration_backwards_gives_it(loose):
+@pytest.mark.parametrize("loose", [(), ("crank_pin", "piston_pin"), ("crank_pivot",)])
+def test_a_clockwise_speed_gives_every_column_the_sign_that_an_integration_backwards_gives_it(
+    loose,
+):
     made = mechanism(effect("gravity"), loose=loose, offset=0.03)
     asked = options(speed=-SPEED, start_angle=0.7, revolutions=1, samples_per_revolution=240)
     own = simulate(made, asked)
     angles = 0.7 - np.arange(60) * (2 * np.pi / 240)
     backwards = with_numbers(
-        parameters(made, asked.model_copy(update={"speed": SPEED})), drive={"speed": -SPEED, "start_angle": 0.7}
+        parameters(made, asked.model_copy(update={"speed": SPEED})),
+        drive={"speed": -SPEED, "start_angle": 0.7},
     )
-    plain = integrate_to_angles(backwards, start_state(backwards), angles, 1e-12).observed(backwards)
+    plain = integrate_to_angles(backwards, start_state(backwards), angles, 1e-12).observed(
+        backwards
+    )
     for name, values in plain.items():
         found, same = own.samples[name].to_numpy()[:60], np.isfinite(values)
         assert (np.isfinite(found) == same).all(), name
@@ -71,13 +85,18 @@ def test_a_motor_starts_from_rest_and_turns_either_way():
     almost = simulate(made, still.model_copy(update={"speed": 1e-6})).samples
     np.testing.assert_allclose(samples.crank_speed[1:], almost.crank_speed[1:], rtol=1e-5)
     turning = options(speed=20.0, drive=motor, revolutions=1, samples_per_revolution=90)
-    forth, back = (simulate(made, turning.model_copy(update={"speed": speed})).samples for speed in (20.0, -20.0))
+    forth, back = (
+        simulate(made, turning.model_copy(update={"speed": speed})).samples
+        for speed in (20.0, -20.0)
+    )
     np.testing.assert_allclose(back.crank_speed, -forth.crank_speed, rtol=1e-9)
     np.testing.assert_allclose(back.slider_position, forth.slider_position, atol=1e-9)
 
 
 def test_a_crank_that_cannot_turn_is_refused():
-    with pytest.raises(ValueError, match="speed 0: the crank does not turn; give a speed, or a motor"):
+    with pytest.raises(
+        ValueError, match="speed 0: the crank does not turn; give a speed, or a motor"
+    ):
         options(speed=0.0)
     with pytest.raises(InputError, match="clockwise, which only single simulations support"):
         parameters(mechanism(), options(speed=-1.0))

@@ -1,5 +1,5 @@
-"""The positioning axis in closed loop: its simulation against force balances, and what is named on made and on real
-data.
+"""The positioning axis in closed loop: its simulation against force balances, and what is named on
+made and on real data.
 """
 
 import os
@@ -40,19 +40,26 @@ def ramp(tmp_path) -> Emps:
 
 
 def force(model: Emps, **sizes):
-    """Of the drive where effects act, by label with the values of their coordinates; what is left out is as in the
-    first start.
+    """Of the drive where effects act, by label with the values of their coordinates; what is left
+    out is as in the first start.
     """
     known = {candidate.label: candidate for candidate in model.candidates}
     values = {
-        label: {p.name: at.get(p.name, p.nominal) for p in known[label].coordinates} for label, at in sizes.items()
+        label: {p.name: at.get(p.name, p.nominal) for p in known[label].coordinates}
+        for label, at in sizes.items()
     }
-    return model.simulated_force("reference", VALUES, [(known[label], at) for label, at in values.items()])
+    return model.simulated_force(
+        "reference", VALUES, [(known[label], at) for label, at in values.items()]
+    )
 
 
-def test_at_one_speed_the_drive_balances_the_resistance_and_a_spring_at_the_place_where_the_slide_is(ramp):
+def test_at_one_speed_the_drive_balances_the_resistance_and_a_spring_at_the_place_where_the_slide_is(
+    ramp,
+):
     def balances(label, at, resistance):
-        assert force(ramp, **{label: at})[-1] == pytest.approx(VALUES["viscous"] * SPEED + resistance, rel=1e-6)
+        assert force(ramp, **{label: at})[-1] == pytest.approx(
+            VALUES["viscous"] * SPEED + resistance, rel=1e-6
+        )
 
     cases = [
         ("slider_coulomb_friction", {"force_N": 20.0}, 20.0),
@@ -61,13 +68,18 @@ def test_at_one_speed_the_drive_balances_the_resistance_and_a_spring_at_the_plac
     ]
     each(balances, cases)
     last = force(ramp, slider_spring={"stiffness_N_m": 100.0, "rest_position_m": STROKE / 2})[-1]
-    slide = SPEED * SAMPLE_TIME * (SAMPLES - 1) - (SPEED + last / LOOP["gtau"] / LOOP["kv"]) / LOOP["kp"]
+    slide = (
+        SPEED * SAMPLE_TIME * (SAMPLES - 1)
+        - (SPEED + last / LOOP["gtau"] / LOOP["kv"]) / LOOP["kp"]
+    )
     assert last == pytest.approx(VALUES["viscous"] * SPEED + 100.0 * (slide - STROKE / 2), abs=0.02)
 
 
 def test_dry_friction_holds_the_slide_until_the_drive_is_stronger(tmp_path):
     model = write(tmp_path, np.where(np.arange(SAMPLES) < 100, 0.0, 1e-6))
-    drive = LOOP["gtau"] * LOOP["kv"] * LOOP["kp"] * 1e-6  # of the whole step, with the slide at rest
+    drive = (
+        LOOP["gtau"] * LOOP["kv"] * LOOP["kp"] * 1e-6
+    )  # of the whole step, with the slide at rest
     found = force(model, slider_coulomb_friction={"force_N": 1.01 * drive})
     np.testing.assert_allclose(found[100:], drive, rtol=1e-12)
 
@@ -88,7 +100,9 @@ def test_absent_or_foreign_data_is_refused_with_the_address_to_get_it(tmp_path, 
     [
         {},
         {"slider_coulomb_friction": {"force_N": 20.0}, "slider_constant_force": {"force_N": 3.0}},
-        {"slider_spring": {"stiffness_N_m": 40.0, "rest_position_m": 0.0}},  # at an end of the stroke
+        {
+            "slider_spring": {"stiffness_N_m": 40.0, "rest_position_m": 0.0}
+        },  # at an end of the stroke
     ],
     ids=lambda truth: " and ".join(truth) or "nothing",
 )
@@ -96,26 +110,42 @@ def test_effects_hidden_in_made_data_are_named_with_their_sizes(tmp_path, truth)
     phase = 2 * np.pi * np.arange(3 * CYCLE * AVERAGED) / (CYCLE * AVERAGED)
     reference = STROKE / 2 * (1.0 - np.cos(phase) + 0.1 * (1.0 - np.cos(5 * phase)))
     rng, clean = np.random.default_rng(7), force(write(tmp_path, reference), **truth)
-    volts = {run: (clean + rng.normal(0.0, 3.0, clean.size)) / LOOP["gtau"] for run in FILES}  # 3 N on every sample
+    volts = {
+        run: (clean + rng.normal(0.0, 3.0, clean.size)) / LOOP["gtau"] for run in FILES
+    }  # 3 N on every sample
     found = name(write(tmp_path, reference, volts))
-    assert found.decision.verdict == ("named" if truth else "parameters_only"), found.decision.because
+    assert found.decision.verdict == ("named" if truth else "parameters_only"), (
+        found.decision.because
+    )
     assert set(found.names) == set(truth)
     if not truth:
         assert found.chosen.mapping == pytest.approx(VALUES, rel=0.01)
     for label, at in truth.items():
         for coordinate, value in at.items():
-            assert found.chosen.mapping[f"{label}.{coordinate}"] == pytest.approx(value, rel=0.05, abs=0.01)
+            assert found.chosen.mapping[f"{label}.{coordinate}"] == pytest.approx(
+                value, rel=0.05, abs=0.01
+            )
     if "slider_spring" in truth:
-        (line,) = (line for line in estimates(found.chosen) if line.startswith("slider_spring.rest_position_m"))
+        (line,) = (
+            line
+            for line in estimates(found.chosen)
+            if line.startswith("slider_spring.rest_position_m")
+        )
         low, high = map(float, re.search(r"interval (\S+) to (\S+)", line).groups())
-        assert low == pytest.approx(0.0, abs=1e-3) and 1e-4 < high < STROKE / 10  # the interval ends there
+        assert (
+            low == pytest.approx(0.0, abs=1e-3) and 1e-4 < high < STROKE / 10
+        )  # the interval ends there
 
 
-@pytest.mark.skipif(not os.environ.get("JOINTGAP_EMPS"), reason=f"needs the EMPS data of {ADDRESS} in JOINTGAP_EMPS")
+@pytest.mark.skipif(
+    not os.environ.get("JOINTGAP_EMPS"), reason=f"needs the EMPS data of {ADDRESS} in JOINTGAP_EMPS"
+)
 def test_on_the_real_axis_published_friction_and_a_constant_force_explain_most_of_what_is_missing():
     model = Emps()
     found = name(model)
-    assert found.decision.verdict == "unexplained", found.decision.because  # a gap of 7 is left on the held-out run
+    assert found.decision.verdict == "unexplained", (
+        found.decision.because
+    )  # a gap of 7 is left on the held-out run
     assert set(found.names) == {"slider_coulomb_friction", "slider_constant_force"}
     assert found.chosen.mapping["slider_coulomb_friction.force_N"] == pytest.approx(20.4, rel=0.05)
     assert found.chosen.mapping["viscous"] == pytest.approx(203.0, rel=0.05)

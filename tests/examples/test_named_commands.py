@@ -1,4 +1,5 @@
-"""Commands that README.md and the documentation name are there, and those that no other test runs do run."""
+"""Commands that README.md and the documentation name are there, and those that no other test runs
+do run."""
 
 import importlib.util
 import re
@@ -17,7 +18,9 @@ from tests.catalogue import each
 
 PAGES = {
     path: path.read_text(encoding="utf-8")
-    for path in sorted({*ROOT.glob("*.md"), *(ROOT / "config").glob("*.md"), *ROOT.glob("*/**/*.md")})
+    for path in sorted(
+        {*ROOT.glob("*.md"), *(ROOT / "config").glob("*.md"), *ROOT.glob("*/**/*.md")}
+    )
     if not {".venv", ".cache", "results", "node_modules"} & set(path.relative_to(ROOT).parts)
     and "changelog" not in path.name
 }
@@ -25,17 +28,22 @@ BLOCK, SPAN = re.compile(r"^```.*?^```$", re.DOTALL | re.MULTILINE), re.compile(
 
 
 def named(pattern: str) -> set[str]:
-    """What `pattern` finds in code: lines of blocks, without a prompt, and code within sentences."""
+    """What `pattern` finds in code: lines of blocks, without a prompt, and code within
+    sentences."""
     found = set()
     for text in PAGES.values():
         blocks = "\n".join(BLOCK.findall(text)).splitlines()
-        code = [line.strip().removeprefix("$ ") for line in blocks] + SPAN.findall(BLOCK.sub("", text))
+        code = [line.strip().removeprefix("$ ") for line in blocks] + SPAN.findall(
+            BLOCK.sub("", text)
+        )
         found |= {name for line in code for name in re.findall(pattern, line)}
     return found
 
 
 def test_every_command_that_a_page_names_is_there():
-    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    targets = set(
+        re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    )
     verbs = {name for name in vars(trials) if not name.startswith("_")}
 
     def there(found, known):
@@ -54,7 +62,11 @@ def test_every_command_that_a_page_names_is_there():
 
 
 def test_every_shell_script_can_be_read_by_its_shell():
-    scripts = [path for path in (ROOT / "scripts").iterdir() if path.read_bytes().startswith(b"#!/usr/bin/env bash")]
+    scripts = [
+        path
+        for path in (ROOT / "scripts").iterdir()
+        if path.read_bytes().startswith(b"#!/usr/bin/env bash")
+    ]
     each(lambda path: subprocess.run(["bash", "-n", path], check=True), scripts)
 
 
@@ -62,11 +74,14 @@ def test_the_data_of_the_demonstration_are_written_as_a_campaign_reads_them(tmp_
     shutil.copytree(ROOT / "config", tmp_path / "config")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(demonstration, "SETTLED", 1)
-    monkeypatch.setattr(demonstration, "HIDDEN", {"demonstration": demonstration.HIDDEN["demonstration"]})
+    monkeypatch.setattr(
+        demonstration, "HIDDEN", {"demonstration": demonstration.HIDDEN["demonstration"]}
+    )
     demonstration.main()
     for name in ("slow", "mid", "fast"):
         written, shipped = (
-            pd.read_csv(place / f"config/campaigns/demonstration/{name}.csv") for place in (tmp_path, ROOT)
+            pd.read_csv(place / f"config/campaigns/demonstration/{name}.csv")
+            for place in (tmp_path, ROOT)
         )
         assert list(written) == list(shipped) and len(written) == pytest.approx(len(shipped), abs=2)
         assert np.std(written["torque_Nm"]) == pytest.approx(np.std(shipped["torque_Nm"]), rel=0.1)

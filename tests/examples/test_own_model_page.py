@@ -15,15 +15,18 @@ MASS = 10.3  # kg; the page's model says 10
 
 @pytest.fixture
 def outcome(tmp_path, monkeypatch):
-    """What the page's names hold after its code has run on its two CSV files: thirty cycles of each run, in which a
-    force of the speed acts on the slide.
+    """What the page's names hold after its code has run on its two CSV files: thirty cycles of each
+    run, in which a force of the speed acts on the slide.
     """
 
     def run(force) -> dict:
         random = np.random.default_rng(1)
         for run, period in {"slow": 4.0, "fast": 2.0}.items():
             time, rate = np.arange(3000) * period / 100.0, 2.0 * np.pi / period
-            speed, acceleration = 0.1 * rate * np.cos(rate * time), -0.1 * rate**2 * np.sin(rate * time)
+            speed, acceleration = (
+                0.1 * rate * np.cos(rate * time),
+                -0.1 * rate**2 * np.sin(rate * time),
+            )
             taken = MASS * acceleration - force(speed) + random.normal(0.0, NOISE, time.size)
             pd.DataFrame({"t": time, "force": taken}).to_csv(tmp_path / f"{run}.csv", index=False)
         monkeypatch.chdir(tmp_path)
@@ -34,14 +37,25 @@ def outcome(tmp_path, monkeypatch):
     return run
 
 
-def test_friction_is_named_with_the_intervals_of_a_line_through_the_forces_and_the_gap_falls_to_noise(outcome):
+def test_friction_is_named_with_the_intervals_of_a_line_through_the_forces_and_the_gap_falls_to_noise(
+    outcome,
+):
     names = outcome(lambda speed: -2.0 * np.sign(speed))
     found, gaps = names["found"], names["gaps"]
-    assert (found.verdict, found.chosen.label) == ("named", "slider_coulomb_friction"), found.because
+    assert (found.verdict, found.chosen.label) == (
+        "named",
+        "slider_coulomb_friction",
+    ), found.because
     row = gaps[(gaps["role"] == "confirm") & (gaps["run"] == "all")].iloc[0]
     assert row["before"] > 5.0 and row["after"] == pytest.approx(1.0, abs=0.1)
-    measured, rate = next(series for series in names["model"].series if series.run == "slow"), 2.0 * np.pi / 4.0
-    inertia, friction = -0.1 * rate**2 * np.sin(rate * measured.time), np.sign(np.cos(rate * measured.time))
+    measured, rate = (
+        next(series for series in names["model"].series if series.run == "slow"),
+        2.0 * np.pi / 4.0,
+    )
+    inertia, friction = (
+        -0.1 * rate**2 * np.sin(rate * measured.time),
+        np.sign(np.cos(rate * measured.time)),
+    )
     design = np.column_stack([inertia, friction])
     best = np.linalg.lstsq(design, measured.value)[0]
     errors = NOISE * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
@@ -49,9 +63,15 @@ def test_friction_is_named_with_the_intervals_of_a_line_through_the_forces_and_t
     for estimate, value, error in zip(stated, best, errors, strict=True):
         assert estimate["value"] == pytest.approx(value, abs=0.1 * error)
         assert estimate["sd"] == pytest.approx(error, rel=0.1)
-        assert estimate["interval_90"] == pytest.approx([value - 1.645 * error, value + 1.645 * error], abs=0.3 * error)
-    doubted = names["final_verdict"](names["by_fits"], names["confirmed"], inconsistent_channels=["force"])
-    assert doubted.verdict == "unexplained" and doubted.because.startswith("force is inconsistent with other channels")
+        assert estimate["interval_90"] == pytest.approx(
+            [value - 1.645 * error, value + 1.645 * error], abs=0.3 * error
+        )
+    doubted = names["final_verdict"](
+        names["by_fits"], names["confirmed"], inconsistent_channels=["force"]
+    )
+    assert doubted.verdict == "unexplained" and doubted.because.startswith(
+        "force is inconsistent with other channels"
+    )
     assert names["disagreement"].remark == ""
 
 
@@ -70,7 +90,9 @@ def test_a_law_that_is_not_on_the_list_is_found_as_a_formula(outcome):
 
 
 def test_a_force_that_the_held_out_run_lacks_is_not_named_but_shown(outcome):
-    names = outcome(lambda speed: -2.0 * np.sign(speed) if np.max(np.abs(speed)) < 0.2 else 0.0 * speed)
+    names = outcome(
+        lambda speed: -2.0 * np.sign(speed) if np.max(np.abs(speed)) < 0.2 else 0.0 * speed
+    )
     assert names["by_fits"].verdict == "named", names["by_fits"].because
     found = names["found"]
     assert (found.verdict, found.best_known.label) == ("unexplained", "slider_coulomb_friction")

@@ -1,4 +1,5 @@
-"""The pendulum: its simulation against exact results, and what is named in synthetic and in real data."""
+"""The pendulum: its simulation against exact results, and what is named in synthetic and in real
+data."""
 
 import os
 from pathlib import Path
@@ -24,7 +25,9 @@ def write(folder: Path, torque, position=0.0) -> Pendulum:
     """The pendulum with the same or, by run, different columns in all files."""
     for run in RUNS:
         columns = (of[run] if isinstance(of, dict) else of for of in (position, torque))
-        position_of, torque_of = (np.broadcast_to(np.asarray(of, float), TIME.shape) for of in columns)
+        position_of, torque_of = (
+            np.broadcast_to(np.asarray(of, float), TIME.shape) for of in columns
+        )
         table = {"time": TIME, "position": position_of, "velocity": 0.0, "torque": torque_of}
         path_of(folder, run).parent.mkdir(parents=True, exist_ok=True)
         pd.DataFrame(table).to_csv(path_of(folder, run), index=False)
@@ -38,7 +41,8 @@ def moved(model: Pendulum, values=VALUES, run=RUN, **sizes) -> np.ndarray:
 
 
 def write_swings(folder: Path, truth: dict) -> Pendulum:
-    """The pendulum with noisy torques and rounded angles of swings in which the effects of `truth` act."""
+    """The pendulum with noisy torques and rounded angles of swings in which the effects of `truth`
+    act."""
     torques = {
         "ddp": (0.3 + 0.3 * TIME) * np.sin(4.1 * TIME),
         "direct_collocation": 1.2 * np.sin(5.5 * TIME) + 0.6 * np.sin(2.0 * TIME),
@@ -48,7 +52,11 @@ def write_swings(folder: Path, truth: dict) -> Pendulum:
     rng, made = np.random.default_rng(3), write(folder, torques)
     position = {run: np.append(0.0, moved(made, run=run, **truth)[0]) for run in RUNS}
     position = {run: ANGLE_STEP * np.round(angle / ANGLE_STEP) for run, angle in position.items()}
-    return write(folder, {run: of + rng.normal(0.0, 0.04, TIME.size) for run, of in torques.items()}, position)
+    return write(
+        folder,
+        {run: of + rng.normal(0.0, 0.04, TIME.size) for run, of in torques.items()},
+        position,
+    )
 
 
 def test_a_small_swing_has_the_period_and_a_large_one_keeps_the_energy(tmp_path):
@@ -146,7 +154,9 @@ def test_absent_or_foreign_data_is_refused_with_the_address_to_get_it(tmp_path, 
 def test_effects_hidden_in_synthetic_files_are_named_with_their_sizes(tmp_path, truth):
     model = write_swings(tmp_path, truth)
     found = name(model)
-    assert found.decision.verdict == ("named" if truth else "parameters_only"), found.decision.because
+    assert found.decision.verdict == ("named" if truth else "parameters_only"), (
+        found.decision.because
+    )
     assert set(found.names) == set(truth)
     expected = {f"{label}.{key}": size for label, at in truth.items() for key, size in at.items()}
     for key, value in (VALUES | expected).items():
@@ -154,11 +164,16 @@ def test_effects_hidden_in_synthetic_files_are_named_with_their_sizes(tmp_path, 
 
 
 @pytest.mark.integration
-@pytest.mark.skipif(not os.environ.get("JOINTGAP_PENDULUM"), reason=f"needs a clone of {ADDRESS} in JOINTGAP_PENDULUM")
+@pytest.mark.skipif(
+    not os.environ.get("JOINTGAP_PENDULUM"),
+    reason=f"needs a clone of {ADDRESS} in JOINTGAP_PENDULUM",
+)
 def test_on_the_real_pendulum_friction_and_an_offset_explain_most_of_what_is_missing():
     model = Pendulum()
     found = name(model)
-    assert found.decision.verdict == "unexplained", found.decision.because  # a gap of 1.7 is left on the held-out runs
+    assert found.decision.verdict == "unexplained", (
+        found.decision.because
+    )  # a gap of 1.7 is left on the held-out runs
     assert set(found.names) == {"coulomb_friction", "encoder_offset"}
     assert found.chosen.mapping["coulomb_friction.torque_Nm"] == pytest.approx(0.15, rel=0.1)
     assert found.chosen.mapping["gravity_torque"] == pytest.approx(3.6, rel=0.03)

@@ -1,8 +1,8 @@
-"""What README.md, the tutorials and some how-to pages print can be typed: files are written, commands and code are run,
-page by page. What code and quick commands print is what the page shows.
+"""What README.md, the tutorials and some how-to pages print can be typed: files are written,
+commands and code are run, page by page. What code and quick commands print is what the page shows.
 
-A `make` of a workflow takes minutes, and `jointgap analyse` a minute: that the target exists and that the files can be
-used is tested here; what the workflow does then has tests of its own.
+A `make` of a workflow takes minutes, and `jointgap analyse` a minute: that the target exists and
+that the files can be used is tested here; what the workflow does then has tests of its own.
 """
 
 import contextlib
@@ -33,7 +33,9 @@ PAGES = [
     )
     if BLOCK.search(page.read_text(encoding="utf-8"))
 ]
-TARGETS = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+TARGETS = set(
+    re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+)
 
 
 @pytest.fixture
@@ -50,15 +52,22 @@ def clone(tmp_path, monkeypatch):
 
 
 def results_of_the_workflow(page: str) -> None:
-    """Small stand-ins for the results that a page's code reads, with the columns that a workflow gives them."""
+    """Small stand-ins for the results that a page's code reads, with the columns that a workflow
+    gives them."""
     if page.endswith("first_simulation.md"):
         Path("results/smoke/simulate").mkdir(parents=True)
         motion = jg.simulate(jg.load_mechanism("erkaya2009"), speed="600 rpm", revolutions=1)
         motion.events.to_parquet("results/smoke/simulate/events.parquet")
     if page.endswith("many_designs.md"):
-        designs = {"clearance": [3e-5, 5e-5], "friction": [0.03, 0.1], "piston_pin_peak_force": [1.0, 2.0]}
+        designs = {
+            "clearance": [3e-5, 5e-5],
+            "friction": [0.03, 0.1],
+            "piston_pin_peak_force": [1.0, 2.0],
+        }
         Path("results/compressor_sweep/sweep/designs").mkdir(parents=True)
-        pd.DataFrame(designs | {"reason": None}).to_parquet("results/compressor_sweep/sweep/designs/part.parquet")
+        pd.DataFrame(designs | {"reason": None}).to_parquet(
+            "results/compressor_sweep/sweep/designs/part.parquet"
+        )
 
 
 def written(text: str) -> None:
@@ -79,8 +88,8 @@ def written(text: str) -> None:
 
 
 def commands(language: str, text: str) -> list[tuple[str, list[str]]]:
-    """What is typed, each with what the page says it prints: lines after ``$`` of a console, all lines of a shell
-    block; comments taken away."""
+    """What is typed, each with what the page says it prints: lines after ``$`` of a console, all
+    lines of a shell block; comments taken away."""
     found: list[tuple[str, list[str]]] = []
     for line in text.splitlines():
         if language == "console" and not line.startswith("$ "):
@@ -105,7 +114,9 @@ def typed(command: str, shown: list[str]) -> None:
         targets = [word for word in words if "=" not in word and word != "make"]
         assert targets and set(targets) <= TARGETS, command
         if "CONFIG" in given:
-            assert resolve(read_yaml(given["CONFIG"]), (Path(), Path(given["CONFIG"]).parent), given["CONFIG"])
+            assert resolve(
+                read_yaml(given["CONFIG"]), (Path(), Path(given["CONFIG"]).parent), given["CONFIG"]
+            )
         if "CAMPAIGN" in given:
             check_campaign(given["CAMPAIGN"])
     elif words[0].endswith("jointgap") and words[1] == "analyse":
@@ -114,7 +125,9 @@ def typed(command: str, shown: list[str]) -> None:
         if re.fullmatch(r"(\.venv/bin/)?jointgap [^|<>&;$]*", command):  # quick in this process
             done = jointgap(*words[1:])
         else:
-            done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, env=os.environ, check=False)
+            done = subprocess.run(
+                ["bash", "-c", command], capture_output=True, text=True, env=os.environ, check=False
+            )
         assert done.returncode == 0, f"{command}: {done.stderr}"
         for line in shown:
             assert line.split("...")[0].strip() in done.stdout, command
@@ -123,7 +136,9 @@ def typed(command: str, shown: list[str]) -> None:
 SLOW = ("docs/tutorial/own_data.md",)
 
 
-@pytest.mark.parametrize("page", [pytest.param(page, marks=[pytest.mark.slow] * (page in SLOW)) for page in PAGES])
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, marks=[pytest.mark.slow] * (page in SLOW)) for page in PAGES]
+)
 def test_every_block_of_a_page_does_what_it_prints(page, clone):
     names: dict = {}
     printed = ""

@@ -19,14 +19,21 @@ fuzz = settings(
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 
-numbers = st.sampled_from([-1, 0, 1e400, float("nan"), 10**400, "7 furlongs", "5 %", "1,5", "9" * 40 + " m"])
-others = st.sampled_from([None, True, "", [], {}, b"\xff", {1: 2}, [[1]], {"a": {"b": 1}}, "x" * 500, "\x1b[31m"])
+numbers = st.sampled_from(
+    [-1, 0, 1e400, float("nan"), 10**400, "7 furlongs", "5 %", "1,5", "9" * 40 + " m"]
+)
+others = st.sampled_from(
+    [None, True, "", [], {}, b"\xff", {1: 2}, [[1]], {"a": {"b": 1}}, "x" * 500, "\x1b[31m"]
+)
 junk = numbers | others | st.text(max_size=6) | st.integers() | st.dates()
-scraps = st.sampled_from(["", "\t", ":", "- ", "{", "]", "'", "&a ", "*a ", "!!x ", "\x07", "é", "\n", "<<: "])
+scraps = st.sampled_from(
+    ["", "\t", ":", "- ", "{", "]", "'", "&a ", "*a ", "!!x ", "\x07", "é", "\n", "<<: "]
+)
 
 
 def works_or_is_refused(file: Path, *words: str) -> str | None:
-    """Output of a command that reads `file`; None where it ends with exit code 2 and an error that names the file."""
+    """Output of a command that reads `file`; None where it ends with exit code 2 and an error that
+    names the file."""
     done = jointgap(*words)
     if done.returncode == 0:
         return done.stdout
@@ -38,7 +45,8 @@ def works_or_is_refused(file: Path, *words: str) -> str | None:
 
 
 def check_files_are_whole(folder: Path) -> None:
-    """Every table below `folder` can be read; hidden files, which a killed write leaves, are no results."""
+    """Every table below `folder` can be read; hidden files, which a killed write leaves, are no
+    results."""
     for path in folder.rglob("*.parquet"):
         if not path.name.startswith("."):
             pq.read_table(path)
@@ -48,7 +56,13 @@ def places(node: Any, path: tuple = ()) -> Iterator[tuple]:
     """Paths to every value of a nested structure but the whole."""
     if path:
         yield path
-    children = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    children = (
+        node.items()
+        if isinstance(node, dict)
+        else enumerate(node)
+        if isinstance(node, list)
+        else ()
+    )
     for key, child in children:
         yield from places(child, (*path, key))
 
@@ -80,11 +94,22 @@ def renamed(node: Any, path: tuple, name: Any) -> Any:
 
 
 def damaged(good: dict) -> st.SearchStrategy[str]:
-    """Texts of a YAML file in which a value is replaced, a key is lost or renamed, or some characters are others."""
+    """Texts of a YAML file in which a value is replaced, a key is lost or renamed, or some
+    characters are others."""
     paths, text = st.sampled_from(list(places(good))), yaml.safe_dump(good)
-    values = st.builds(lambda path, value: yaml.safe_dump(replaced(good, path, value), allow_unicode=True), paths, junk)
+    values = st.builds(
+        lambda path, value: yaml.safe_dump(replaced(good, path, value), allow_unicode=True),
+        paths,
+        junk,
+    )
     names = st.text(max_size=6) | st.integers()
-    keys = st.builds(lambda path, name: yaml.safe_dump(renamed(good, path, name), allow_unicode=True), paths, names)
+    keys = st.builds(
+        lambda path, name: yaml.safe_dump(renamed(good, path, name), allow_unicode=True),
+        paths,
+        names,
+    )
     starts, lengths = st.integers(0, len(text) - 1), st.integers(0, 30)
-    scrapped = st.builds(lambda at, length, scrap: text[:at] + scrap + text[at + length :], starts, lengths, scraps)
+    scrapped = st.builds(
+        lambda at, length, scrap: text[:at] + scrap + text[at + length :], starts, lengths, scraps
+    )
     return values | keys | scrapped

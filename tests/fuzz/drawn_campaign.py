@@ -41,7 +41,9 @@ def draw_campaign(rng: np.random.Generator, folder: Path) -> Path:
     turns = rng.uniform(1.6, 7.0)
     least = max(6.0, LEAST_ROWS / turns)
     per_turn = least * (MOST_ROWS / turns / speeds.size / least) ** rng.random()
-    rate = per_turn * speeds.mean() / tau  # all runs have one rate, or one number of samples per revolution
+    rate = (
+        per_turn * speeds.mean() / tau
+    )  # all runs have one rate, or one number of samples per revolution
     rate = None if rng.random() < 0.5 else rate
     motor = _motor(true, float(speeds.max())) if drive == "motor" else None
     content: dict[str, Any] = {"name": "drawn", "mechanism": mechanism, "drive": drive, "runs": []}
@@ -63,20 +65,26 @@ def draw_campaign(rng: np.random.Generator, folder: Path) -> Path:
         times = np.arange(max(int(seen.duration * per_second), 2)) / per_second
         read = {"time": times + rng.uniform(0, 5)}
         for name, sensor in sensors.items():
-            values = seen.at(name, times - delay.of(name) / speed) * (-1 if clockwise and name in TURNED else 1)
+            values = seen.at(name, times - delay.of(name) / speed) * (
+                -1 if clockwise and name in TURNED else 1
+            )
             read[name], stated[name][run] = sensor.read(rng, values)
         factors = {name: 1 / unit_factor(units[name], CHANNELS[name]) for name in columns}
         table = pd.DataFrame({name: read[name] * factors[name] for name in columns})
         table.to_csv(folder / f"{run}.csv", index=False, float_format="%.9g")
         own = {"id": run, "file": f"{run}.csv", "speed": f"{speed * 60 / tau:.4g} rpm"}
-        own["role"] = "split" if speeds.size == 1 else "confirm" if number == speeds.size - 1 else "identify"
+        own["role"] = (
+            "split" if speeds.size == 1 else "confirm" if number == speeds.size - 1 else "identify"
+        )
         own["start"] = "unknown" if rng.random() < 0.2 else "settled"
         if not time and drive == "constant_speed" and rng.random() < 0.3:
             own["start"] = {"angle": "40 deg", "turned": "3 turn"}
         content["runs"].append(own | ({"direction": "clockwise"} if clockwise else {}))
     for name, sensor in sensors.items():
         factor = 1 / unit_factor(units[name], CHANNELS[name])
-        content["channels"][name] |= sensor.stated({run: factor * sd for run, sd in stated[name].items()}, factor)
+        content["channels"][name] |= sensor.stated(
+            {run: factor * sd for run, sd in stated[name].items()}, factor
+        )
     content["nuisance"] = _nuisance(rng, mechanism, loose, time and angle)
     if motor:
         content["nuisance"]["no_load_speed"] = "10 %"
@@ -89,7 +97,8 @@ TURNED = {*MIRRORED, "crank_angle"}  # have the other sign where the crank turns
 
 
 def _mechanism(rng: np.random.Generator, loose: tuple[str, ...], fastest: float) -> dict:
-    """Content of a mechanism file: small enough for its speed [rad/s] that contacts bear the loads."""
+    """Content of a mechanism file: small enough for its speed [rad/s] that contacts bear the
+    loads."""
     scale = min(1.0, 60.0 / fastest) * rng.uniform(0.5, 1.0)
     bodies = {}
     for name, body in BODIES.items():
@@ -99,12 +108,18 @@ def _mechanism(rng: np.random.Generator, loose: tuple[str, ...], fastest: float)
             bodies[name]["offset"] = rng.uniform(-0.03, 0.03) * scale * (rng.random() < 0.3)
         else:
             inertia = body["inertia"] / body["mass"] * mass * scale**2
-            bodies[name] |= {key: body[key] * scale for key in ("length", "mass_centre")} | {"inertia": inertia}
+            bodies[name] |= {key: body[key] * scale for key in ("length", "mass_centre")} | {
+                "inertia": inertia
+            }
     ideal_data = rng.random() < 0.3
     carriers = {"crank_pivot": "crank", "crank_pin": "crank", "piston_pin": "slider"}
     clearance, radius = 1e-4 * 10 ** rng.random() * max(scale, 0.2), 0.01 * max(scale, 0.3)
     joints = {
-        name: joint(name in loose, carrier, radius, clearance, "steel") if name in loose or ideal_data else "ideal"
+        name: (
+            joint(name in loose, carrier, radius, clearance, "steel")
+            if name in loose or ideal_data
+            else "ideal"
+        )
         for name, carrier in carriers.items()
     }
     steel = {"restitution": rng.uniform(0.3, 0.8), "friction": rng.choice([0.0, 0.05, 0.15])}
@@ -135,15 +150,24 @@ def _hidden(rng: np.random.Generator, mechanism: dict, speed: float, drive: str)
     chosen = [found[place] for place in rng.permutation(len(found))[:number]]
     if drive == "measured_angle":
         ratio, order = rng.uniform(0.001, 0.1), float(rng.choice([0.5, 1.0, 2.0]))
-        chosen.append(effect("speed_fluctuation", ratio=ratio, order=order, phase_rad=rng.uniform(0, tau)))
+        chosen.append(
+            effect("speed_fluctuation", ratio=ratio, order=order, phase_rad=rng.uniform(0, tau))
+        )
     return _plain(chosen)
 
 
 def _motor(mechanism: Mechanism, speed: float) -> dict[str, float]:
     """A motor that is strong enough for the mechanism and its weight at a `speed` [rad/s]."""
-    crank, mass = mechanism.crank.length, mechanism.slider.mass + mechanism.rod.mass + mechanism.crank.mass
+    crank, mass = (
+        mechanism.crank.length,
+        mechanism.slider.mass + mechanism.rod.mass + mechanism.crank.mass,
+    )
     inertia = 4.0 * mass * crank * (crank + 9.81 / speed**2)
-    return {"stall_torque": 5.0 * inertia * speed**2, "no_load_speed": 1.1 * speed, "inertia": inertia}
+    return {
+        "stall_torque": 5.0 * inertia * speed**2,
+        "no_load_speed": 1.1 * speed,
+        "inertia": inertia,
+    }
 
 
 class _Record:
@@ -154,7 +178,11 @@ class _Record:
         revolutions = SETTLING + math.ceil(turns) + 1
         tolerance = min(1e-9, 1e-6 * mechanism.crank.length)
         options = Simulate(
-            speed=speed, revolutions=revolutions, samples_per_revolution=FINE, tolerance=tolerance, **drive
+            speed=speed,
+            revolutions=revolutions,
+            samples_per_revolution=FINE,
+            tolerance=tolerance,
+            **drive,
         )
         self.samples = simulate(mechanism, options).samples
         self.first = float(self.samples["time"].iloc[SETTLING * FINE])
@@ -213,7 +241,8 @@ class _Sensor:
         return values, sd
 
     def stated(self, noise: dict[str, float], factor: float) -> dict[str, Any]:
-        """Keys of the channel in the campaign file; `factor` is one SI unit in the unit of the column."""
+        """Keys of the channel in the campaign file; `factor` is one SI unit in the unit of the
+        column."""
         keys: dict[str, Any] = {}
         if self.is_angle and self.step and self.states_step:
             keys["resolution"] = self.step * factor
@@ -222,8 +251,15 @@ class _Sensor:
         return _plain(keys)
 
 
-def _nuisance(rng: np.random.Generator, mechanism: dict, loose: tuple[str, ...], encoded: bool) -> dict[str, Any]:
-    keys: dict[str, Any] = {"slider_mass": "5 %", "rod_mass": "5 %", "rod_inertia": "10 %", "crank_length": "0.2 %"}
+def _nuisance(
+    rng: np.random.Generator, mechanism: dict, loose: tuple[str, ...], encoded: bool
+) -> dict[str, Any]:
+    keys: dict[str, Any] = {
+        "slider_mass": "5 %",
+        "rod_mass": "5 %",
+        "rod_inertia": "10 %",
+        "crank_length": "0.2 %",
+    }
     keys |= {f"{pin}_clearance": "20 %" for pin in loose}
     if loose:
         keys["restitution"] = [0.2, 0.9]

@@ -1,4 +1,5 @@
-"""Random damage to good files ends in a message that names the file, or in the right reading of what was left alone."""
+"""Random damage to good files ends in a message that names the file, or in the right reading of
+what was left alone."""
 
 import numpy as np
 import pytest
@@ -11,14 +12,20 @@ from jointgap.rig.inspection import _numbers
 from jointgap.rig.read_files import read_measurements
 from jointgap.rig.recording import to_frame
 from tests.fuzz.command import damaged, fuzz
-from tests.recordings.rig import CAMPAIGN, table, write_rig
+from tests.rig.recorded_files import CAMPAIGN, table, write_rig
 
 pytestmark = pytest.mark.slow
 
 COUNT = 48
 GOOD = table(200, count=COUNT)
 LINES = GOOD.to_csv(index=False).splitlines()
-JUNK = ["", "\t", "\x00", "5 mm", *"nan inf -inf 1e400 1e300 -1e15 1e-320 -- x 1_0 1,5 1;5 \" ' # ٣".split()]
+JUNK = [
+    "",
+    "\t",
+    "\x00",
+    "5 mm",
+    *"nan inf -inf 1e400 1e300 -1e15 1e-320 -- x 1_0 1,5 1;5 \" ' # ٣".split(),
+]
 ENCODINGS = ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "latin-1", "utf-32"]
 
 
@@ -33,8 +40,8 @@ def campaign(folder):
 
 
 def read_or_refused(folder, campaign, content: bytes, touched: set[int] | None):
-    """Read the slow run from `content`: refused by its name, or right in all samples but the `touched` (None: all
-    are).
+    """Read the slow run from `content`: refused by its name, or right in all samples but the
+    `touched` (None: all are).
     """
     (folder / "slow.csv").write_bytes(content)
     try:
@@ -53,8 +60,14 @@ def read_or_refused(folder, campaign, content: bytes, touched: set[int] | None):
         origin = int(np.argmin(np.abs(GOOD.t - time)))
         if GOOD.t[origin] == time and origin not in touched:
             assert recording.channels["crank_torque"][sample] == GOOD.M[origin]
-            assert recording.channels["slider_position"][sample] == pytest.approx(1e-3 * GOOD.x[origin], rel=1e-14)
-            assert np.isclose(np.cos(recording.crank_angle[sample]), np.cos(np.radians(GOOD.theta[origin])), atol=1e-9)
+            assert recording.channels["slider_position"][sample] == pytest.approx(
+                1e-3 * GOOD.x[origin], rel=1e-14
+            )
+            assert np.isclose(
+                np.cos(recording.crank_angle[sample]),
+                np.cos(np.radians(GOOD.theta[origin])),
+                atol=1e-9,
+            )
 
 
 def joined(lines) -> bytes:
@@ -66,7 +79,11 @@ rows = st.integers(0, COUNT - 1)
 
 @fuzz
 @given(
-    st.lists(st.tuples(rows, st.integers(0, 3), st.sampled_from(JUNK) | st.text(max_size=6)), min_size=1, max_size=4)
+    st.lists(
+        st.tuples(rows, st.integers(0, 3), st.sampled_from(JUNK) | st.text(max_size=6)),
+        min_size=1,
+        max_size=4,
+    )
 )
 def test_text_put_into_cells(folder, campaign, damages):
     lines = list(LINES)
@@ -81,11 +98,20 @@ def test_text_put_into_cells(folder, campaign, damages):
 @fuzz
 @given(st.sets(st.integers(0, COUNT), max_size=COUNT))
 def test_lines_lost(folder, campaign, lost):
-    read_or_refused(folder, campaign, joined(line for place, line in enumerate(LINES) if place not in lost), set())
+    read_or_refused(
+        folder,
+        campaign,
+        joined(line for place, line in enumerate(LINES) if place not in lost),
+        set(),
+    )
 
 
 @fuzz
-@given(st.sampled_from([";", "\t", "|", " ", ":", "%", ",,", " , "]), st.booleans(), st.sampled_from(ENCODINGS))
+@given(
+    st.sampled_from([";", "\t", "|", " ", ":", "%", ",,", " , "]),
+    st.booleans(),
+    st.sampled_from(ENCODINGS),
+)
 def test_other_separators_decimal_marks_and_encodings(folder, campaign, separator, comma, encoding):
     lines = [line.replace(",", separator) for line in LINES]
     if comma:
@@ -94,7 +120,13 @@ def test_other_separators_decimal_marks_and_encodings(folder, campaign, separato
 
 
 @fuzz
-@given(st.lists(st.tuples(st.integers(0, len(joined(LINES)) - 1), st.integers(0, 255)), min_size=1, max_size=5))
+@given(
+    st.lists(
+        st.tuples(st.integers(0, len(joined(LINES)) - 1), st.integers(0, 255)),
+        min_size=1,
+        max_size=5,
+    )
+)
 def test_bytes_overwritten(folder, campaign, damages):
     content = bytearray(joined(LINES))
     touched = set()

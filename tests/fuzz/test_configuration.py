@@ -1,4 +1,5 @@
-"""A damaged configuration ends with one clear error, or works; quantities mean the same in every unit."""
+"""A damaged configuration ends with one clear error, or works; quantities mean the same in every
+unit."""
 
 import json
 from pathlib import Path
@@ -18,10 +19,21 @@ pytestmark = pytest.mark.slow
 FRICTION = {"name": "slider_coulomb_friction", "parameters": {"force_N": 5.0}}
 GOOD = {
     "mechanism": read_yaml(PAPER) | {"effects": [FRICTION]},
-    "simulate": {"speed": "300 rpm", "revolutions": 4, "samples_per_revolution": 1800, "tolerance": "1e-8 m"},
+    "simulate": {
+        "speed": "300 rpm",
+        "revolutions": 4,
+        "samples_per_revolution": 1800,
+        "tolerance": "1e-8 m",
+    },
     "optimise": {"genetic": {"population": 8, "generations": 2}},
-    "sweep": {"number": 8, "parameters": {"clearance": {"from": "0.1 mm", "to": "1 mm"}, "friction": [0, 0.1]}},
-    "scenarios": {"one": {"description": "one sentence"}, "two": {"simulate": {"speed": "400 rpm"}}},
+    "sweep": {
+        "number": 8,
+        "parameters": {"clearance": {"from": "0.1 mm", "to": "1 mm"}, "friction": [0, 0.1]},
+    },
+    "scenarios": {
+        "one": {"description": "one sentence"},
+        "two": {"simulate": {"speed": "400 rpm"}},
+    },
     "run": ["one", "two"],
 }
 UNITS = {
@@ -39,8 +51,11 @@ def file(tmp_path_factory):
 
 
 def read(file: Path, content: str | bytes) -> dict | None:
-    """What `jointgap config` prints, which is read again as the same; None where it refuses the file."""
-    file.write_bytes(content if isinstance(content, bytes) else content.encode("utf-8", "surrogatepass"))
+    """What `jointgap config` prints, which is read again as the same; None where it refuses the
+    file."""
+    file.write_bytes(
+        content if isinstance(content, bytes) else content.encode("utf-8", "surrogatepass")
+    )
     output = works_or_is_refused(file, "config", file)
     assert list(file.parent.iterdir()) == [file]
     if output is None:

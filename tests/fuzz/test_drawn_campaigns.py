@@ -38,7 +38,8 @@ class OutOfTime(BaseException):
 
 
 def limited(command: Callable[[], Any]) -> Any:
-    """What a command returns; None where it is stopped by the limit, at its next report of progress."""
+    """What a command returns; None where it is stopped by the limit, at its next report of
+    progress."""
     end = time.process_time() + SECONDS
 
     def stop(*_):
@@ -62,7 +63,9 @@ def test_a_drawn_campaign_comes_to_a_verdict_or_is_refused_before_the_search(see
     if path is None:
         return
     for command in ("measure", "preflight"):
-        done = limited(lambda command=command: jointgap(command, path, "--folder", tmp_path / command))
+        done = limited(
+            lambda command=command: jointgap(command, path, "--folder", tmp_path / command)
+        )
         assert done is None or done.returncode in (0, 2)
         assert done is None or (done.returncode == 2) == ("jointgap: error: " in done.stderr)
     try:

@@ -1,4 +1,5 @@
-"""A command that is killed at any moment leaves whole files or none, and run again gives the undisturbed results."""
+"""A command that is killed at any moment leaves whole files or none, and run again gives the
+undisturbed results."""
 
 import os
 import shutil
@@ -22,11 +23,21 @@ OPTIONS = {
     "simulate": {"revolutions": 2, "samples_per_revolution": 360, "tolerance": "1e-8 m"},
     "sweep": {
         "number": 50,
-        "parameters": {"clearance": {"from": "0.1 mm", "to": "1 mm"}, "friction": {"from": 0, "to": 0.2}},
+        "parameters": {
+            "clearance": {"from": "0.1 mm", "to": "1 mm"},
+            "friction": {"from": 0, "to": 0.2},
+        },
     },
 }
 COMMANDS = {
-    "simulate": ("--options", "mine.yaml", "--trajectory", "out/motion.parquet", "--events", "out/events.parquet"),
+    "simulate": (
+        "--options",
+        "mine.yaml",
+        "--trajectory",
+        "out/motion.parquet",
+        "--events",
+        "out/events.parquet",
+    ),
     "sweep": ("--options", "mine.yaml", "--folder", "out/swept", "--workers", "1"),
 }
 
@@ -52,7 +63,8 @@ def completed(folder: Path, command: str) -> tuple[dict[str, bytes], float]:
     left = {
         str(path.relative_to(folder)): path.read_bytes()
         for path in (folder / "out").rglob("*.parquet")
-        if not path.name.startswith(".") or path.parent.name == "designs"  # other programs read all of a dataset
+        if not path.name.startswith(".")
+        or path.parent.name == "designs"  # other programs read all of a dataset
     }
     return left, time.monotonic() - began
 

@@ -1,4 +1,5 @@
-"""An oscillator in windows for tests, whose exact solution is linear in its state and in the forces that act."""
+"""An oscillator in windows for tests, whose exact solution is linear in its state and in the forces
+that act."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -61,20 +62,26 @@ BY_NAME = {candidate.name: candidate for candidate in (SWING, WOBBLE, PULL, PUSH
 
 @dataclass
 class Oscillator:
-    """A `jointgap.core.candidates.Model` of runs that turn at a speed W: x'' + 2 z w x' + w^2 x = drive cos(W t) +
-    (swing - pull) cos(2 W t) + wobble cos(3 W t), of which x, from a zero of each run, and x' are read. One trajectory
-    of a run begins at its `START`."""
+    """A `jointgap.core.candidates.Model` of runs that turn at a speed W: x'' + 2 z w x' + w^2 x =
+    drive cos(W t) + (swing - pull) cos(2 W t) + wobble cos(3 W t), of which x, from a zero of each
+    run, and x' are read. One trajectory of a run begins at its `START`."""
 
     nuisances: Sequence[Parameter]
     series: Sequence[Series] = ()
     broken: int = -1  # a window that cannot be simulated
-    windowed: Callable[[dict], bool] = lambda effects: True  # whether there are windows, by the effects' values
-    deviance: Callable[[dict], float] = lambda effects: 0.0  # for each reading, that a filter is to find with effects
+    windowed: Callable[[dict], bool] = lambda effects: (
+        True
+    )  # whether there are windows, by the effects' values
+    deviance: Callable[[dict], float] = lambda effects: (
+        0.0
+    )  # for each reading, that a filter is to find with effects
     name: str = "oscillator"
     candidates: Sequence[Candidate] = (SWING, WOBBLE, PULL)
     numerics: Sequence[str] = ()
     per_turn: int = 0  # windows that were asked for at last
-    filtered: list = field(default_factory=list)  # values, effects, jump and turns of all searches for states
+    filtered: list = field(
+        default_factory=list
+    )  # values, effects, jump and turns of all searches for states
 
     def windows(self, run, values, effects=()):
         own = {candidate.name: at for candidate, at in effects}
@@ -109,10 +116,15 @@ class Windows:
 
     @property
     def damping(self):
-        return self.values.get("damping", DAMPING) + self.effects.get("spring", {"damping": 0.0})["damping"]
+        return (
+            self.values.get("damping", DAMPING)
+            + self.effects.get("spring", {"damping": 0.0})["damping"]
+        )
 
     def window_of(self, time, states):
-        return np.clip(np.searchsorted(states.edges, time, side="right") - 1, 0, len(states.slow) - 1)
+        return np.clip(
+            np.searchsorted(states.edges, time, side="right") - 1, 0, len(states.slow) - 1
+        )
 
     def settled(self, states):
         return None
@@ -133,7 +145,9 @@ class Windows:
     def _lasting(self, t):
         w, damping, speed = self.frequency, self.damping, SPEEDS[self.run]
         x, v = np.full((2, *t.shape), 0.0)
-        swing, pull, wobble, push = (self.effects.get(name, {"size": 0.0})["size"] for name in FORCES)
+        swing, pull, wobble, push = (
+            self.effects.get(name, {"size": 0.0})["size"] for name in FORCES
+        )
         for order, size in enumerate((self.values["drive"] + push, swing - pull, wobble), 1):
             at = 1j * order * speed
             turning = size * np.exp(at * t) / (w**2 + at**2 + 2 * damping * w * at)
@@ -155,15 +169,24 @@ class Windows:
         done = np.arange(len(states.slow)) != self.model.broken
         motion = self.motion(self.times, states.edges[window], states.slow[window])
         motion[~done[window]] = np.nan
-        ends = np.where(done[:, None], self.motion(states.edges[1:], states.edges[:-1], states.slow), np.nan)
+        ends = np.where(
+            done[:, None], self.motion(states.edges[1:], states.edges[:-1], states.slow), np.nan
+        )
         readings = {"angle": motion[:, 0] + self.values.get("zero", 0.0), "rate": motion[:, 1]}
         return readings, ends, Handed(np.arange(1.0, 1.0 + len(done))[:, None]), done
 
 
 def linear(
-    drive=0.3, zero=0.1, bounds=(0.0, 0.6), settings=DEFAULT_SETTINGS, hidden=(), runs=tuple(SPEEDS), **more
+    drive=0.3,
+    zero=0.1,
+    bounds=(0.0, 0.6),
+    settings=DEFAULT_SETTINGS,
+    hidden=(),
+    runs=tuple(SPEEDS),
+    **more,
 ) -> Problem:
-    """A problem with effects `hidden` in the truth, and noise that remembers; `more` of the oscillator."""
+    """A problem with effects `hidden` in the truth, and noise that remembers; `more` of the
+    oscillator."""
     own = [Parameter("zero", 0.0, -0.5, 0.5, 0.01, run=run) for run in runs]
     model = Oscillator([Parameter("drive", 0.2, *bounds, 0.01), *own], **more)
     return measured(model, {"drive": drive, "zero": zero}, dict(hidden), MEMORY, settings)
@@ -184,7 +207,9 @@ def measured(
             noisy = clean[name] + SD * coloured(t.size, memory, rng)
             series.append(Series(run, name, "1", noisy, t, t * SPEEDS[run], np.zeros(t.size, bool)))
     model.series = series
-    noise = {one.key: Noise(np.full(one.value.size, SD), (memory,) if memory else ()) for one in series}
+    noise = {
+        one.key: Noise(np.full(one.value.size, SD), (memory,) if memory else ()) for one in series
+    }
     return Problem(model, noise, settings=settings)
 
 

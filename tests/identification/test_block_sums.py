@@ -4,10 +4,14 @@ import numpy as np
 import pytest
 
 from jointgap.identification.baseline import probed_differences
-from jointgap.identification.block_sums import BlockSums, first_sums, fit_from_sums, fit_through_sums
+from jointgap.identification.block_sums import (
+    BlockSums,
+    first_sums,
+    fit_from_sums,
+    fit_through_sums,
+)
 from jointgap.identification.fit import FiniteDifferences, fit_hypothesis
 from jointgap.identification.problem import Problem
-from tests.rows import each
 
 from .toy import KNOCKING, candidate_of, knocking, screened, stated_noise, toy
 
@@ -28,7 +32,9 @@ def test_a_sum_over_a_block_of_noise_has_variance_one(problem):
 def test_an_even_number_of_blocks_holds_the_sums_of_its_samples(problem):
     values = {p.key: p.nominal for p in problem.nuisances}
     sums, residual = BlockSums(problem, 10), problem.residual(values)
-    np.testing.assert_allclose(sums.residual(values), residual.reshape(-1, 7).sum(axis=1) / np.sqrt(7.0))
+    np.testing.assert_allclose(
+        sums.residual(values), residual.reshape(-1, 7).sum(axis=1) / np.sqrt(7.0)
+    )
 
 
 def test_other_runs_keep_their_sums(problem):
@@ -47,25 +53,33 @@ def test_sums_of_sensitivities_are_the_sensitivities_of_sums():
     jacobian = FiniteDifferences(sums).jacobian(
         baseline.base.parameters, baseline.base.mapping, sums.sums(baseline.base.residual), ()
     )
-    np.testing.assert_allclose(sums.sensitivities(sensitivities).jacobian, jacobian, atol=1e-2 * np.abs(jacobian).max())
+    np.testing.assert_allclose(
+        sums.sensitivities(sensitivities).jacobian, jacobian, atol=1e-2 * np.abs(jacobian).max()
+    )
 
 
 def test_a_fit_to_sums_finds_the_effect_and_counts_its_simulations(problem):
     before = problem.simulations
     fit = fit_hypothesis(BlockSums(problem, 12), (candidate_of("viscous"),))
-    damping = dict(zip((p.key for p in fit.parameters), fit.values, strict=True))["viscous.damping_N_s_m"]
+    damping = dict(zip((p.key for p in fit.parameters), fit.values, strict=True))[
+        "viscous.damping_N_s_m"
+    ]
     assert abs(damping - 0.5) < 4 * np.sqrt(fit.covariance()[-1, -1])
     assert problem.simulations > before
 
 
-@each("start", [0.2, 0.5, 0.8])
-def test_hits_that_come_later_are_found_by_ever_shorter_sums_where_single_samples_end_beside_them(start):
+@pytest.mark.parametrize("start", [0.2, 0.5, 0.8])
+def test_hits_that_come_later_are_found_by_ever_shorter_sums_where_single_samples_end_beside_them(
+    start,
+):
     model = toy(noise=0.05, samples=360, hidden=lambda x, v, angle, time: knocking(1.0, angle))
     problem, at = Problem(model, stated_noise(model)), {"knocking.size": start}
     differences = probed_differences(problem, {p.key: p.nominal for p in problem.nuisances})
     assert fit_hypothesis(problem, (KNOCKING,), at).chi2 > 2.0 * problem.size
     fit = fit_from_sums(problem, fit_hypothesis(first_sums(problem), (KNOCKING,), at), differences)
-    assert fit.chi2 < 1.05 * problem.size and fit.mapping["knocking.size"] == pytest.approx(1.0, abs=0.005)
+    assert fit.chi2 < 1.05 * problem.size and fit.mapping["knocking.size"] == pytest.approx(
+        1.0, abs=0.005
+    )
 
 
 def test_sums_that_exceed_noise_by_far_are_not_followed_to_the_samples():
@@ -77,11 +91,18 @@ def test_sums_that_exceed_noise_by_far_are_not_followed_to_the_samples():
 
 def test_a_fit_that_stalled_goes_on_through_sums_though_an_effect_is_missing():
     """The constant force is on no list, so that no sums are noise."""
-    model = toy(noise=0.05, samples=360, hidden=lambda x, v, angle, time: knocking(1.0, angle) + 0.1)
+    model = toy(
+        noise=0.05, samples=360, hidden=lambda x, v, angle, time: knocking(1.0, angle) + 0.1
+    )
     problem, at = Problem(model, stated_noise(model)), {"knocking.size": 0.5}
     differences = probed_differences(problem, {p.key: p.nominal for p in problem.nuisances})
     stalled = fit_hypothesis(problem, (KNOCKING,), at)
-    assert fit_from_sums(problem, fit_hypothesis(first_sums(problem), (KNOCKING,), at), differences) is None
+    assert (
+        fit_from_sums(problem, fit_hypothesis(first_sums(problem), (KNOCKING,), at), differences)
+        is None
+    )
     fit = fit_through_sums(problem, stalled, differences)
     assert fit.chi2 < 0.95 * stalled.chi2
-    assert abs(fit.mapping["knocking.size"] - 1.0) < 0.2 < abs(stalled.mapping["knocking.size"] - 1.0)
+    assert (
+        abs(fit.mapping["knocking.size"] - 1.0) < 0.2 < abs(stalled.mapping["knocking.size"] - 1.0)
+    )

@@ -1,4 +1,5 @@
-"""What data and bounds say of parameters together: against the exact distribution, and by whether truths are found."""
+"""What data and bounds say of parameters together: against the exact distribution, and by whether
+truths are found."""
 
 from dataclasses import replace
 from itertools import product
@@ -27,10 +28,13 @@ FREE = -np.inf, np.inf
 
 
 def known_of(jacobian, low, high, values=None, slope=None, scale=1.0, shifts=None):
-    """The distribution of parameters about `values`, zero by default, where chi2 falls on by `slope`."""
+    """The distribution of parameters about `values`, zero by default, where chi2 falls on by
+    `slope`."""
     jacobian = np.atleast_2d(jacobian)
     count = jacobian.shape[1]
-    values, slope = (np.zeros(count) if given is None else np.atleast_1d(given) for given in (values, slope))
+    values, slope = (
+        np.zeros(count) if given is None else np.atleast_1d(given) for given in (values, slope)
+    )
     low, high = (np.zeros(count) + end for end in (low, high))
     shifts = np.empty((0, count)) if shifts is None else shifts
     return bounded_normal(jacobian, slope, scale, values, low, high, shifts)
@@ -41,8 +45,13 @@ def fit_of(jacobian, data, low, high, shifts=None):
     middle = 0.5 * (low + high)
     step, _ = bounded_step(jacobian, jacobian @ middle - data, low - middle, high - middle)
     values = np.clip(middle + step, low, high)
-    parameters = tuple(Parameter(f"p{i}", m, a, b) for i, (m, a, b) in enumerate(zip(middle, low, high, strict=True)))
-    return Fit((), parameters, values, jacobian @ values - data, jacobian, 1, "converged", shifts=shifts)
+    parameters = tuple(
+        Parameter(f"p{i}", m, a, b)
+        for i, (m, a, b) in enumerate(zip(middle, low, high, strict=True))
+    )
+    return Fit(
+        (), parameters, values, jacobian @ values - data, jacobian, 1, "converged", shifts=shifts
+    )
 
 
 def correlated(rng, count=3):
@@ -58,12 +67,15 @@ def test_far_from_its_bounds_it_is_the_normal_distribution_and_other_numerics_ad
 
 
 def test_one_parameter_is_a_cut_off_normal_number():
-    """At the bound 0 chi2 falls on by its slope: the minimum lies at -slope / 4 for a derivative of 2."""
+    """At the bound 0 chi2 falls on by its slope: the minimum lies at -slope / 4 for a derivative of
+    2."""
 
     def check(value, slope):
         known, mean, sd = known_of([2.0], 0.0, 2.0, value, slope), value - slope / 4.0, 0.5
         exact = truncnorm((0.0 - mean) / sd, (2.0 - mean) / sd, mean, sd)
-        assert np.quantile(known.draws, [0.05, 0.5, 0.95]) == pytest.approx(exact.ppf([0.05, 0.5, 0.95]), abs=0.02 * sd)
+        assert np.quantile(known.draws, [0.05, 0.5, 0.95]) == pytest.approx(
+            exact.ppf([0.05, 0.5, 0.95]), abs=0.02 * sd
+        )
         assert known.covariance[0, 0] == pytest.approx(exact.var(), rel=0.05)
 
     each(check, [(0.0, 3.0), (0.0, 0.0), (0.4, 0.0)])
@@ -73,7 +85,11 @@ def test_one_parameter_is_a_cut_off_normal_number():
 
 
 def test_two_parameters_agree_with_a_sum_over_a_grid():
-    jacobian, values, slope = np.array([[3.0, 2.9], [0.0, 0.8]]), np.array([0.0, 0.5]), np.array([1.5, 0.0])
+    jacobian, values, slope = (
+        np.array([[3.0, 2.9], [0.0, 0.8]]),
+        np.array([0.0, 0.5]),
+        np.array([1.5, 0.0]),
+    )
     known = known_of(jacobian, np.array([0.0, -0.5]), 1.0, values, slope)
     x, y = np.meshgrid(np.linspace(0.0, 1.0, 400), np.linspace(-0.5, 1.0, 400))
     away = np.stack([x - values[0], y - values[1]])
@@ -81,7 +97,9 @@ def test_two_parameters_agree_with_a_sum_over_a_grid():
     weight = np.exp(-0.5 * chi2) / np.exp(-0.5 * chi2).sum()
     mean = np.array([np.sum(weight * x), np.sum(weight * y)])
     assert known.draws.mean(axis=0) == pytest.approx(mean, abs=0.01)
-    assert known.covariance[0, 1] == pytest.approx(np.sum(weight * (x - mean[0]) * (y - mean[1])), rel=0.1)
+    assert known.covariance[0, 1] == pytest.approx(
+        np.sum(weight * (x - mean[0]) * (y - mean[1])), rel=0.1
+    )
     assert known.covariance[1, 1] == pytest.approx(np.sum(weight * (y - mean[1]) ** 2), rel=0.05)
 
 
@@ -90,12 +108,15 @@ def test_what_the_data_do_not_say_is_anywhere_within_its_bounds():
     assert kstest(known.draws[::30, 1], "uniform", (-1.0, 4.0)).pvalue > 1e-3
     assert known.covariance[0, 0] == pytest.approx(1.0, rel=0.05)
     one = np.random.default_rng(1).normal(size=(40, 1))  # two parameters that change the same
-    known = known_of(np.hstack([1e4 * one, 3e4 * one]), -1.0, 1.0, np.array([-1.0, 0.0]), scale=30.0)
+    known = known_of(
+        np.hstack([1e4 * one, 3e4 * one]), -1.0, 1.0, np.array([-1.0, 0.0]), scale=30.0
+    )
     assert np.isfinite(known.covariance).all() and np.all(np.abs(known.draws) <= 1.0)
 
 
 def test_shifts_of_many_standard_errors_widen_each_parameter_by_itself_within_its_bounds():
-    """Of two parameters with error 1 one is cut off at half a shift below: that tells nothing of the other one."""
+    """Of two parameters with error 1 one is cut off at half a shift below: that tells nothing of
+    the other one."""
 
     def check(size, direction):
         shift, low = size * np.array([direction]), np.array([-0.5 * size, -np.inf])
@@ -114,8 +135,8 @@ def test_shifts_of_many_standard_errors_widen_each_parameter_by_itself_within_it
 
 
 def test_ranks_of_the_truth_are_even_and_nine_of_ten_intervals_hold_it_at_the_bounds_and_beside_them():
-    """Truths are drawn evenly within bounds that cut off much. With parameters held at their bounds, and taken as known
-    there, intervals would hold too rarely."""
+    """Truths are drawn evenly within bounds that cut off much. With parameters held at their
+    bounds, and taken as known there, intervals would hold too rarely."""
     ranks, inside, at_bound, plainly = [], [], [], []
     low, high = np.zeros(3), np.array([0.5, 1.0, 4.0])
     for seed in range(150):
@@ -145,18 +166,28 @@ def test_a_shift_away_from_a_bound_widens_the_intervals_of_the_other_parameters_
 
     def check(sign):
         jacobian, low, high = 100.0 * np.eye(2), np.array([0.0, 0.0]), np.array([2.0, 9.0])
-        fit = fit_of(jacobian, jacobian @ [1.0, -1e-4], low, high, shifts=np.array([[0.1, sign * 0.1]]))
+        fit = fit_of(
+            jacobian, jacobian @ [1.0, -1e-4], low, high, shifts=np.array([[0.1, sign * 0.1]])
+        )
         (_, inside), (_, at_bound) = nuisance_estimates(fit)
         assert at_bound["remark"] == AT_BOUND and at_bound["interval_90"][0] == 0.0
         half_width = 1.645 * np.hypot(0.1, 0.01)
-        assert inside["interval_90"] == pytest.approx([1.0 - half_width, 1.0 + half_width], abs=0.01)
+        assert inside["interval_90"] == pytest.approx(
+            [1.0 - half_width, 1.0 + half_width], abs=0.01
+        )
 
     each(check, [1.0, -1.0])
 
 
 def test_nine_of_ten_intervals_hold_the_truth_and_end_at_the_value_only_at_a_bound_with_changes_by_other_numerics():
     """Simulations err by as much as other numerics change the values, in any direction."""
-    low, high, size, inside, ends = np.zeros(3), np.array([0.5, 1.0, 4.0]), np.array([0.2, 0.1, 0.3]), [], []
+    low, high, size, inside, ends = (
+        np.zeros(3),
+        np.array([0.5, 1.0, 4.0]),
+        np.array([0.2, 0.1, 0.3]),
+        [],
+        [],
+    )
     for seed in range(60):
         rng = np.random.default_rng([21, seed])
         jacobian, truth = correlated(rng), rng.uniform(low, high)
@@ -180,7 +211,9 @@ class Line:
 
     def __init__(self):
         none = np.zeros(9)
-        self.series = (Series("run", "y", "1", none + 0.5, none, none, none > 0.0, np.full(9, 0.01)),)
+        self.series = (
+            Series("run", "y", "1", none + 0.5, none, none, none > 0.0, np.full(9, 0.01)),
+        )
 
     def simulate(self, run, values, effects=(), numerics=0):
         return {"y": np.full(9, values.get("x", 0.0))}
@@ -189,12 +222,18 @@ class Line:
 def test_fits_from_draws_widen_an_interval_by_the_mean_square_of_their_changes(monkeypatch):
     model = Line()
     problem = Problem(model, {series.key: Noise(series.stated_noise) for series in model.series})
-    none, fit = (fit_hypothesis(problem, refresh=True, vary=model.nuisances[:count]) for count in (0, 1))
+    none, fit = (
+        fit_hypothesis(problem, refresh=True, vary=model.nuisances[:count]) for count in (0, 1)
+    )
     sd = np.sqrt(fit.distribution.covariance[0, 0])
     assert with_intervals(problem, none) is none
-    assert np.all(np.abs(with_intervals(problem, fit).shifts) < 0.22 * sd)  # of a linear residual they end where it did
+    assert np.all(
+        np.abs(with_intervals(problem, fit).shifts) < 0.22 * sd
+    )  # of a linear residual they end where it did
     ends = iter((0.3, -0.4))
-    monkeypatch.setattr(baseline, "fit_hypothesis", lambda *of, **more: replace(fit, values=fit.values + next(ends)))
+    monkeypatch.setattr(
+        baseline, "fit_hypothesis", lambda *of, **more: replace(fit, values=fit.values + next(ends))
+    )
     widened = with_intervals(problem, fit).distribution.covariance[0, 0]
     assert widened == pytest.approx(sd**2 + 0.5 * (0.3**2 + 0.4**2))
 

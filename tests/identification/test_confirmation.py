@@ -1,4 +1,5 @@
-"""Gaps before and after, on data that took no part: exact on a model that can be worked out by hand."""
+"""Gaps before and after, on data that took no part: exact on a model that can be worked out by
+hand."""
 
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
@@ -38,12 +39,21 @@ class Levels:
         own = tuple(Parameter("own", 0.0, step=0.1, run=run) for run in self.runs)
         self.nuisances = (Parameter("shared", 0.0, step=0.1), *own)
         self.series = [
-            Series(run, "y", "1", level + rise * X + self._scatter(), X, X, np.full(SAMPLES, run in self.held_out))
+            Series(
+                run,
+                "y",
+                "1",
+                level + rise * X + self._scatter(),
+                X,
+                X,
+                np.full(SAMPLES, run in self.held_out),
+            )
             for run, (level, rise) in self.runs.items()
         ]
 
     def _scatter(self):
-        """One standard deviation up and down in turn: a residual of this alone has a mean square of exactly 1."""
+        """One standard deviation up and down in turn: a residual of this alone has a mean square of
+        exactly 1."""
         return self.noise_sd * np.resize([1.0, -1.0, -1.0, 1.0], SAMPLES)
 
     def simulate(self, run, values, effects=(), numerics=0):
@@ -58,8 +68,21 @@ class Levels:
 def fit_of(model, hypothesis=(), **values):
     """A fit with a shared level of 2, these values and else 0, of the runs for fitting."""
     parameters = Problem(model, model.noise).parameters(hypothesis)
-    found = np.array([({"shared": 2.0} | values).get(p.name.partition(".")[2] or p.name, 0.0) for p in parameters])
-    return Fit(hypothesis, parameters, found, np.zeros(SAMPLES), np.zeros((SAMPLES, len(parameters))), 1, "converged")
+    found = np.array(
+        [
+            ({"shared": 2.0} | values).get(p.name.partition(".")[2] or p.name, 0.0)
+            for p in parameters
+        ]
+    )
+    return Fit(
+        hypothesis,
+        parameters,
+        found,
+        np.zeros(SAMPLES),
+        np.zeros((SAMPLES, len(parameters))),
+        1,
+        "converged",
+    )
 
 
 def confirmed(model, rise=None):
@@ -69,8 +92,8 @@ def confirmed(model, rise=None):
 
 
 def held_out(rise):
-    """A shared level of 2 and a rise of 3 in two runs, and a held-out one with a level of its own, 5, that nobody has
-    fitted."""
+    """A shared level of 2 and a rise of 3 in two runs, and a held-out one with a level of its own,
+    5, that nobody has fitted."""
     return Levels({"one": (2.0, 3.0), "two": (2.0, 3.0), "held": (7.0, rise)}, held_out=("held",))
 
 
@@ -78,7 +101,9 @@ def held_out(rise):
 def case():
     model = held_out(3.0)
     scatter = model._scatter() / model.noise_sd
-    return SimpleNamespace(model=model, scatter=scatter, slope=3.0 / model.noise_sd, found=confirmed(model, 3.0))
+    return SimpleNamespace(
+        model=model, scatter=scatter, slope=3.0 / model.noise_sd, found=confirmed(model, 3.0)
+    )
 
 
 def gaps_of(found, run, role, channel="all"):
@@ -97,11 +122,16 @@ def test_the_gap_is_the_root_mean_square_of_the_whitened_residual(case):
     assert (lone["after"] == lone["before"]).all() and lone["closed"].dropna().eq(0.0).all()
     alone = confirmed(Levels({"one": (2.0, 3.0)})).gaps  # there is nothing to confirm
     assert set(alone["role"]) == {"identify"}
-    assert list(zip(alone["run"], alone["samples"], strict=True)) == [(run, SAMPLES) for run in ("one", "one", "all")]
+    assert list(zip(alone["run"], alone["samples"], strict=True)) == [
+        (run, SAMPLES) for run in ("one", "one", "all")
+    ]
 
 
 def test_what_a_held_out_run_has_for_itself_is_fitted_to_it_before_and_after(case):
-    gaps, change = gaps_of(case.found, "held", "confirm"), case.slope * (X - X.mean())  # the level takes up the mean
+    gaps, change = (
+        gaps_of(case.found, "held", "confirm"),
+        case.slope * (X - X.mean()),
+    )  # the level takes up the mean
     assert gaps["before"] == pytest.approx(np.sqrt(np.mean((change + case.scatter) ** 2)), rel=1e-3)
     assert gaps["after"] == pytest.approx(1.0, rel=1e-3)
     assert gaps["closed"] == pytest.approx(1 - (gaps["after"] ** 2 - 1) / (gaps["before"] ** 2 - 1))
@@ -110,16 +140,24 @@ def test_what_a_held_out_run_has_for_itself_is_fitted_to_it_before_and_after(cas
     assert gaps["fall_expected"] == pytest.approx(np.mean(change**2), rel=1e-3)
     assert 0.0 < gaps["fall_low"] < gaps["before"] ** 2 - gaps["after"] ** 2 < gaps["fall_high"]
     base, named = fit_of(case.model), fit_of(case.model, (SLOPE,), rise=3.0)
-    assert fit_run_parameters(Problem(case.model, case.model.noise), base) == base.mapping  # where it was fitted
+    assert (
+        fit_run_parameters(Problem(case.model, case.model.noise), base) == base.mapping
+    )  # where it was fitted
     values = fit_run_parameters(Problem(case.model, case.model.noise, held_out=True), named)
     assert values["own@held"] == pytest.approx(5.0, abs=1e-3) and values["shared"] == 2.0
 
 
-def test_intervals_hold_the_gap_are_repeated_by_the_same_seed_and_as_wide_as_independent_stretches_scatter(case):
+def test_intervals_hold_the_gap_are_repeated_by_the_same_seed_and_as_wide_as_independent_stretches_scatter(
+    case,
+):
     gaps = case.found.gaps
-    assert (gaps["before_low"] <= gaps["before"]).all() and (gaps["before"] <= gaps["before_high"]).all()
+    assert (gaps["before_low"] <= gaps["before"]).all() and (
+        gaps["before"] <= gaps["before_high"]
+    ).all()
     assert (gaps["before_low"] < gaps["before_high"]).all()
-    assert gaps[["after_low", "after_high"]].to_numpy() == pytest.approx(np.ones((len(gaps), 2)), rel=1e-3)
+    assert gaps[["after_low", "after_high"]].to_numpy() == pytest.approx(
+        np.ones((len(gaps), 2)), rel=1e-3
+    )
     assert confirmed(case.model, 3.0).gaps.equals(gaps)
     other = confirm(case.model, case.model.noise, fit_of(case.model), seed=1).gaps
     assert not other["before_low"].equals(gaps["before_low"])
@@ -137,15 +175,27 @@ def test_nine_of_ten_intervals_of_a_gap_hold_that_of_noise():
     for seed in range(400):
         random = np.random.default_rng([31, seed])
         noise = random.standard_normal(200)
-        gap = _gap([_squares(pd.DataFrame({"whitened_base": noise, "whitened_augmented": noise}), random, settings)])
+        gap = _gap(
+            [
+                _squares(
+                    pd.DataFrame({"whitened_base": noise, "whitened_augmented": noise}),
+                    random,
+                    settings,
+                )
+            ]
+        )
         inside.append(gap["before_low"] <= 1.0 <= gap["before_high"])
     check_rate(inside, 0.88, 0.92)
 
 
-def test_an_effect_that_is_not_there_lets_the_held_out_gap_rise_and_one_half_as_steep_lets_it_stay(case):
+def test_an_effect_that_is_not_there_lets_the_held_out_gap_rise_and_one_half_as_steep_lets_it_stay(
+    case,
+):
     tests = [confirmed(held_out(rise), 3.0).test for rise in (3.0, 0.0, 1.5)]
     assert [test.outcome for test in tests] == ["falls", "rises", "stays"]
-    assert tests[2].after == pytest.approx(tests[2].before, rel=0.1)  # the misfit only changes its sign
+    assert tests[2].after == pytest.approx(
+        tests[2].before, rel=0.1
+    )  # the misfit only changes its sign
 
 
 # In windows
@@ -155,7 +205,8 @@ def test_runs_of_a_clearance_are_as_its_fit_left_them_and_held_out_ones_from_the
     problem = linear(hidden={"spring": {"size": 0.3, "damping": 0.0}}, candidates=(SPRING,))
     noise = noise_of(problem)
     problem.model.series = [
-        replace(one, held_out=np.full(one.value.size, one.run == "fast")) for one in problem.model.series
+        replace(one, held_out=np.full(one.value.size, one.run == "fast"))
+        for one in problem.model.series
     ]
     problem = Problem(problem.model, noise)
     base, named = fitted(problem), fitted(problem, (SPRING,), {"spring.size": 0.28})

@@ -17,14 +17,17 @@ from tests.identification.oscillator import SWING, WOBBLE, linear, noise_of
 from tests.identification.toy import stated_noise, toy
 
 
-def test_a_base_that_leaves_more_than_noise_is_fitted_again_until_a_minimum_is_found_twice(monkeypatch):
+def test_a_base_that_leaves_more_than_noise_is_fitted_again_until_a_minimum_is_found_twice(
+    monkeypatch,
+):
     model = toy(hidden=lambda x, v, angle, time: -0.3 * v**3, seed=1)
     problem = Problem(model, stated_noise(model))
     differences = FiniteDifferences(problem)
     base = fit_hypothesis(problem, differences=differences)
 
     def deepest(off, enough=0.0):
-        """The base and the masses that fits start from; each leaves `off` more than the one before."""
+        """The base and the masses that fits start from; each leaves `off` more than the one
+        before."""
         starts = []
 
         def counted(*args, start, **options):
@@ -46,7 +49,9 @@ def test_a_base_that_leaves_more_than_noise_is_fitted_again_until_a_minimum_is_f
 
 def test_with_loose_joints_base_and_effects_are_fitted_to_whole_runs_as_with_ideal_ones():
     """The model has windows for all. Only those of a hidden clearance are used."""
-    problem = linear(hidden={"swing": {"size": 0.1}}, candidates=(SWING, WOBBLE), numerics=("another step",))
+    problem = linear(
+        hidden={"swing": {"size": 0.1}}, candidates=(SWING, WOBBLE), numerics=("another step",)
+    )
     found = recalibrate(problem.model, noise_of(problem))
     assert not found.base.in_windows and not found.nominal.in_windows
     assert [p.key for p in found.nominal.parameters] == ["zero@slow", "zero@fast"]

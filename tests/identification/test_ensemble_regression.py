@@ -1,4 +1,5 @@
-"""Intervals of chaotic motion's parameters, from a regression over simulations that each are one realisation."""
+"""Intervals of chaotic motion's parameters, from a regression over simulations that each are one
+realisation."""
 
 from dataclasses import replace
 
@@ -28,7 +29,8 @@ PARAMETERS = (
 
 
 class Chaotic:
-    """A linear problem whose every simulation, and the measured one, is a realisation with loud modes."""
+    """A linear problem whose every simulation, and the measured one, is a realisation with loud
+    modes."""
 
     settings = DEFAULT_SETTINGS
     size = SIZE
@@ -40,15 +42,20 @@ class Chaotic:
         self.slopes = rng.standard_normal((SIZE, 3))
         modes = np.linalg.qr(rng.standard_normal((SIZE, 2)) + 2.0 * self.slopes[:, :2])[0]
         self.modes, self.fails, self.simulations = loudness * modes, fails, 0
-        self.measured = self.slopes @ TRUTH + rng.standard_normal(SIZE) + self.modes @ rng.standard_normal(2)
+        self.measured = (
+            self.slopes @ TRUTH + rng.standard_normal(SIZE) + self.modes @ rng.standard_normal(2)
+        )
 
     def residual(self, values, hypothesis=()):
-        """Whitened residuals (n,); the realisation is that of the values, however little they change."""
+        """Whitened residuals (n,); the realisation is that of the values, however little they
+        change."""
         at = np.array([values[name] for name in "abc"])
         if self.fails(values):
             raise SimulationError("the pin left its bearing")
         self.simulations += 1
-        realisation = np.random.default_rng(np.frombuffer(at.tobytes(), np.uint32)).standard_normal(2)
+        realisation = np.random.default_rng(np.frombuffer(at.tobytes(), np.uint32)).standard_normal(
+            2
+        )
         return self.measured - self.slopes @ at - self.modes @ realisation
 
     def of_mean(self, values):
@@ -111,7 +118,10 @@ def test_a_fit_without_a_parameter_to_regress_on_or_too_few_members_stays_as_it_
     fit = problem.fit()
     fixed = tuple(replace(p, low=v, high=v) for p, v in zip(PARAMETERS, fit.values, strict=True))
     none = Fit((), (), np.empty(0), fit.residual, np.empty((SIZE, 0)), 0, "stopped")
-    assert all(regressed_over_ensemble(problem, one) is one for one in (replace(fit, parameters=fixed), none))
+    assert all(
+        regressed_over_ensemble(problem, one) is one
+        for one in (replace(fit, parameters=fixed), none)
+    )
     for fails, changes in ((lambda values: values["a"] > 0.6, True), (lambda values: True, False)):
         problem = Chaotic(5, fails=fails)
         fit = problem.fit()
@@ -124,7 +134,9 @@ def test_a_fit_without_a_parameter_to_regress_on_or_too_few_members_stays_as_it_
 def test_the_base_is_fitted_from_the_nuisances_of_the_best_too():
     problem = Chaotic(7, fails=lambda values: values["a"] > 1.0)
     near = problem.fit()
-    far = replace(near, values=near.values + 2.0, residual=near.residual + 2.0)  # nothing can be simulated about it
+    far = replace(
+        near, values=near.values + 2.0, residual=near.residual + 2.0
+    )  # nothing can be simulated about it
     base, (best,) = leading_over_ensembles(problem, far, [near])
     assert base.values[:3] == pytest.approx(best.values[:3], abs=0.5)
     assert best.draws is not None
@@ -141,7 +153,12 @@ def test_the_base_stays_within_bounds_that_an_effect_which_replaces_a_nuisance_g
         residual=0.1 * near.residual,
     )
     narrow = (replace(PARAMETERS[0], low=-0.1, high=0.1), *PARAMETERS[1:])
-    base = replace(near, parameters=narrow, values=np.array([0.0, *near.values[1:]]), residual=5.0 * near.residual)
+    base = replace(
+        near,
+        parameters=narrow,
+        values=np.array([0.0, *near.values[1:]]),
+        residual=5.0 * near.residual,
+    )
     base, _ = leading_over_ensembles(problem, base, [beyond])
     assert -0.1 <= base.values[0] <= 0.1
     assert base.draws[:, 0].min() >= -0.1 and base.draws[:, 0].max() <= 0.1

@@ -1,4 +1,5 @@
-"""Estimates as a verdict states them: value, standard error, 90 % interval, and a remark where there is none."""
+"""Estimates as a verdict states them: value, standard error, 90 % interval, and a remark where
+there is none."""
 
 import math
 from types import SimpleNamespace
@@ -32,25 +33,36 @@ NO_INTERVALS = {f"interval_{level}": [None, None] for level in HALF_WIDTHS}
 
 
 def effect(name, *coordinates, states=dict):
-    return Candidate(name, "slider", coordinates, tuple(p.name for p in coordinates), parameters=states)
+    return Candidate(
+        name, "slider", coordinates, tuple(p.name for p in coordinates), parameters=states
+    )
 
 
 def stretch(low, high, **states):
     """An effect that states what follows from its coordinate."""
     x = Parameter("x", 0.0, low, high, step=0.5)
-    return effect("stretch", x, states=lambda values: {key: state(values["x"]) for key, state in states.items()})
+    return effect(
+        "stretch",
+        x,
+        states=lambda values: {key: state(values["x"]) for key, state in states.items()},
+    )
 
 
 FORCE = effect("coulomb", Parameter("force_N", 0.0, 0.0, step=0.1))
 
 
 def fit_of(candidate, *values, nuisances=(), covariance=None):
-    own = (Parameter(f"{candidate.label}.{p.name}", p.nominal, p.low, p.high) for p in candidate.coordinates)
+    own = (
+        Parameter(f"{candidate.label}.{p.name}", p.nominal, p.low, p.high)
+        for p in candidate.coordinates
+    )
     parameters = (*nuisances, *own)
     jacobian = np.zeros((9, len(parameters)))
     if covariance is not None:
         jacobian[: len(parameters)] = np.linalg.cholesky(np.linalg.inv(covariance)).T
-    return Fit((candidate,), parameters, np.array(values, float), np.zeros(9), jacobian, 1, "converged")
+    return Fit(
+        (candidate,), parameters, np.array(values, float), np.zeros(9), jacobian, 1, "converged"
+    )
 
 
 def cut_off(value, sd, low, high=math.inf):
@@ -65,14 +77,21 @@ def test_the_interval_is_the_value_and_the_half_width_of_a_normal_number_to_eith
         assert math.erf(half_width / math.sqrt(2.0)) == pytest.approx(level / 100.0, abs=1e-4)
         assert found[f"interval_{level}"] == [10.0 - 2.0 * half_width, 10.0 + 2.0 * half_width]
     assert estimate_with_interval(1.0, 2.0, 0.0, 3.0)["interval_90"] == [0.0, 3.0]
-    for value, remark in ((0.0, AT_BOUND), (5.0, AT_BOUND), (2.0, NOT_ESTIMATED)):  # without an error
+    for value, remark in (
+        (0.0, AT_BOUND),
+        (5.0, AT_BOUND),
+        (2.0, NOT_ESTIMATED),
+    ):  # without an error
         found = estimate_with_interval(value, 0.0, 0.0, 5.0)
         assert found == {"value": value, "sd": None, **NO_INTERVALS, "remark": remark}
 
 
 def test_amplitude_and_phase_take_their_errors_from_cosine_and_sine_linearly():
     def polar(values):
-        return {"amplitude": math.hypot(values["c"], values["s"]), "phase": math.atan2(values["s"], values["c"])}
+        return {
+            "amplitude": math.hypot(values["c"], values["s"]),
+            "phase": math.atan2(values["s"], values["c"]),
+        }
 
     wave = effect("wave", Parameter("c", 0.0), Parameter("s", 0.0), states=polar)
     covariance = np.array([[0.04, 0.01], [0.01, 0.09]])
@@ -81,7 +100,9 @@ def test_amplitude_and_phase_take_their_errors_from_cosine_and_sine_linearly():
     assert found["amplitude"]["value"] == pytest.approx(5.0)
     assert found["amplitude"]["sd"] == pytest.approx(np.sqrt(along @ covariance @ along), rel=1e-6)
     assert found["phase"]["sd"] == pytest.approx(np.sqrt(across @ covariance @ across), rel=1e-6)
-    assert found["phase"]["interval_90"][1] == pytest.approx(math.atan2(4, 3) + 1.645 * found["phase"]["sd"])
+    assert found["phase"]["interval_90"][1] == pytest.approx(
+        math.atan2(4, 3) + 1.645 * found["phase"]["sd"]
+    )
     # so does a phase far from the bounds of its parts though others are cut off
     cut = Parameter("friction", 0.1, 0.1, 0.2)
     fit = fit_of(wave, 0.1, -1.0, 0.02, nuisances=(cut,), covariance=np.diag([0.01, 1e-4, 1e-4]))
@@ -98,24 +119,44 @@ def test_what_follows_from_a_coordinate_at_its_bound_is_at_its_bound_too_with_an
     double = stretch(0.0, math.inf, double=lambda x: 2.0 * x)
     found = effect_estimates(fit_of(double, 0.0, covariance=np.array([[0.04]])), double)["double"]
     assert found["sd"] is None and found["remark"] == AT_BOUND
-    assert found["interval_90"] == pytest.approx([0.0, 2.0 * cut_off(0.0, 0.2, 0.0).ppf(0.9)], abs=0.03)
+    assert found["interval_90"] == pytest.approx(
+        [0.0, 2.0 * cut_off(0.0, 0.2, 0.0).ppf(0.9)], abs=0.03
+    )
 
 
 def test_a_nuisance_that_changes_nothing_is_reported_as_that_and_not_as_fitted():
     model = toy(seed=0, channels=("acceleration",))  # no force is read: the mass changes nothing
     fit = fit_hypothesis(Problem(model, stated_noise(model)), refresh=True)
     told = {p.name: estimate for p, estimate in nuisance_estimates(fit)}
-    assert told["slider_mass"] == {"value": 0.5, "sd": None, **NO_INTERVALS, "remark": CHANGES_NOTHING}
+    assert told["slider_mass"] == {
+        "value": 0.5,
+        "sd": None,
+        **NO_INTERVALS,
+        "remark": CHANGES_NOTHING,
+    }
     assert told["crank_length"]["sd"] > 0.0
 
 
 def test_a_nuisance_that_may_be_almost_anywhere_in_its_range_has_no_interval():
     def told(error, value=0.5):
-        fit = fit_of(FORCE, value, 1.0, nuisances=(Parameter("restitution", 0.5, 0.3, 0.9),), covariance=error)
+        fit = fit_of(
+            FORCE,
+            value,
+            1.0,
+            nuisances=(Parameter("restitution", 0.5, 0.3, 0.9),),
+            covariance=error,
+        )
         return nuisance_estimates(fit)[0][1]
 
-    assert told(np.diag([0.02, 0.1]) ** 2)["interval_90"][0] == pytest.approx(0.5 - 0.0329, abs=1e-4)
-    assert told(np.diag([9.0, 0.1]) ** 2) == {"value": 0.5, "sd": None, **NO_INTERVALS, "remark": NOT_DETERMINED}
+    assert told(np.diag([0.02, 0.1]) ** 2)["interval_90"][0] == pytest.approx(
+        0.5 - 0.0329, abs=1e-4
+    )
+    assert told(np.diag([9.0, 0.1]) ** 2) == {
+        "value": 0.5,
+        "sd": None,
+        **NO_INTERVALS,
+        "remark": NOT_DETERMINED,
+    }
     assert told(np.diag([9.0, 0.1]) ** 2, 0.9)["remark"] == AT_BOUND
 
 
@@ -128,7 +169,9 @@ def drawn(candidate, value, draws):
     (p,) = candidate.coordinates
     parameter = Parameter(f"{candidate.label}.{p.name}", p.nominal, p.low, p.high)
     values, settings = np.array([value]), DEFAULT_SETTINGS
-    fit = SimpleNamespace(parameters=(parameter,), values=values, distribution=known, settings=settings)
+    fit = SimpleNamespace(
+        parameters=(parameter,), values=values, distribution=known, settings=settings
+    )
     return effect_estimates(fit, candidate)
 
 
@@ -140,7 +183,9 @@ def test_intervals_hold_the_value_their_share_and_those_of_lower_levels():
         for level in (50, 90, 99):
             low, high = found[f"interval_{level}"]
             assert low <= inner[0] <= inner[1] <= high and low < value < high
-            assert np.mean((low <= draws) & (draws <= high)) == pytest.approx(level / 100.0, abs=0.005)
+            assert np.mean((low <= draws) & (draws <= high)) == pytest.approx(
+                level / 100.0, abs=0.005
+            )
             inner = [low, high]
 
     each(check, [-0.01, 0.03, 0.2, 0.5, 0.8, 0.97, 1.01])
@@ -149,7 +194,9 @@ def test_intervals_hold_the_value_their_share_and_those_of_lower_levels():
 def test_no_end_of_an_interval_is_infinite():
     found = drawn(FORCE, 9.0, np.linspace(0.0, 1.0, 101))["force_N"]  # beyond all draws: symmetric
     assert found["interval_90"] == pytest.approx([0.1, 17.9])
-    rod = stretch(0.0, 1.0, stiffness=lambda compliance: 1.0 / compliance if compliance else math.inf)
+    rod = stretch(
+        0.0, 1.0, stiffness=lambda compliance: 1.0 / compliance if compliance else math.inf
+    )
     found = drawn(rod, 1.0, [0.0] * 20 + [1.0] * 80)["stiffness"]
     assert (found["interval_90"], found["remark"]) == ([1.0, None], AT_BOUND)
 
@@ -165,7 +212,9 @@ def test_only_parameters_that_the_data_determine_are_taken_over():
     friction = Parameter("joint_friction", 0.1, 0.05, 0.15)
     push = effect("push", Parameter("force_N", 0.0, -50.0, 50.0))
     errors = np.diag([0.002, 0.05, 0.2, 0.1]) ** 2  # of the friction anything is possible
-    fit = fit_of(push, 0.447, 0.795, 0.12, 2.5, nuisances=(mass, restitution, friction), covariance=errors)
+    fit = fit_of(
+        push, 0.447, 0.795, 0.12, 2.5, nuisances=(mass, restitution, friction), covariance=errors
+    )
     values = {"slider_mass": 0.447, "push.force_N": 2.5, "restitution": 0.5, "joint_friction": 0.1}
     assert {key: determined_values(fit)[key] for key in values} == values
     told = {p.name: is_taken_over(estimate) for p, estimate in nuisance_estimates(fit)}

@@ -1,4 +1,5 @@
-"""What speaks against an effect, and what held-out data show, of fits and residuals made up for it."""
+"""What speaks against an effect, and what held-out data show, of fits and residuals made up for
+it."""
 
 from dataclasses import replace
 
@@ -19,7 +20,9 @@ NOISE = SAMPLES - 1.0
 
 def effect(name, *more, low=-np.inf, high=np.inf, **attributes):
     """An effect with one amplitude, and `more` coordinates."""
-    return Candidate(name, "slider", (Parameter("size", 0.0, low, high), *more), ("size",), **attributes)
+    return Candidate(
+        name, "slider", (Parameter("size", 0.0, low, high), *more), ("size",), **attributes
+    )
 
 
 BOTH = Parameter("joint_friction", 0.1, 0.0, 0.2)
@@ -27,7 +30,13 @@ LIMITS = Thresholds(0.01, 1.05, 12.0)
 COULOMB, SPRING = effect("coulomb"), effect("spring")
 MASS = effect("mass", replaces={"slider_mass": "size"})
 PIN = effect("pin", BOTH, replaces={"joint_friction": "size"})
-LENGTHS = Candidate("lengths", "rod", (Parameter("a", 0.0), Parameter("b", 0.0)), ("a", "b"), replaces={"length": "a"})
+LENGTHS = Candidate(
+    "lengths",
+    "rod",
+    (Parameter("a", 0.0), Parameter("b", 0.0)),
+    ("a", "b"),
+    replaces={"length": "a"},
+)
 
 
 def fitted(chi2, *effects, values=(1.0,), slope=1e6, nuisances=1, **more):
@@ -38,7 +47,16 @@ def fitted(chi2, *effects, values=(1.0,), slope=1e6, nuisances=1, **more):
     residual[-1] = np.sqrt(chi2)
     np.fill_diagonal(jacobian, slope)
     values = np.array([0.5] * nuisances + [*values, *values[-1:] * len(own)][: len(own)])
-    return Fit(effects, (*parameters, *own), values, residual, jacobian, 1, more.pop("status", "converged"), **more)
+    return Fit(
+        effects,
+        (*parameters, *own),
+        values,
+        residual,
+        jacobian,
+        1,
+        more.pop("status", "converged"),
+        **more,
+    )
 
 
 def objection(*effects, bounds=None, order_label=lambda _: "", **more):
@@ -71,7 +89,11 @@ def test_an_effect_is_not_there_without_a_size_or_whose_interval_holds_zero_or_t
             (length(False), [-0.499], True),
             (length(True), [-0.5], True),  # nothing is left of what was known
             (length(True), [0.5], False),
-            ((effect("drag", Parameter("exponent", 2.0, 1.0, 3.0)),), [1.0, 3.0], True),  # shapes may end at bounds
+            (
+                (effect("drag", Parameter("exponent", 2.0, 1.0, 3.0)),),
+                [1.0, 3.0],
+                True,
+            ),  # shapes may end at bounds
         ],
     )
 
@@ -82,7 +104,11 @@ def test_nor_one_whose_stated_size_is_at_its_bound_as_one_of_its_parts_is():
 
     def check(values, is_there, **states):
         two = Candidate(
-            "two", "slider", parts, ("out", "in"), parameters=lambda v: {k: s(v) for k, s in states.items()}
+            "two",
+            "slider",
+            parts,
+            ("out", "in"),
+            parameters=lambda v: {k: s(v) for k, s in states.items()},
         )
         found = objection(two, values=values)
         assert (found == "") == is_there and (is_there or "bound of size" in found), found
@@ -94,7 +120,9 @@ def test_nor_one_whose_stated_size_is_at_its_bound_as_one_of_its_parts_is():
         lambda values, is_there: check(values, is_there, size=total, place=lambda v: v["out"]),
         [([1.0, 1.0], True), ([1.0, 0.0], False), ([0.0, 1.0], False)],
     )
-    check([1.0, 0.0], True, size=lambda v: v["out"], place=total)  # the size does not depend on that part
+    check(
+        [1.0, 0.0], True, size=lambda v: v["out"], place=total
+    )  # the size does not depend on that part
 
 
 def test_nor_one_that_swings_at_an_order_of_a_crank():
@@ -102,7 +130,10 @@ def test_nor_one_that_swings_at_an_order_of_a_crank():
     for order in ("order 1 of the crank in run slow", ""):
         for beside in ((), (COULOMB,)):
             found = objection(
-                *beside, swing, values=[1.0] * len(beside) + [1.0, 5.04], order_label={5.04: order}.__getitem__
+                *beside,
+                swing,
+                values=[1.0] * len(beside) + [1.0, 5.04],
+                order_label={5.04: order}.__getitem__,
             )
             assert (found == "") == (order == "") and order in found
 
@@ -112,7 +143,11 @@ def test_a_nuisances_own_parameter_is_an_effect_beyond_its_range():
         found = objection(*effects, values=values, slope=slope, bounds=bounds)
         assert (found == "") == (not named) and all(name in found for name in named), found
 
-    mass, length, errors = {"slider_mass": (1.0, 0.9, 1.5)}, {"length": (1.0, 0.9, 1.1)}, [1.0, 100.0, 4.0]
+    mass, length, errors = (
+        {"slider_mass": (1.0, 0.9, 1.5)},
+        {"length": (1.0, 0.9, 1.1)},
+        [1.0, 100.0, 4.0],
+    )
     two = replace(LENGTHS, replaces={"crank_length": "a", "rod_length": "b"})
     pins = {"joint_friction": (0.1, 0.0, 0.2), "slider_mass": (1.0, 0.9, 1.1)}
     each(
@@ -123,7 +158,12 @@ def test_a_nuisances_own_parameter_is_an_effect_beyond_its_range():
             # a further size counts from two standard errors of 0.25 on
             *(((LENGTHS,), [0.05, value], length, [], errors) for value in (0.51, -0.51)),
             *(((LENGTHS,), [0.05, value], length, ["length"], errors) for value in (0.49, -0.49)),
-            ((two,), [0.05], dict.fromkeys(two.replaces, (1.0, 0.9, 1.1)), ["crank_length", "rod_length"]),
+            (
+                (two,),
+                [0.05],
+                dict.fromkeys(two.replaces, (1.0, 0.9, 1.1)),
+                ["crank_length", "rod_length"],
+            ),
             # the rest of a shared nuisance is left to be fitted
             ((PIN,), [0.05, 0.1], pins, []),
             ((PIN, MASS), [0.05, 0.1, 0.05], pins, ["mass is equivalent to slider_mass"]),
@@ -137,9 +177,15 @@ def test_a_nuisances_own_parameter_is_an_effect_beyond_its_range():
 def test_a_row_knows_which_shared_nuisances_ended_at_bounds():
     fit = fitted(NOISE, COULOMB, nuisances=3)
     own = replace(fit.parameters[2], run="slow")
-    fit = replace(fit, values=np.array([0.0, 1.0, 1.0, 1.0]), parameters=(*fit.parameters[:2], own, fit.parameters[3]))
+    fit = replace(
+        fit,
+        values=np.array([0.0, 1.0, 1.0, 1.0]),
+        parameters=(*fit.parameters[:2], own, fit.parameters[3]),
+    )
     assert row_of(fit).at_bounds == ("n0", "n1")
-    assert row_of(replace(fit, jacobian=fit.jacobian * [0, 1, 1, 1])).at_bounds == ("n1",)  # the first changes nothing
+    assert row_of(replace(fit, jacobian=fit.jacobian * [0, 1, 1, 1])).at_bounds == (
+        "n1",
+    )  # the first changes nothing
 
 
 def test_motion_depends_roughly_on_a_joint_that_became_loose_not_on_one_that_was():
@@ -152,12 +198,25 @@ def test_motion_depends_roughly_on_a_joint_that_became_loose_not_on_one_that_was
 
 
 def confirmed(identify=1.0, confirm=1.0, channel="crank_torque", variation=2.0, run=""):
-    """Residuals of one channel that leave these gaps with the effects, a noise of 1, and the gaps of 2 before."""
+    """Residuals of one channel that leave these gaps with the effects, a noise of 1, and the gaps
+    of 2 before."""
     frames, gaps = [], []
     for role, gap in (("identify", identify), ("confirm", confirm)):
-        series = {"run": run or role, "channel": channel, "held_out": role == "confirm", "spread": np.ones(9)}
+        series = {
+            "run": run or role,
+            "channel": channel,
+            "held_out": role == "confirm",
+            "spread": np.ones(9),
+        }
         frames.append(pd.DataFrame(series | {"augmented": 1.0, "whitened_augmented": gap}))
-        row = {"role": role, "before": 2.0, "after": gap, "after_low": 1.0, "fall_low": 2.0, "fall_high": 4.0}
+        row = {
+            "role": role,
+            "before": 2.0,
+            "after": gap,
+            "after_low": 1.0,
+            "fall_low": 2.0,
+            "fall_high": 4.0,
+        }
         names = ((run or role, channel), (run or role, "all"), ("all", "all"))
         gaps += [row | {"fall_expected": 3.0, "run": run, "channel": of} for run, of in names]
     return Confirmed(
@@ -174,7 +233,9 @@ def together(*parts):
 
 
 def test_the_channel_with_the_largest_rest_counts_however_many_are_met_and_runs_by_the_root_mean_square():
-    found = together(confirmed(4.0, 0.5), *(confirmed(1.0, 2.0, f"other_{number}") for number in range(9))).held_out
+    found = together(
+        confirmed(4.0, 0.5), *(confirmed(1.0, 2.0, f"other_{number}") for number in range(9))
+    ).held_out
     assert (found.fitted, found.held_out) == ((4.0, "crank torque"), (2.0, "other 0"))
     assert (found.gap, found.test.outcome) == (0.5, "falls")
     found = together(confirmed(1.0, run="a"), confirmed(4.0, run="b")).held_out
@@ -193,12 +254,19 @@ def test_noise_is_the_largest_part_of_what_a_channel_varies_by_a_crank_angle_by_
 def test_the_gap_falls_or_rises_by_more_than_noise_leaves_open_or_stays_where_it_should_fall():
     def check(low, high, outcome):
         found = confirmed()
-        found = replace(found, gaps=found.gaps.assign(fall_low=low, fall_high=high, fall_expected=0.5))
+        found = replace(
+            found, gaps=found.gaps.assign(fall_low=low, fall_high=high, fall_expected=0.5)
+        )
         assert (found.test.outcome, found.test.before, found.test.after) == (outcome, 2.0, 1.0)
 
     each(
         check,
-        [(0.01, 0.02, "falls"), (-0.02, -0.01, "rises"), (-0.01, 0.02, "stays"), (-0.01, 0.5, "cannot_tell")],
+        [
+            (0.01, 0.02, "falls"),
+            (-0.02, -0.01, "rises"),
+            (-0.01, 0.02, "stays"),
+            (-0.01, 0.5, "cannot_tell"),
+        ],
     )
 
 
@@ -208,10 +276,17 @@ def test_of_held_out_runs_one_of_which_cannot_be_simulated_the_one_that_speaks_a
     one = lost.query("run == 'confirm' and channel == 'all'")
     rises = one.assign(run="b", after=2.2, fall_low=-1.0, fall_high=-0.5)
     falls = one.assign(run="c", after=1.0, fall_low=1.0, fall_high=2.0)
-    expected = (([falls], "falls"), ([falls, rises], "rises"), ([rises, falls], "rises"), ([], "not_simulated"))
+    expected = (
+        ([falls], "falls"),
+        ([falls, rises], "rises"),
+        ([rises, falls], "rises"),
+        ([], "not_simulated"),
+    )
     for rows, outcome in expected:
         assert replace(held, gaps=pd.concat([lost, *rows])).test.outcome == outcome
-    assert replace(held, gaps=held.gaps.query("role == 'identify'")).test.outcome == "nothing_held_out"
+    assert (
+        replace(held, gaps=held.gaps.query("role == 'identify'")).test.outcome == "nothing_held_out"
+    )
 
 
 # With held-out data heard
@@ -227,13 +302,19 @@ def test_a_name_that_the_held_out_data_bear_out_stands_and_channels_in_doubt_are
 
 
 def test_errors_grow_with_the_gap_that_is_left_of_held_out_data():
-    rest = Decision("named_with_remaining_misfit", fitted(4.0 * (SAMPLES - 2), COULOMB), fitted(9e4))
+    rest = Decision(
+        "named_with_remaining_misfit", fitted(4.0 * (SAMPLES - 2), COULOMB), fitted(9e4)
+    )
     for gap, scale in ((0.9, 1.0), (1.4, 1.4)):
         assert final_verdict(NAMED, confirmed(confirm=gap)).chosen.scale == pytest.approx(scale)
         assert final_verdict(rest, confirmed(confirm=gap)).chosen.scale == pytest.approx(2.0)
     # so do those of what is best known and equivalent, and of the base where nothing is proposed
     withheld = final_verdict(NAMED, confirmed(confirm=4.0))
-    assert (withheld.verdict, withheld.chosen, withheld.best_known.gap_left) == ("unexplained", BASE, 4.0)
+    assert (withheld.verdict, withheld.chosen, withheld.best_known.gap_left) == (
+        "unexplained",
+        BASE,
+        4.0,
+    )
     rivals = Decision("ambiguous", BASE, BASE, [FRICTION, fitted(991.0, SPRING)])
     heard = final_verdict(rivals, confirmed(confirm=1.4))
     assert ([fit.gap_left for fit in heard.equivalent], heard.chosen.gap_left) == ([1.4, 1.4], 1.0)

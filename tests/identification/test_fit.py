@@ -40,7 +40,8 @@ def problem(model, **more):
 
 
 def free_oscillator(frequency=1.5, **hidden):
-    """A problem of an oscillator of uncertain frequency, on which residuals depend far from linearly."""
+    """A problem of an oscillator of uncertain frequency, on which residuals depend far from
+    linearly."""
     own = Parameter("drive", 0.2, 0.0, 0.6, 0.01), Parameter("frequency", 1.4, 1.2, 1.6, 0.01)
     zeros = (Parameter("zero", 0.0, -0.5, 0.5, 0.01, run=run) for run in SPEEDS)
     truth, effects = {"drive": 0.3, "zero": 0.1, "frequency": frequency}, {}
@@ -58,7 +59,13 @@ def test_a_bounded_step_is_the_best_within_the_bounds():
     a, b = generator.standard_normal((30, 2)), generator.standard_normal(30)
     low, high = np.array([-0.01, -1.0]), np.array([0.01, 1.0])
     step, left = bounded_step(a, b, low, high)
-    grid = np.array([[x, y] for x in np.linspace(low[0], high[0], 41) for y in np.linspace(low[1], high[1], 401)])
+    grid = np.array(
+        [
+            [x, y]
+            for x in np.linspace(low[0], high[0], 41)
+            for y in np.linspace(low[1], high[1], 401)
+        ]
+    )
     assert left <= np.sum((b[:, None] + a @ grid.T) ** 2, axis=0).min() + 1e-9
     assert left == pytest.approx(np.sum((b + a @ step) ** 2))
     assert (step >= low).all() and (step <= high).all()
@@ -89,12 +96,19 @@ def test_however_good_the_sensors_a_fit_ends_at_the_truth_and_leaves_noise():
         dof = here.size - len(found.parameters)
         assert found.status == CONVERGED and abs(found.chi2 - dof) < 4 * np.sqrt(2 * dof)
         assert here.gap(found.residual) == pytest.approx(1.0, abs=0.1)
-        errors = dict(zip((p.key for p in found.parameters), np.sqrt(np.diag(found.covariance())), strict=True))
+        errors = dict(
+            zip(
+                (p.key for p in found.parameters), np.sqrt(np.diag(found.covariance())), strict=True
+            )
+        )
         for key, value in (truth | {"viscous.damping_N_s_m": 0.5}).items():
             assert abs(found.mapping[key] - value) < 4 * errors[key]
         assert found.simulations < 50  # as many as where noise is a hundredth, and a step or two
 
-    each(check, [*((0.02, seed) for seed in range(3)), *((10.0**-decade, 1) for decade in (3, 5, 7, 9))])
+    each(
+        check,
+        [*((0.02, seed) for seed in range(3)), *((10.0**-decade, 1) for decade in (3, 5, 7, 9))],
+    )
 
 
 def test_a_fit_that_cannot_be_simulated_fails_with_its_reason_and_is_worse_than_any_other():
@@ -102,12 +116,24 @@ def test_a_fit_that_cannot_be_simulated_fails_with_its_reason_and_is_worse_than_
     assert found.status == FAILED and "does not turn" in found.reason
     assert found.chi2 == found.bic == np.inf
     parameters = (Parameter("a", 0.0), Parameter("b", 0.0))  # nothing is known of their derivatives
-    lost = Fit((), parameters, np.zeros(2), np.full(9, np.nan), np.empty((9, 0)), 1, "failed", "the slider jams")
+    lost = Fit(
+        (),
+        parameters,
+        np.zeros(2),
+        np.full(9, np.nan),
+        np.empty((9, 0)),
+        1,
+        "failed",
+        "the slider jams",
+    )
     assert lost.chi2 == lost.bic == np.inf and lost.active.all()
 
 
 def test_a_parameter_at_its_bound_has_no_error_and_one_that_changes_nothing_that_of_its_bounds():
-    for model, error in ((toy({"added_mass": {"mass_kg": 0.3}}, seed=0), 0.0), (toy(channels=("acceleration",)), 1.0)):
+    for model, error in (
+        (toy({"added_mass": {"mass_kg": 0.3}}, seed=0), 0.0),
+        (toy(channels=("acceleration",)), 1.0),
+    ):
         found = fit_hypothesis(problem(model), refresh=True)
         (low, high), at = bounds_of(found.parameters), place_of(found, "slider_mass")
         assert (found.values >= low).all() and (found.values <= high).all()
@@ -116,11 +142,15 @@ def test_a_parameter_at_its_bound_has_no_error_and_one_that_changes_nothing_that
         assert (found.values[at] == high[at]) == (error == 0.0)
 
 
-def made_fit(residual, parameters=(), jacobian=None, values=None, hypothesis=(), status=CONVERGED) -> Fit:
+def made_fit(
+    residual, parameters=(), jacobian=None, values=None, hypothesis=(), status=CONVERGED
+) -> Fit:
     """A fit put together by hand; values in the middle of nowhere by default."""
     residual = np.asarray(residual, dtype=float)
     values = np.zeros(len(parameters)) if values is None else np.array(values)
-    jacobian = np.zeros((residual.size, len(parameters))) if jacobian is None else np.array(jacobian)
+    jacobian = (
+        np.zeros((residual.size, len(parameters))) if jacobian is None else np.array(jacobian)
+    )
     return Fit(hypothesis, tuple(parameters), values, residual, jacobian, 0, status)
 
 
@@ -133,9 +163,12 @@ def test_the_bic_counts_what_changes_something_and_every_nuisance_that_an_effect
         ([{"mass": "a", "offset": "a"}, {"play": "a"}], 6),
     ):
         effects = tuple(
-            Candidate(f"effect{i}", "slider", (size,), ("a",), replaces=names) for i, names in enumerate(replaced)
+            Candidate(f"effect{i}", "slider", (size,), ("a",), replaces=names)
+            for i, names in enumerate(replaced)
         )
-        fitted = made_fit(np.full(50, 2.0), [Parameter(key, 0.0) for key in "abc"], eye, hypothesis=effects)
+        fitted = made_fit(
+            np.full(50, 2.0), [Parameter(key, 0.0) for key in "abc"], eye, hypothesis=effects
+        )
         assert fitted.chi2 == 200.0
         assert fitted.bic == pytest.approx(200.0 + counted * np.log(50), rel=1e-14)
     # 1 over a step, 0, and as little over the whole range as rounding leaves
@@ -146,8 +179,8 @@ def test_the_bic_counts_what_changes_something_and_every_nuisance_that_an_effect
 
 
 def test_errors_grow_with_the_misfit_beyond_noise_and_bounds_tell_as_much_as_a_flat_distribution():
-    """Four samples of slope 1: a variance of 1/4, times chi2 over three degrees of freedom where that is more than 1.
-    Bounds at -1 and 1 have one of 1/3, whatever the misfit."""
+    """Four samples of slope 1: a variance of 1/4, times chi2 over three degrees of freedom where
+    that is more than 1. Bounds at -1 and 1 have one of 1/3, whatever the misfit."""
     for chi2, bound, variance in (
         (0.1, np.inf, 1 / 4),
         (3.0, np.inf, 1 / 4),
@@ -155,7 +188,9 @@ def test_errors_grow_with_the_misfit_beyond_noise_and_bounds_tell_as_much_as_a_f
         (0.1, 1.0, 1 / 7),
         (12.0, 1.0, 1 / 4),
     ):
-        fitted = made_fit(np.full(4, np.sqrt(chi2 / 4)), [Parameter("a", 0.0, -bound, bound)], np.ones((4, 1)))
+        fitted = made_fit(
+            np.full(4, np.sqrt(chi2 / 4)), [Parameter("a", 0.0, -bound, bound)], np.ones((4, 1))
+        )
         assert fitted.covariance() == pytest.approx(np.array([[variance]]), rel=1e-12)
     parameters = [Parameter("a", 0.0, -1.0, 1.0), Parameter("b", 0.0)]
     slopes = np.column_stack([np.arange(4.0), np.ones(4)])
@@ -169,20 +204,27 @@ def test_a_fit_that_runs_out_of_steps_or_that_another_beats_ends_early_and_says_
     found = fit_hypothesis(problem(toy(FRICTION, seed=7), settings=few), (candidate_of("coulomb"),))
     assert found.status == STOPPED and "1 steps" in found.reason
     here = free_oscillator(1.4, spring=0.3)
-    beaten, slow = (fit_hypothesis(here, (SPRING,), sufficient_chi2=chi2) for chi2 in (300.0, np.inf))
+    beaten, slow = (
+        fit_hypothesis(here, (SPRING,), sufficient_chi2=chi2) for chi2 in (300.0, np.inf)
+    )
     assert beaten.simulations < slow.simulations
     assert beaten.status == STOPPED and "poor" in beaten.reason
 
 
 def probed(residual, **parameter):
     """Differences that were probed about 0 on a problem of one parameter."""
-    differences = FiniteDifferences(SimpleNamespace(parts=[], settings=DEFAULT_SETTINGS, residual=residual))
-    differences.probe([Parameter("a", 0.0, step=2.0, **parameter)], {"a": 0.0}, np.array([0.0, 1.0]))
+    differences = FiniteDifferences(
+        SimpleNamespace(parts=[], settings=DEFAULT_SETTINGS, residual=residual)
+    )
+    differences.probe(
+        [Parameter("a", 0.0, step=2.0, **parameter)], {"a": 0.0}, np.array([0.0, 1.0])
+    )
     return differences
 
 
 def test_the_numerical_noise_is_what_next_to_no_change_of_a_parameter_changes():
-    """3 in one residual as soon as the parameter moves: steps are made five times as long, and chi2 is sure to 6."""
+    """3 in one residual as soon as the parameter moves: steps are made five times as long, and chi2
+    is sure to 6."""
     for high, sign in ((np.inf, 1.0), (0.0, -1.0)):
         asked = []
 
@@ -198,10 +240,20 @@ def test_the_numerical_noise_is_what_next_to_no_change_of_a_parameter_changes():
 
 
 def test_draws_are_spread_within_the_bounds_by_the_gap_of_held_out_data():
-    fit = Fit((), (Parameter("a", 0.0, -2.0, 9.0),), np.zeros(1), np.ones(99), np.ones((99, 1)), 1, "converged")
+    fit = Fit(
+        (),
+        (Parameter("a", 0.0, -2.0, 9.0),),
+        np.zeros(1),
+        np.ones(99),
+        np.ones((99, 1)),
+        1,
+        "converged",
+    )
     drawn = replace(fit, draws=np.array([[-1.0], [0.0], [1.0], [2.0]]))
     assert drawn.distribution.draws.tolist() == drawn.draws.tolist()
-    assert replace(drawn, gap_left=3.0).distribution.draws[:, 0] == pytest.approx([-2.0, 0.0, 3.0, 6.0], rel=0.02)
+    assert replace(drawn, gap_left=3.0).distribution.draws[:, 0] == pytest.approx(
+        [-2.0, 0.0, 3.0, 6.0], rel=0.02
+    )
 
 
 # The parts of a descent by themselves
@@ -216,36 +268,52 @@ def rule(*course: float, settings=STOPPING, **how) -> StoppingRule:
 
 
 def test_what_no_column_reaches_remains_in_chi2_and_without_room_or_effect_there_is_no_step():
-    assert bounded_step(np.array([[1.0], [0.0]]), np.array([2.0, 3.0]), *WIDE)[1] == pytest.approx(9.0)
+    assert bounded_step(np.array([[1.0], [0.0]]), np.array([2.0, 3.0]), *WIDE)[1] == pytest.approx(
+        9.0
+    )
     assert bounded_step(np.zeros((2, 1)), np.array([2.0, 3.0]), *WIDE)[1] == 13.0
     step, chi2 = bounded_step(np.eye(2), np.ones(2), np.array([0.0, -5.0]), np.array([0.0, 5.0]))
     assert ([*step], chi2) == (pytest.approx([0.0, -1.0]), pytest.approx(1.0))
-    step, _ = bounded_step(np.array([[1.0, 0.0], [1.0, 0.0]]), np.ones(2), np.full(2, -5.0), np.full(2, 5.0))
+    step, _ = bounded_step(
+        np.array([[1.0, 0.0], [1.0, 0.0]]), np.ones(2), np.full(2, -5.0), np.full(2, 5.0)
+    )
     np.testing.assert_allclose(step, [-1.0, 0.0])
 
 
 def test_a_step_has_to_promise_more_the_poorer_the_fit():
-    promised = [rule(*course).min_decrease() for course in ((50.0,), (50.0, 300.0), (2000.0,), (1e14,))]
-    assert promised == pytest.approx([0.05, 0.05 * 9.0, 20.0, 1e12])  # never more than what one of 100 samples leaves
+    promised = [
+        rule(*course).min_decrease() for course in ((50.0,), (50.0, 300.0), (2000.0,), (1e14,))
+    ]
+    assert promised == pytest.approx(
+        [0.05, 0.05 * 9.0, 20.0, 1e12]
+    )  # never more than what one of 100 samples leaves
     assert rule(300.0, numerical_noise_chi2=7.0).min_decrease() == 7.0
     own = rule(100.0, settings=replace(STOPPING, min_decrease=1.0, stalled_after=3))
     assert own.min_decrease() == 1.0 and own.stalled(3) and not own.stalled(2)
 
 
 def test_a_poor_fit_ends_where_it_gains_little_and_a_beaten_one_sooner():
-    assert rule(1000.0, 995.0, 992.0, 990.0, 981.0).poor_and_slow()  # less than two percent in four steps
+    assert rule(
+        1000.0, 995.0, 992.0, 990.0, 981.0
+    ).poor_and_slow()  # less than two percent in four steps
     assert not rule(1000.0, 995.0, 992.0, 990.0, 980.0).poor_and_slow()
     assert not rule(1000.0, 1000.0, 1000.0, 1000.0).poor_and_slow()  # not yet four steps
     assert rule(*[200.1] * 5).poor_and_slow()
     assert not rule(*[200.0] * 5).poor_and_slow()  # at two per sample it is not poor
-    assert rule(1000.0, 950.0, 840.0, sufficient_chi2=100.0).poor_and_slow()  # less than a fifth in two steps
+    assert rule(
+        1000.0, 950.0, 840.0, sufficient_chi2=100.0
+    ).poor_and_slow()  # less than a fifth in two steps
     assert not rule(1000.0, 950.0, 830.0, sufficient_chi2=100.0).poor_and_slow()
     assert not rule(300.0, 300.0, 300.0, sufficient_chi2=100.0).poor_and_slow()  # not beaten yet
 
 
 def test_a_fit_ends_at_the_second_right_prediction_far_above_what_another_effect_leaves():
     stopping = rule(sufficient_chi2=100.0)
-    assert [stopping.dominated(minimum) for minimum in (200.1, 199.9, 200.1)] == [False, False, True]
+    assert [stopping.dominated(minimum) for minimum in (200.1, 199.9, 200.1)] == [
+        False,
+        False,
+        True,
+    ]
     assert not any(rule().dominated(1e9) for _ in range(3))  # if none is sufficient
 
 
@@ -254,9 +322,13 @@ def test_a_dominated_fit_ends_early_and_a_true_one_does_not():
     true = fit_hypothesis(here, (SWING,))
     again = fit_hypothesis(here, (SWING,), sufficient_chi2=true.chi2)
     assert (again.status, again.chi2, again.simulations) == (CONVERGED, true.chi2, true.simulations)
-    wrong, ended = (fit_hypothesis(here, (SPRING,), sufficient_chi2=chi2) for chi2 in (np.inf, true.chi2))
+    wrong, ended = (
+        fit_hypothesis(here, (SPRING,), sufficient_chi2=chi2) for chi2 in (np.inf, true.chi2)
+    )
     assert (ended.status, ended.reason) == (STOPPED, "another effect fits far better")
-    assert ended.simulations < 0.7 * wrong.simulations and ended.chi2 > wrong.chi2 > 10.0 * true.chi2
+    assert (
+        ended.simulations < 0.7 * wrong.simulations and ended.chi2 > wrong.chi2 > 10.0 * true.chi2
+    )
 
 
 def test_a_slow_true_fit_does_not_end_as_a_dominated_one():
@@ -264,7 +336,9 @@ def test_a_slow_true_fit_does_not_end_as_a_dominated_one():
     start = {"frequency": 1.3}
     slow = fit_hypothesis(here, start=start)
     assert slow.chi2 < here.size
-    assert fit_hypothesis(here, start=start, sufficient_chi2=slow.chi2).chi2 == pytest.approx(slow.chi2, abs=1.0)
+    assert fit_hypothesis(here, start=start, sufficient_chi2=slow.chi2).chi2 == pytest.approx(
+        slow.chi2, abs=1.0
+    )
 
 
 # Whether an effect is there, against what its covariance says of it
@@ -279,16 +353,21 @@ def effect_fit(values, slopes, low=-np.inf, high=np.inf):
 
 
 def test_all_parts_of_an_effect_count_together_and_errors_that_go_together_as_such():
-    """Each part alone is two standard errors from 0; together their chance is that of a chi2 of 8 with 2 degrees."""
+    """Each part alone is two standard errors from 0; together their chance is that of a chi2 of 8
+    with 2 degrees."""
     both = effect_fit([2.0, 2.0], np.eye(2))
     assert wald_statistic(*both) == pytest.approx(8.0)
     assert chance(*both) == pytest.approx(chi2_distribution.sf(8.0, 2))
     slopes, values = np.array([[1.0, 0.9], [0.0, 0.5], [0.3, -0.2]]), np.array([1.0, -2.0])
-    assert wald_statistic(*effect_fit(values, slopes)) == pytest.approx(values @ slopes.T @ slopes @ values)
+    assert wald_statistic(*effect_fit(values, slopes)) == pytest.approx(
+        values @ slopes.T @ slopes @ values
+    )
 
 
 def test_what_stands_at_a_bound_other_than_zero_counts_by_the_error_that_it_would_have_beyond():
-    at_bound, inside = (wald_statistic(*effect_fit([first, 0.1], np.eye(2), low=-5.0)) for first in (-5.0, -4.999))
+    at_bound, inside = (
+        wald_statistic(*effect_fit([first, 0.1], np.eye(2), low=-5.0)) for first in (-5.0, -4.999)
+    )
     assert at_bound == pytest.approx(25.01) and at_bound == pytest.approx(inside, rel=1e-3)
     assert chance(*effect_fit([-0.1], np.full((3, 1), 1e-3), -0.1, 0.5)) > 0.5
     none = effect_fit([0.0], np.ones((3, 1)), low=0.0)  # what stands at zero is not there
@@ -300,4 +379,6 @@ def test_the_statistic_is_what_chi2_gains_where_residuals_are_linear():
     here, effect = Problem(model, stated_noise(model)), candidate_of("constant_force")
     base, found = fit_hypothesis(here, refresh=True), fit_hypothesis(here, (effect,), refresh=True)
     inflation = max(1.0, found.chi2 / (here.size - len(found.parameters)))
-    assert wald_statistic(found, effect) * inflation == pytest.approx(base.chi2 - found.chi2, rel=0.02)
+    assert wald_statistic(found, effect) * inflation == pytest.approx(
+        base.chi2 - found.chi2, rel=0.02
+    )

@@ -1,5 +1,6 @@
-"""States and parameters together in windows, on an oscillator whose exact solution is linear in its state and forces:
-the marginal likelihood is that of a Gaussian computation, and what a trajectory hides is found."""
+"""States and parameters together in windows, on an oscillator whose exact solution is linear in its
+state and forces: the marginal likelihood is that of a Gaussian computation, and what a trajectory
+hides is found."""
 
 import math
 from dataclasses import replace
@@ -40,9 +41,11 @@ from tests.identification.oscillator import (
 )
 
 
-def exact(problem: Problem, hypothesis, jump: float, per_turn: int = 4) -> tuple[float, np.ndarray, np.ndarray]:
-    """Minus twice the log marginal likelihood but for n log 2 pi, the parameters of most, and their covariance: dense,
-    from the covariance of all readings."""
+def exact(
+    problem: Problem, hypothesis, jump: float, per_turn: int = 4
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Minus twice the log marginal likelihood but for n log 2 pi, the parameters of most, and their
+    covariance: dense, from the covariance of all readings."""
     parameters, first = problem.parameters(hypothesis), problem.settings.windows.first_state
     base = {p.key: 0.0 for p in parameters}
     covariances, offsets, columns = [], [], []
@@ -52,10 +55,19 @@ def exact(problem: Problem, hypothesis, jump: float, per_turn: int = 4) -> tuple
         def read(values, slow=None, run=run, parts=parts):
             """Whitened readings and the ends of windows."""
             own = {p.name: values[p.key] for p in problem.nuisances if p.run in (None, run)}
-            windowed = problem.model.windows(run, own, [(c, {"size": values[f"{c.label}.size"]}) for c in hypothesis])
+            windowed = problem.model.windows(
+                run, own, [(c, {"size": values[f"{c.label}.size"]}) for c in hypothesis]
+            )
             states = windowed.find({}, {}, per_turn, jump, math.inf).states
-            readings, ends, *_ = windowed.simulate(replace(states, slow=states.slow if slow is None else slow))
-            return np.concatenate([whiten(readings[part.series.channel], part.noise) for part in parts]), ends
+            readings, ends, *_ = windowed.simulate(
+                replace(states, slow=states.slow if slow is None else slow)
+            )
+            return (
+                np.concatenate(
+                    [whiten(readings[part.series.channel], part.noise) for part in parts]
+                ),
+                ends,
+            )
 
         white, ends = read(base)
         count = len(ends)
@@ -65,7 +77,8 @@ def exact(problem: Problem, hypothesis, jump: float, per_turn: int = 4) -> tuple
             slow[k, i] = 1.0
             other, other_ends = read(base, slow)
             by_state[:, 2 * k + i], step[k, :, i] = other - white, other_ends[k] - ends[k]
-        # states (2 k) as a linear function of the first one, the jumps, and what moves on without them
+        # states (2 k) as a linear function of the first one, the jumps, and what moves on without
+        # them
         mix = np.eye(2 * count)
         for k in range(1, count):
             mix[2 * k : 2 * k + 2, : 2 * k] = step[k - 1] @ mix[2 * k - 2 : 2 * k, : 2 * k]
@@ -78,9 +91,15 @@ def exact(problem: Problem, hypothesis, jump: float, per_turn: int = 4) -> tuple
             return white + by_state @ (mix @ np.concatenate([np.zeros(2), ends[:-1].ravel()]))
 
         at_zero = mean(base)
-        offsets.append(np.concatenate([whiten(part.series.value, part.noise) for part in parts]) - at_zero)
+        offsets.append(
+            np.concatenate([whiten(part.series.value, part.noise) for part in parts]) - at_zero
+        )
         columns.append(np.stack([mean(base | {p.key: 1.0}) - at_zero for p in parameters], axis=1))
-    covariance, offset, by_value = block_diag(*covariances), np.concatenate(offsets), np.concatenate(columns)
+    covariance, offset, by_value = (
+        block_diag(*covariances),
+        np.concatenate(offsets),
+        np.concatenate(columns),
+    )
     inverse, width = np.linalg.inv(covariance), np.array([p.high - p.low for p in parameters])
     prior = np.where([p in problem.nuisances for p in parameters], np.sqrt(12.0) / width, 0.0)
     nominal = np.array([p.nominal for p in parameters])
@@ -108,7 +127,8 @@ def hidden():
 
 @pytest.fixture(scope="module", params=["as measured", "driven by a measured angle"])
 def either(request, hidden):
-    """The same, and with errors of a drive that the channels of a run share, some far larger than the noise."""
+    """The same, and with errors of a drive that the channels of a run share, some far larger than
+    the noise."""
     if request.param == "as measured":
         return hidden
     rng, noise = np.random.default_rng(8), noise_of(hidden[0])
@@ -121,7 +141,10 @@ def either(request, hidden):
 
 def test_the_deviance_is_the_marginal_likelihood_of_a_gaussian_computation(either):
     problem, *estimates = either
-    free = [[s for s in one.stages if s.jump <= problem.settings.windows.held_above] for one in estimates]
+    free = [
+        [s for s in one.stages if s.jump <= problem.settings.windows.held_above]
+        for one in estimates
+    ]
     assert sum(map(len, free)) > 6
     for estimate, stages in zip(estimates, free, strict=True):
         for stage in stages:
@@ -167,11 +190,16 @@ def test_what_replaces_a_nuisance_goes_on_beyond_its_bounds_and_not_with_another
     (single,) = SensitivityRegression(sensitivities).singles()
     assert sensitivities.residual @ sensitivities.residual - single.chi2 > 10.0
     assert single.start["push.size"] == pytest.approx(0.1, abs=0.02)  # beyond the nominal 0.2
-    assert [one.candidate for one in annealed(problem, PUSH).sensitivities([SWING, PUSH]).entries] == [SWING]
+    assert [
+        one.candidate for one in annealed(problem, PUSH).sensitivities([SWING, PUSH]).entries
+    ] == [SWING]
 
 
 def test_bounds_hold_nothing_is_simulated_beyond_them_and_the_others_are_best_for_that():
-    for drive, (low, high), at, held in ((0.3, (0.0, 0.25), 0.25, 0.25), (0.1, (0.15, 0.25), 0.15, 0.15)):
+    for drive, (low, high), at, held in (
+        (0.3, (0.0, 0.25), 0.25, 0.25),
+        (0.1, (0.15, 0.25), 0.15, 0.15),
+    ):
         problem, drives, pulls = swinging(drive=drive, bounds=(low, high)), [], []
         make = problem.model.windows
 
@@ -191,11 +219,14 @@ def test_bounds_hold_nothing_is_simulated_beyond_them_and_the_others_are_best_fo
 
 
 def test_derivatives_are_over_about_a_standard_error_where_a_usual_step_is_hundreds_of_them():
-    """The oscillator's frequency bends what is read: over a long step a derivative is that of something else."""
+    """The oscillator's frequency bends what is read: over a long step a derivative is that of
+    something else."""
     found = []
     for step in (1e-4, 0.3):
         own = Parameter("frequency", 1.3, 0.5, 2.0, step), Parameter("drive", 0.2, 0.0, 0.6, 0.01)
-        found.append(annealed(measured(Oscillator(own), {"frequency": FREQUENCY, "drive": 0.3}, {})))
+        found.append(
+            annealed(measured(Oscillator(own), {"frequency": FREQUENCY, "drive": 0.3}, {}))
+        )
     fine, coarse = found
     sd = np.sqrt(np.diag(np.linalg.inv(fine.stages[-1].hessian)))
     assert 0.3 > 100.0 * sd[0]
@@ -207,7 +238,9 @@ def test_what_one_long_trajectory_has_no_slope_to_is_found_in_windows():
     frequency = Parameter("frequency", 1.0, 0.5, 2.0, 1e-3)
     steady = {"drive": 0.0, "damping": 0.001}
     problem = measured(Oscillator([frequency]), steady | {"frequency": FREQUENCY}, {})
-    problem.model.windows = lambda run, values, effects=(): Windows(problem.model, run, steady | values, {})
+    problem.model.windows = lambda run, values, effects=(): Windows(
+        problem.model, run, steady | values, {}
+    )
 
     def trajectory(at):
         run = Windows(problem.model, "slow", steady | {"frequency": at[0]}, {})
@@ -247,16 +280,24 @@ def test_angles_differ_the_shorter_way_round_and_rates_as_they_are():
 
 def test_windows_hold_some_readings_for_each_number_of_a_state_and_are_four_to_sixteen_a_turn():
     for readings, count in ((24.0, 4), (4.8, 5), (3.0, 8), (2.0, 12), (0.5, 16)):
-        problem = linear(settings=windows(readings_per_number=readings), deviance=lambda effects: 3.0)
-        assert Estimate(problem, ()).find_states(1.0) == 3.0  # the deviance of a reading of all runs
+        problem = linear(
+            settings=windows(readings_per_number=readings), deviance=lambda effects: 3.0
+        )
+        assert (
+            Estimate(problem, ()).find_states(1.0) == 3.0
+        )  # the deviance of a reading of all runs
         assert problem.model.per_turn == count
-        assert [(jump, turns) for _, _, jump, turns in problem.model.filtered] == [(1.0, math.inf)] * 2
+        assert [(jump, turns) for _, _, jump, turns in problem.model.filtered] == [
+            (1.0, math.inf)
+        ] * 2
 
 
 # Rivals
 
 
-def test_what_is_far_behind_a_rival_ends_at_a_larger_jump_and_those_as_good_go_on_to_the_end(hidden):
+def test_what_is_far_behind_a_rival_ends_at_a_larger_jump_and_those_as_good_go_on_to_the_end(
+    hidden,
+):
     problem, *_ = hidden
     last = problem.settings.windows.jumps[-1]
     best, other = compete([Estimate(problem, (WOBBLE,)), Estimate(problem, (SWING,))])
@@ -281,7 +322,11 @@ def test_what_cannot_be_simulated_in_windows_is_no_rival_and_a_fit_that_failed()
     found = compete([Estimate(problem, (WOBBLE,)), Estimate(problem, (SWING,))])
     assert [one.hypothesis for one in found] == [(SWING,)]
     found = fitted(problem, (SPRING,), {"spring.size": 0.1})
-    assert found.status == FAILED and found.reason == "no states" and found.mapping["spring.size"] == 0.1
+    assert (
+        found.status == FAILED
+        and found.reason == "no states"
+        and found.mapping["spring.size"] == 0.1
+    )
     problem.model.windowed = lambda effects: False
     with pytest.raises(SimulationError, match="run slow is not simulated in windows with base"):
         Estimate(problem, ()).find_states(1.0)
@@ -320,7 +365,9 @@ def test_a_fit_in_windows_begins_at_the_states_of_one_near_by_and_counts_the_run
     assert (np.abs(fit.values - near.values) <= 0.3 * np.sqrt(np.diag(near.covariance()))).all()
     assert fit.chi2 == pytest.approx(near.chi2, abs=1.0)
     other = replace(near, states={run: states[:-1] for run, states in near.states.items()})
-    assert fitted(problem, (SPRING,), near.mapping, near=other).chi2 == pytest.approx(near.chi2, abs=1.0)
+    assert fitted(problem, (SPRING,), near.mapping, near=other).chi2 == pytest.approx(
+        near.chi2, abs=1.0
+    )
     assert problem.model.filtered
 
 
@@ -334,7 +381,9 @@ def test_an_estimate_as_a_fit_counts_jumps_like_residuals_and_leaves_the_law_of_
     assert fit.chi2 == pytest.approx(last.cost - estimate.cost_of_values)
     assert fit.chi2 == pytest.approx(problem.size, rel=0.25)
     curvature = last.hessian - np.diag(estimate.prior**2)
-    np.testing.assert_allclose(fit.jacobian.T @ fit.jacobian, curvature, rtol=1e-6, atol=1e-6 * np.abs(curvature).max())
+    np.testing.assert_allclose(
+        fit.jacobian.T @ fit.jacobian, curvature, rtol=1e-6, atol=1e-6 * np.abs(curvature).max()
+    )
     # residuals have the places and the sign of those of a trajectory
     away = estimate.mapping | {"zero@fast": estimate.mapping["zero@fast"] + 0.1}
     trajectory = problem.residual(away, (SPRING,)) - problem.residual(estimate.mapping, (SPRING,))
@@ -346,7 +395,10 @@ def test_an_estimate_as_a_fit_counts_jumps_like_residuals_and_leaves_the_law_of_
 
 def test_what_is_predicted_at_given_values_moves_the_states_and_what_may_vary_alone():
     problem = stiffer(zero=0.1)
-    at = {p.key: p.nominal for p in problem.parameters((SPRING,))} | {"spring.size": 0.3, "drive": 0.3}
+    at = {p.key: p.nominal for p in problem.parameters((SPRING,))} | {
+        "spring.size": 0.3,
+        "drive": 0.3,
+    }
     own = [p for p in problem.nuisances if p.run]
     held, free = predicted(problem, (SPRING,), at), predicted(problem, (SPRING,), at, own)
     assert dict(held.values) == at

@@ -22,7 +22,6 @@ from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.catalogue import each
 from tests.draws import check_rate, check_uniform
 from tests.identification.toy import coloured, stated_noise, toy
-from tests.rows import each as of_each
 
 SETTINGS = DEFAULT_SETTINGS.disagreement
 MEMORIES = (0.0, 0), (0.8, 1)
@@ -32,11 +31,14 @@ MEMORIES = (0.0, 0), (0.8, 1)
 def mapped(model, memory: float = 0.0, order: int = 0):
     """Map of the nominal model's residual."""
     problem = Problem(model, stated_noise(model, memory, order))
-    return map_disagreement(problem, problem.residual({p.key: p.nominal for p in problem.nuisances}))
+    return map_disagreement(
+        problem, problem.residual({p.key: p.nominal for p in problem.nuisances})
+    )
 
 
 def with_bump(model, key: tuple[str, str], begin: float, end: float, height: float):
-    """The model with what a channel reads raised by `height` standard deviations between two angles [deg]."""
+    """The model with what a channel reads raised by `height` standard deviations between two angles
+    [deg]."""
     series = []
     for one in model.series:
         if one.key == key:
@@ -47,13 +49,16 @@ def with_bump(model, key: tuple[str, str], begin: float, end: float, height: flo
 
 
 def noise_alone(count: int, memory: float, order: int):
-    return [mapped(toy(seed=seed, autocorrelation=memory, cycles=2.0), memory, order) for seed in range(count)]
+    return [
+        mapped(toy(seed=seed, autocorrelation=memory, cycles=2.0), memory, order)
+        for seed in range(count)
+    ]
 
 
 # Windows
 
 
-@of_each("memory, order", MEMORIES)
+@pytest.mark.parametrize("memory, order", MEMORIES)
 def test_noise_alone_makes_windows_as_rarely_as_stated(memory, order):
     maps = noise_alone(15, memory, order)
     assert sum(len(one.windows) > 0 for one in maps) <= 1  # 0.15 expected at a rate of 1 %
@@ -63,18 +68,27 @@ def test_noise_alone_makes_windows_as_rarely_as_stated(memory, order):
 
 def test_a_bump_is_found_within_a_bin_of_its_place_and_nowhere_else():
     def check(begin, end, memory, order, seed):
-        model = with_bump(toy(seed=seed, autocorrelation=memory), ("slow", "torque"), begin, end, 5.0)
+        model = with_bump(
+            toy(seed=seed, autocorrelation=memory), ("slow", "torque"), begin, end, 5.0
+        )
         windows = mapped(model, memory, order).windows
         assert list(zip(windows["run"], windows["channel"], strict=True)) == [("slow", "torque")]
         found = windows.iloc[0]
         assert abs(np.mod(found["start_deg"] - begin + 180.0, 360.0) - 180.0) <= 10.0
         assert abs(np.mod(found["end_deg"] - end + 180.0, 360.0) - 180.0) <= 10.0
         width = np.mod(found["end_deg"] - found["start_deg"], 360.0)
-        assert found["mean"] == pytest.approx(5.0 * min(1.0, np.mod(end - begin, 360.0) / width), abs=1.5)
+        assert found["mean"] == pytest.approx(
+            5.0 * min(1.0, np.mod(end - begin, 360.0) / width), abs=1.5
+        )
 
     places = (352.0, 15.0), (100.0, 140.0)
-    each(check, [(*place, *memory, seed) for place, memory, seed in product(places, MEMORIES, range(2))])
-    bias = with_bump(toy(seed=2), ("mid", "torque"), 0.0, 359.9999, 6.0)  # one window around the circle
+    each(
+        check,
+        [(*place, *memory, seed) for place, memory, seed in product(places, MEMORIES, range(2))],
+    )
+    bias = with_bump(
+        toy(seed=2), ("mid", "torque"), 0.0, 359.9999, 6.0
+    )  # one window around the circle
     windows = mapped(bias).windows[["run", "channel", "start_deg", "end_deg"]]
     assert windows.to_numpy().tolist() == [["mid", "torque", 0.0, 360.0]]
 
@@ -94,7 +108,9 @@ def test_windows_of_channels_that_agree_are_rare_beside_channels_that_are_off_ev
 
 def test_channels_without_crank_angle_are_tested_but_not_mapped():
     model = toy(seed=6)
-    blind = replace(model, series=tuple(replace(s, angle=np.full(s.angle.size, np.nan)) for s in model.series))
+    blind = replace(
+        model, series=tuple(replace(s, angle=np.full(s.angle.size, np.nan)) for s in model.series)
+    )
     problem = Problem(model, stated_noise(model))
     residual = problem.residual({p.key: p.nominal for p in problem.nuisances})
     found = map_disagreement(Problem(blind, stated_noise(model)), residual)
@@ -107,7 +123,15 @@ def test_channels_without_crank_angle_are_tested_but_not_mapped():
 
 def bins_with(p: dict[int, float], size: float = 1.0) -> pd.DataFrame:
     """Bins of one channel, of probability 0.5 and without size but for those numbered in `p`."""
-    rows = pd.DataFrame({"run": "slow", "channel": "torque", "start_deg": 10.0 * np.arange(36), "p": 0.5, "size": 0.0})
+    rows = pd.DataFrame(
+        {
+            "run": "slow",
+            "channel": "torque",
+            "start_deg": 10.0 * np.arange(36),
+            "p": 0.5,
+            "size": 0.0,
+        }
+    )
     rows.loc[list(p), "p"], rows.loc[list(p), "size"] = list(p.values()), size
     return rows
 
@@ -134,29 +158,41 @@ def test_what_is_small_over_many_bins_is_sure_for_these_together():
             (bins_with(WEAK, size=0.05), []),  # too small for anyone to look for its cause
             # a weak bin between others belongs to their window, and one beside them does not
             (bins_with(BESIDE), list(range(4, 13))),
-            (bins_with(BESIDE).drop(index=[0, 1, 20, 21]), list(range(4, 13))),  # bins without samples around
+            (
+                bins_with(BESIDE).drop(index=[0, 1, 20, 21]),
+                list(range(4, 13)),
+            ),  # bins without samples around
             (
                 fewer[fewer.index.isin(np.arange(24) * 3 // 2)],
                 [6, 7, 9, 10, 12, 13, 15, 16],
             ),  # of 15 deg, of statistics
-            (bins_with({7: 1e-30, 10: 0.03, 13: 0.03}), [7]),  # one sure bin does not make others sure
+            (
+                bins_with({7: 1e-30, 10: 0.03, 13: 0.03}),
+                [7],
+            ),  # one sure bin does not make others sure
             (bins_with({35: 1e-9, 0: 1e-9}), [0, 35]),  # across the beginning of the circle
         ],
     )
     adjusted = flag_bins(bins_with({7: 1e-9}), SETTINGS, 0.01)["p_adjusted"]
-    assert adjusted[7] == pytest.approx(1e-9 * 36 * (1 + len(SETTINGS.spans)), rel=1e-9)  # of the surest span
+    assert adjusted[7] == pytest.approx(
+        1e-9 * 36 * (1 + len(SETTINGS.spans)), rel=1e-9
+    )  # of the surest span
     assert adjusted.drop(7).min() > 0.01
 
 
 def test_the_memory_of_noise_makes_neighbours_count_for_fewer():
     assert flagged(bins_with(WEAK), {("slow", "torque"): 0.9 ** np.arange(1, 36)}) == []
-    assert sum(len(one.windows) > 0 for one in noise_alone(15, 0.95, 1)) <= 1  # 0.15 expected at a rate of 1 %
+    assert (
+        sum(len(one.windows) > 0 for one in noise_alone(15, 0.95, 1)) <= 1
+    )  # 0.15 expected at a rate of 1 %
 
 
 def test_correlations_of_bins_are_those_of_means_over_as_many_samples():
     turn, noise = 72, coloured(72 * 4000, 0.8, np.random.default_rng(0))
     series = SimpleNamespace(angle=2 * np.pi * np.arange(noise.size) / turn)
-    part = SimpleNamespace(series=series, used=np.ones(noise.size, bool), noise=Noise(np.ones(noise.size), (0.8,)))
+    part = SimpleNamespace(
+        series=series, used=np.ones(noise.size, bool), noise=Noise(np.ones(noise.size), (0.8,))
+    )
     means = noise.reshape(-1, 2).mean(axis=1)
     seen = [np.corrcoef(means[:-apart], means[apart:])[0, 1] for apart in (1, 2, 5)]
     assert bin_correlations(part, 36)[[0, 1, 4]] == pytest.approx(seen, abs=0.02)
@@ -168,7 +204,7 @@ def test_correlations_of_bins_are_those_of_means_over_as_many_samples():
 # Tests of a channel
 
 
-@of_each("samples, kept", [(60, 1.0), (300, 0.8)])
+@pytest.mark.parametrize("samples, kept", [(60, 1.0), (300, 0.8)])
 def test_ljung_box_is_flat_for_independent_numbers_with_gaps_and_sees_memory(samples, kept):
     random, p = np.random.default_rng(samples), []
     for _ in range(600):
@@ -179,13 +215,17 @@ def test_ljung_box_is_flat_for_independent_numbers_with_gaps_and_sees_memory(sam
     assert ljung_box(coloured(300, 0.5, np.random.default_rng(0)), np.arange(300)) < 1e-6
 
 
-@of_each("memory, turns", [((), 2), ((0.8,), 4)])
+@pytest.mark.parametrize("memory, turns", [((), 2), ((0.8,), 4)])
 def test_probabilities_of_noise_alone_are_as_rare_as_they_say(memory, turns):
-    """Of runs, of the bins of the crank angle (two tests each, the smaller one doubled) and of orders."""
+    """Of runs, of the bins of the crank angle (two tests each, the smaller one doubled) and of
+    orders."""
     random, angle = np.random.default_rng(turns), 2 * np.pi * np.arange(120 * turns) / 120.0
     problem = problem_of(*((run, angle, angle) for run in ("slow", "mid", "fast")))
     for part in problem.parts:
-        part.noise, part.series.key = Noise(np.ones(angle.size), memory), (part.series.run, "torque")
+        part.noise, part.series.key = (
+            Noise(np.ones(angle.size), memory),
+            (part.series.run, "torque"),
+        )
     maps = [map_disagreement(problem, random.standard_normal(3 * angle.size)) for _ in range(60)]
     check_uniform([one.p for one in maps])
     check_uniform(np.concatenate([one.tests["p_chi2"] for one in maps]))
@@ -207,12 +247,17 @@ def test_whitened_residuals_are_turned_back_exactly():
 
 def test_the_spectrum_shows_the_order_of_a_disagreement():
     model = toy(seed=4)
-    series = [replace(s, value=s.value + 2.0 * s.stated_noise * np.cos(3.0 * s.angle + 0.4)) for s in model.series]
+    series = [
+        replace(s, value=s.value + 2.0 * s.stated_noise * np.cos(3.0 * s.angle + 0.4))
+        for s in model.series
+    ]
     orders = mapped(replace(model, series=tuple(series))).orders
     first = orders.loc[orders.groupby(["run", "channel"])["amplitude"].idxmax()]
     assert first["order"].to_numpy() == pytest.approx(np.full(6, 3.0))
     assert first["amplitude"].to_numpy() == pytest.approx(np.full(6, 2.0), abs=0.3)
-    assert np.mean(orders.loc[~np.isclose(orders["order"], 3.0), "p"] < 0.05) == pytest.approx(0.05, abs=0.03)
+    assert np.mean(orders.loc[~np.isclose(orders["order"], 3.0), "p"] < 0.05) == pytest.approx(
+        0.05, abs=0.03
+    )
 
 
 def problem_of(*runs) -> SimpleNamespace:
@@ -221,7 +266,11 @@ def problem_of(*runs) -> SimpleNamespace:
     for run, angle, time in runs:
         series = SimpleNamespace(run=run, channel="torque", unit="N*m", angle=angle, time=time)
         used, noise = np.ones(angle.size, bool), Noise(np.ones(angle.size))
-        parts.append(SimpleNamespace(series=series, used=used, noise=noise, place=slice(place, place + angle.size)))
+        parts.append(
+            SimpleNamespace(
+                series=series, used=used, noise=noise, place=slice(place, place + angle.size)
+            )
+        )
         place += angle.size
     return SimpleNamespace(parts=parts, settings=DEFAULT_SETTINGS)
 
@@ -239,7 +288,7 @@ def test_a_ripple_of_a_whole_order_stands_out_of_a_record_of_any_length_whose_sp
     each(check, product([1, 7, 10, 22, 44, 49, 98, 107], [3, 7, 16, 24]))
 
 
-@of_each(
+@pytest.mark.parametrize(
     "effect, exponent",
     [
         ({"coulomb": {"force_N": 3.0}}, 0.0),
@@ -254,8 +303,13 @@ def test_the_growth_with_speed_tells_the_kind_of_force(effect, exponent):
     assert (scaling["low"] < scaling["high"]).all() and (scaling["runs"] == 3).all()
 
 
-@of_each("speeds, scatter", [((10.0, 40.0), 0.0), ((10.0, 20.0, 40.0), 0.0), ((10.0, 14.0, 20.0, 40.0), 0.3)])
-def test_nine_of_ten_intervals_hold_the_growth_with_speed_also_where_runs_scatter_about_it(speeds, scatter):
+@pytest.mark.parametrize(
+    "speeds, scatter",
+    [((10.0, 40.0), 0.0), ((10.0, 20.0, 40.0), 0.0), ((10.0, 14.0, 20.0, 40.0), 0.3)],
+)
+def test_nine_of_ten_intervals_hold_the_growth_with_speed_also_where_runs_scatter_about_it(
+    speeds, scatter
+):
     """The residual grows with speed, but for a factor of its own in each run."""
     random, time, speeds = np.random.default_rng(1), np.linspace(0.0, 10.0, 50), np.array(speeds)
     problem, held = problem_of(*((str(speed), speed * time, time) for speed in speeds)), []

@@ -1,4 +1,5 @@
-"""Which hypotheses are fitted, and what a second effect has to gain: limits met from both sides by made-up fits."""
+"""Which hypotheses are fitted, and what a second effect has to gain: limits met from both sides by
+made-up fits."""
 
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
@@ -31,8 +32,16 @@ from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.thresholds import screen_candidates
 from jointgap.identification.verdict import Thresholds
 from tests.identification.oscillator import HIDDEN_SPRING, SWING, WOBBLE, linear, noise_of, windows
-from tests.identification.toy import RINGING, Toy, analysed, candidate_of, ringing, screened, stated_noise, toy
-from tests.rows import each
+from tests.identification.toy import (
+    RINGING,
+    Toy,
+    analysed,
+    candidate_of,
+    ringing,
+    screened,
+    stated_noise,
+    toy,
+)
 
 SAMPLES = 200
 LN = float(np.log(SAMPLES))
@@ -47,14 +56,17 @@ def effect(name):
 
 
 def shortlisted(rest, gains):
-    """Labels of sensitivities ``e0``, ``e1`` ... that each explain so much of chi2, of which `rest` is left if all are
-    there."""
+    """Labels of sensitivities ``e0``, ``e1`` ... that each explain so much of chi2, of which `rest`
+    is left if all are there."""
     residual, unit = np.zeros(SAMPLES), np.eye(SAMPLES)
     residual[1 : len(gains) + 1], residual[-1] = np.sqrt(gains), np.sqrt(rest)
     entries = [
-        Sensitivity(effect(f"e{place}"), {}, unit[:, [place + 1]], residual, ("slow",)) for place in range(len(gains))
+        Sensitivity(effect(f"e{place}"), {}, unit[:, [place + 1]], residual, ("slow",))
+        for place in range(len(gains))
     ]
-    sensitivities = Sensitivities((Parameter("mass", 1.0),), np.array([1.0]), unit[:, :1], residual, entries, {})
+    sensitivities = Sensitivities(
+        (Parameter("mass", 1.0),), np.array([1.0]), unit[:, :1], residual, entries, {}
+    )
     return [one.label for one in shortlist_singles(sensitivities, LIMITS)]
 
 
@@ -74,7 +86,9 @@ COULOMB, SPRING = effect("coulomb"), effect("spring")
 
 
 def test_where_the_base_leaves_more_than_noise_the_eight_best_are_fitted_else_those_that_promise_half_of_an_effect():
-    assert shortlisted(10.0, [float(100 + place) for place in range(10)]) == [f"e{place}" for place in range(9, 1, -1)]
+    assert shortlisted(10.0, [float(100 + place) for place in range(10)]) == [
+        f"e{place}" for place in range(9, 1, -1)
+    ]
     for more, count in ((0.01, 4), (-0.01, 3)):  # three in any case
         gain = LN + WANTED + more
         assert len(shortlisted(100.0, [gain, gain + 1.0, gain + 2.0, gain + 3.0, 0.5])) == count
@@ -91,7 +105,10 @@ def test_where_the_base_leaves_more_than_noise_the_eight_best_are_fitted_else_th
 def test_an_effect_is_sufficient_that_leaves_no_more_than_null_campaigns_and_beats_the_base():
     base = SimpleNamespace(base=fitted(900.0))
     just, more = (fitted(share * (SAMPLES - 2), COULOMB) for share in (1.4999, 1.5001))
-    assert best_sufficient(base, [just], LIMITS) is just and best_sufficient(base, [more], LIMITS) is None
+    assert (
+        best_sufficient(base, [just], LIMITS) is just
+        and best_sufficient(base, [more], LIMITS) is None
+    )
     fits = [fitted(200.0, COULOMB), fitted(190.0, SPRING), fitted(189.0, COULOMB, SPRING)]
     assert best_sufficient(base, fits, LIMITS) is fits[1]
     assert best_sufficient(SimpleNamespace(base=fitted(190.0)), fits, LIMITS) is None
@@ -103,13 +120,18 @@ def singles(chi2):
 
 
 def test_what_other_numerics_change_raises_both_thresholds_of_a_second_effect(monkeypatch):
-    """Up to a small part of what the single one explains, 5 % of 800, and if it is more than the threshold of one."""
+    """Up to a small part of what the single one explains, 5 % of 800, and if it is more than the
+    threshold of one."""
 
     def second(changed, fits):
         row = np.zeros(SAMPLES)
         row[0], row[5] = 99.0, changed**0.5  # the nuisance takes up the first
-        monkeypatch.setattr(model_selection, "other_numerics", lambda *_: np.array([0.1 * row, row]))
-        baseline = SimpleNamespace(base=fitted(1000.0), problem=SimpleNamespace(settings=DEFAULT_SETTINGS))
+        monkeypatch.setattr(
+            model_selection, "other_numerics", lambda *_: np.array([0.1 * row, row])
+        )
+        baseline = SimpleNamespace(
+            base=fitted(1000.0), problem=SimpleNamespace(settings=DEFAULT_SETTINGS)
+        )
         return two_effect_thresholds(baseline, fits, LIMITS)
 
     changes = [second(changed, singles(200.0)) for changed in (30.0, 50.0)]
@@ -131,7 +153,9 @@ def test_a_jump_is_what_chi2_has_beyond_what_the_other_side_predicts():
 
         return nonlinearity(SimpleNamespace(residual=residual), fitted(100.0))
 
-    assert [found(0.0, 5), found(2.0, 5), found(2.0, -1)] == pytest.approx([0.0, 4.0, 12.0**2 - 10.0**2], abs=1e-9)
+    assert [found(0.0, 5), found(2.0, 5), found(2.0, -1)] == pytest.approx(
+        [0.0, 4.0, 12.0**2 - 10.0**2], abs=1e-9
+    )
 
     def fails(*_):
         raise SimulationError("too far")
@@ -148,25 +172,35 @@ def test_beside_what_rings_another_effect_is_sought_in_the_valley_of_the_pair():
     base, sensitivities = screened(replace(model, candidates=(*model.candidates, RINGING)))
     start = {"ringing.size": 0.31, "coulomb.force_N": 0.3}
     pair = fit_hypothesis(base.problem, (candidate_of("coulomb"), RINGING), start, refresh=True)
-    lost = replace(fit_hypothesis(base.problem, (RINGING,), {"ringing.size": 0.5}), status="stopped")
+    lost = replace(
+        fit_hypothesis(base.problem, (RINGING,), {"ringing.size": 0.5}), status="stopped"
+    )
     swapped = {fit.label: fit for fit in swap_one_effect(base, sensitivities, [lost, pair])}
     assert swapped["ringing + viscous"].chi2 < 1.1 * base.problem.size < pair.chi2
 
 
 @pytest.fixture(scope="module")
 def heavier():
-    """A dry friction and a mass that is beyond its range are hidden; friction and the gain of a sensor were fitted."""
-    base, *found = analysed(toy({"coulomb": {"force_N": 0.2}, "added_mass": {"mass_kg": 0.1}}, seed=4))
+    """A dry friction and a mass that is beyond its range are hidden; friction and the gain of a
+    sensor were fitted."""
+    base, *found = analysed(
+        toy({"coulomb": {"force_N": 0.2}, "added_mass": {"mass_kg": 0.1}}, seed=4)
+    )
     pair = tuple(candidate_of(label) for label in ("coulomb", "sensor_gain:acceleration"))
     return base, fit_hypothesis(base.problem, pair, differences=base.differences), *found
 
 
-def test_an_effect_that_takes_a_nuisance_beyond_its_bound_is_tried_in_place_of_each_other_one(heavier):
+def test_an_effect_that_takes_a_nuisance_beyond_its_bound_is_tried_in_place_of_each_other_one(
+    heavier,
+):
     base, pair, sensitivities, limits = heavier
     mass = next(p for p in pair.parameters if p.name == "slider_mass")
     assert pair.mapping["slider_mass"] == mass.high
     first, second = fits_beyond_bounds(base, [base.base, pair])
-    assert (first.label, second.label) == ("sensor_gain:acceleration + added_mass", "coulomb + added_mass")
+    assert (first.label, second.label) == (
+        "sensor_gain:acceleration + added_mass",
+        "coulomb + added_mass",
+    )
     assert second.bic < pair.bic - 10.0
     assert second.mapping["added_mass.mass_kg"] == pytest.approx(0.1, abs=0.03)
     assert select_hypothesis(base, sensitivities, [pair], limits).chosen.label == second.label
@@ -174,11 +208,18 @@ def test_an_effect_that_takes_a_nuisance_beyond_its_bound_is_tried_in_place_of_e
     inside = replace(pair, values=np.array([p.nominal for p in pair.parameters]))
     for given in ([pair, *lost], [inside], [base.base]):
         assert fits_beyond_bounds(base, given) == []
-    assert fits_beyond_bounds(replace(base, base=replace(pair, hypothesis=())), [pair]) == []  # nothing is missing
+    assert (
+        fits_beyond_bounds(replace(base, base=replace(pair, hypothesis=())), [pair]) == []
+    )  # nothing is missing
     model, settings = base.problem.model, base.problem.settings
     few = replace(settings, selection=replace(settings.selection, partners=1))
     assert (
-        len(fits_beyond_bounds(replace(base, problem=Problem(model, stated_noise(model), settings=few)), [pair])) == 1
+        len(
+            fits_beyond_bounds(
+                replace(base, problem=Problem(model, stated_noise(model), settings=few)), [pair]
+            )
+        )
+        == 1
     )
 
 
@@ -186,14 +227,22 @@ def test_an_effect_that_takes_a_nuisance_beyond_its_bound_is_tried_in_place_of_e
 
 
 def test_a_limit_that_predicts_the_same_stands_for_both():
-    """A soft spring that differs from a constant force by less than the data can decide is that force."""
-    force, spring = fitted(300.0, effect("force")), fitted(300.0, effect("soft spring"), effect("preload"))
+    """A soft spring that differs from a constant force by less than the data can decide is that
+    force."""
+    force, spring = (
+        fitted(300.0, effect("force")),
+        fitted(300.0, effect("soft spring"), effect("preload")),
+    )
     for apart, is_limit, count in ((9.9, True, 1), (10.1, True, 2), (0.0, False, 2)):
-        spring = replace(spring, hypothesis=(effect("soft spring"),), residual=force.residual.copy())
+        spring = replace(
+            spring, hypothesis=(effect("soft spring"),), residual=force.residual.copy()
+        )
         spring.residual[0] += np.sqrt(apart)
         best = {frozenset([fit.label]): fit for fit in (spring, force)}
         found = without_repetitions(
-            best, lambda special, _, is_limit=is_limit: is_limit and special == (effect("force"),), 10.0
+            best,
+            lambda special, _, is_limit=is_limit: is_limit and special == (effect("force"),),
+            10.0,
         )
         assert sorted(fit.label for fit in found.values()) == ["force", "soft spring"][:count]
 
@@ -202,9 +251,14 @@ def test_a_limit_that_predicts_the_same_stands_for_both():
 
 
 def test_what_looks_like_the_explanation_that_would_be_named_is_fitted_before():
-    """The true one was never fitted: quadratic drag is hidden, and viscous friction would be named."""
-    base, found, limits = analysed(toy({"quadratic": {"drag_N_s2_m2": 0.04}}, {"slider_mass": 0.51}, seed=4))
-    viscous = fit_hypothesis(base.problem, (candidate_of("viscous"),), differences=base.differences, refresh=True)
+    """The true one was never fitted: quadratic drag is hidden, and viscous friction would be
+    named."""
+    base, found, limits = analysed(
+        toy({"quadratic": {"drag_N_s2_m2": 0.04}}, {"slider_mass": 0.51}, seed=4)
+    )
+    viscous = fit_hypothesis(
+        base.problem, (candidate_of("viscous"),), differences=base.differences, refresh=True
+    )
     assert viscous.chi2 < limits.omnibus * base.problem.size  # it leaves noise alone
     alike = {fit.label for fit in fit_confusable_effects(base, found, viscous)}
     assert {"coulomb", "quadratic"} <= alike and "constant_force" not in alike
@@ -218,7 +272,9 @@ def test_where_more_than_noise_is_left_errors_hold_another_end_that_is_as_good()
     noise = SAMPLES - 2.0
     for left, factor, is_wider in ((2.0, 1.9, True), (2.0, 2.1, False), (1.05, 1.0, False)):
         fit = fitted(noise * left, COULOMB)
-        end = replace(fitted(noise * (1.0 + factor * (left - 1.0)), COULOMB), values=fit.values + [0.0, 9.0])
+        end = replace(
+            fitted(noise * (1.0 + factor * (left - 1.0)), COULOMB), values=fit.values + [0.0, 9.0]
+        )
         near = replace(end, values=fit.values + [0.0, 0.5])
         other = replace(fitted(noise, SPRING), values=fit.values + [0.0, 99.0])
         wider = with_other_ends(fit, [near, end, fit, other])
@@ -227,13 +283,15 @@ def test_where_more_than_noise_is_left_errors_hold_another_end_that_is_as_good()
     fit = fitted(400.0, COULOMB)
     drawn = replace(fit, draws=np.random.default_rng(1).standard_normal((4000, 2)) + fit.values)
     wider = with_other_ends(drawn, [replace(fit, values=fit.values + [0.0, 9.0])])
-    assert np.std(wider.distribution.draws, axis=0) == pytest.approx([1.0, np.hypot(1.0, 9.0)], rel=0.05)
+    assert np.std(wider.distribution.draws, axis=0) == pytest.approx(
+        [1.0, np.hypot(1.0, 9.0)], rel=0.05
+    )
 
 
 # The order of a search
 
 
-@each("bias", [-0.03, 0.03])
+@pytest.mark.parametrize("bias", [-0.03, 0.03])
 def test_two_effects_that_mask_each_other_are_fitted_though_neither_is_sufficient_alone(bias):
     """Dry friction makes a torque with a mean, and a bias takes that away, or doubles it."""
     hidden = {"coulomb": {"force_N": 0.5}, "sensor_bias:torque": {"bias": bias}}
@@ -244,7 +302,7 @@ def test_two_effects_that_mask_each_other_are_fitted_though_neither_is_sufficien
     assert found.chi2 < limits.omnibus * base.problem.size
 
 
-@each("hidden", [TWO, DRY])
+@pytest.mark.parametrize("hidden", [TWO, DRY])
 def test_two_effects_of_which_neither_is_sufficient_are_found_together(hidden):
     base, sensitivities, limits = analysed(toy(hidden, seed=3))
     alone, _ = fit_singles(base, sensitivities, limits)
@@ -263,7 +321,9 @@ def test_a_search_that_has_simulated_as_much_as_it_may_begins_nothing_new_and_no
 
     def search(alone, **changed):
         """Labels of the effects that are found, and how many runs that took."""
-        settings = replace(DEFAULT_SETTINGS, selection=replace(DEFAULT_SETTINGS.selection, **changed))
+        settings = replace(
+            DEFAULT_SETTINGS, selection=replace(DEFAULT_SETTINGS.selection, **changed)
+        )
         problem = Problem(base.problem.model, stated_noise(base.problem.model), settings=settings)
         found, _ = fit_pairs(replace(base, problem=problem), sensitivities, limits, alone)
         return {label for fit in found for label in labels_of(fit.hypothesis)}, problem.simulations
@@ -284,13 +344,17 @@ class Listening(Toy):
         return super().simulate(run, values, effects, numerics)
 
 
-def test_a_leading_effect_is_linearised_with_those_partners_alone_that_rank_first_about_the_base(monkeypatch):
+def test_a_leading_effect_is_linearised_with_those_partners_alone_that_rank_first_about_the_base(
+    monkeypatch,
+):
     monkeypatch.setattr(hypothesis_fits, "_masked_pairs", lambda *_: [])
     monkeypatch.setattr(hypothesis_fits, "swap_one_effect", lambda *_: [])
     plain = toy(TWO, seed=3)
     model = Listening(plain.series, plain.nuisances, plain.candidates, plain.speeds)
     base, sensitivities, limits = analysed(model)
-    (first, *_) = alone = sorted(fit_singles(base, sensitivities, limits)[0], key=lambda fit: fit.chi2)
+    first, *_ = alone = sorted(
+        fit_singles(base, sensitivities, limits)[0], key=lambda fit: fit.chi2
+    )
     assert first.label in TWO
     few = replace(DEFAULT_SETTINGS.selection, linearised_partners=2, partners=1)
     settings = replace(DEFAULT_SETTINGS, selection=few)
@@ -298,18 +362,26 @@ def test_a_leading_effect_is_linearised_with_those_partners_alone_that_rank_firs
     problem = Problem(model, stated_noise(model), settings=settings)
     pair, *_ = fit_pairs(replace(base, problem=problem), sensitivities, limits, alone)[0]
     assert labels_of(pair.hypothesis) == TWO.keys()
-    partners = {label for both in model.heard if len(both) == 2 and first.label in both for label in both}
+    partners = {
+        label for both in model.heard if len(both) == 2 and first.label in both for label in both
+    }
     assert len(partners - {first.label}) == 2 and TWO.keys() <= partners
 
 
-@each("families, ends", [(True, True), (False, False)])
-def test_pairs_with_the_leading_effects_are_fitted_before_a_family_whose_law_suffices_ends_the_search(families, ends):
+@pytest.mark.parametrize("families, ends", [(True, True), (False, False)])
+def test_pairs_with_the_leading_effects_are_fitted_before_a_family_whose_law_suffices_ends_the_search(
+    families, ends
+):
     """The exponent of a drag is none of those listed."""
-    base, sensitivities, limits = analysed(toy(hidden=lambda x, v, *_: -0.05 * np.abs(v) ** 3 * np.sign(v), seed=5))
+    base, sensitivities, limits = analysed(
+        toy(hidden=lambda x, v, *_: -0.05 * np.abs(v) ** 3 * np.sign(v), seed=5)
+    )
     alone, _ = fit_singles(base, sensitivities, limits)
     if not families:
         bare = [tuple(replace(one, families=()) for one in fit.hypothesis) for fit in alone]
-        alone = [replace(fit, hypothesis=hypothesis) for fit, hypothesis in zip(alone, bare, strict=True)]
+        alone = [
+            replace(fit, hypothesis=hypothesis) for fit, hypothesis in zip(alone, bare, strict=True)
+        ]
     swapped = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(hypothesis_fits, "_is_sufficient", lambda *_: False)  # no pair ends it
@@ -324,7 +396,7 @@ SWINGING, BOTH = {"swing": {"size": 0.3}}, {"swing": {"size": 0.3}, "wobble": {"
 LESSER = SWINGING | {"wobble": {"size": 0.02}}
 
 
-@each(
+@pytest.mark.parametrize(
     "hidden, least, doubted, clearances, best",
     [
         (BOTH, 4.9, False, "fitted", BOTH),  # a likely one is fitted before pairs
@@ -333,17 +405,27 @@ LESSER = SWINGING | {"wobble": {"size": 0.02}}
         (STIFFER, 5.1, False, "tried", None),
         (STIFFER, 4.9, True, "", None),
         (SWINGING, 0.0, False, "", None),  # one force suffices, and no second one gains
-        (LESSER, 4.9, False, "fitted", LESSER),  # it suffices and a second one gains: one clearance may do as two
+        (
+            LESSER,
+            4.9,
+            False,
+            "fitted",
+            LESSER,
+        ),  # it suffices and a second one gains: one clearance may do as two
         (LESSER, 5.1, False, "tried", LESSER),
         (LESSER, 4.9, True, "", LESSER),
     ],
 )
-def test_clearances_are_fitted_before_pairs_if_the_filter_finds_one_likely(hidden, least, doubted, clearances, best):
+def test_clearances_are_fitted_before_pairs_if_the_filter_finds_one_likely(
+    hidden, least, doubted, clearances, best
+):
     def deviance(effects):
         return least + 10.0 * max(abs(effects["spring"]["size"] - 0.3) - 0.05, 0.0)
 
     few = windows(jumps=(1.0, 0.3, 0.03, 0.001), fitted_sizes=1)
-    problem = linear(hidden=hidden, candidates=(SWING, WOBBLE, HIDDEN_SPRING), deviance=deviance, settings=few)
+    problem = linear(
+        hidden=hidden, candidates=(SWING, WOBBLE, HIDDEN_SPRING), deviance=deviance, settings=few
+    )
     base = recalibrate(problem.model, noise_of(problem), few)
     screening = screen_candidates(base, 0.01)
     alone, _ = fit_singles(base, *screening)

@@ -1,4 +1,5 @@
-"""Naming from end to end on a mechanism in closed form: the right name, no name, or an honest doubt."""
+"""Naming from end to end on a mechanism in closed form: the right name, no name, or an honest
+doubt."""
 
 from dataclasses import replace
 
@@ -17,7 +18,15 @@ from jointgap.identification.screening import SensitivityRegression, Sensitivity
 from jointgap.identification.thresholds import screen_candidates, thresholds
 from jointgap.identification.verdict import Decision
 from tests.catalogue import each, refused
-from tests.identification.oscillator import HIDDEN_SPRING, PULL, PUSH, SWING, WOBBLE, linear, noise_of
+from tests.identification.oscillator import (
+    HIDDEN_SPRING,
+    PULL,
+    PUSH,
+    SWING,
+    WOBBLE,
+    linear,
+    noise_of,
+)
 from tests.identification.toy import RINGING, analysed, candidate_of, screened, searched, toy
 
 
@@ -57,16 +66,23 @@ def test_each_effect_is_named():
             ("centrifugal", {"mass_kg": 0.02}),
             ("harmonic_force", {"cosine_N": 0.15, "sine_N": 0.1, "frequency_Hz": 4.7}),
             ("sensor_bias:torque", {"bias": 0.02}),
-            ("sensor_gain:acceleration", {"gain_error": 0.05}),  # another crank's length would read so, too
+            (
+                "sensor_gain:acceleration",
+                {"gain_error": 0.05},
+            ),  # another crank's length would read so, too
             ("sensor_lag:torque", {"lag_s": 2e-3}),
         ],
     )
-    decision, _ = named({"coulomb": {"force_N": 0.3}}, more=[RINGING], seed=4)  # which no slope leads to
+    decision, _ = named(
+        {"coulomb": {"force_N": 0.3}}, more=[RINGING], seed=4
+    )  # which no slope leads to
     assert (decision.verdict, decision.chosen.label) == ("named", "coulomb")
 
 
 def test_both_of_two_effects_are_named_and_no_third_nor_are_they_a_rival_in_another_order():
-    base, sensitivities, limits = analysed(toy({"coulomb": {"force_N": 0.3}, "spring": {"stiffness_N_m": 5.0}}, seed=1))
+    base, sensitivities, limits = analysed(
+        toy({"coulomb": {"force_N": 0.3}, "spring": {"stiffness_N_m": 5.0}}, seed=1)
+    )
     decision = refit_and_decide(base, sensitivities, searched(base, sensitivities, limits), limits)
     assert (decision.verdict, labels(decision)) == ("named", {"coulomb", "spring"})
     pair = candidate_of("coulomb"), candidate_of("spring")
@@ -80,8 +96,13 @@ def test_with_windows_for_all_forces_are_named_from_whole_runs_and_a_clearance_f
         problem = linear(hidden=hidden, candidates=candidates, **how)
         base = recalibrate(problem.model, noise_of(problem))
         sensitivities, limits = screen_candidates(base, 0.01)
-        decision = select_hypothesis(base, sensitivities, searched(base, sensitivities, limits), limits)
-        assert (decision.verdict, labels(decision)) == ("named" if hidden else "parameters_only", hidden.keys())
+        decision = select_hypothesis(
+            base, sensitivities, searched(base, sensitivities, limits), limits
+        )
+        assert (decision.verdict, labels(decision)) == (
+            "named" if hidden else "parameters_only",
+            hidden.keys(),
+        )
         assert decision.chosen.in_windows == ("spring" in hidden)
         found, errors = decision.chosen.mapping, np.sqrt(np.diag(decision.chosen.covariance()))
         errors = dict(zip(found, errors, strict=True))
@@ -115,7 +136,9 @@ def test_parameters_off_nominal_within_their_ranges_are_no_effect():
 
 def test_at_one_speed_a_spring_is_not_distinguished_from_a_force_that_grows_with_speed():
     speeds = {"one": 10.0, "fast": 24.0}
-    decision, _ = named({"spring": {"stiffness_N_m": 5.0}}, seed=2, speeds=speeds, held_out=("fast",))
+    decision, _ = named(
+        {"spring": {"stiffness_N_m": 5.0}}, seed=2, speeds=speeds, held_out=("fast",)
+    )
     assert decision.verdict == "ambiguous"
     assert {"spring", "centrifugal"} <= {fit.label for fit in decision.equivalent}
 
@@ -137,8 +160,13 @@ def test_an_effect_that_is_on_no_list_gets_no_name():
 
 def test_thresholds_hold_their_rate_and_know_of_other_numerics():
     base, sensitivities = screened(toy(seed=5))
-    nothing, more = np.empty((0, base.problem.size)), 0.3 * sensitivities.of("quadratic")[0].columns.T
-    white, loose = (thresholds(base.problem, sensitivities, changed, rate=0.05) for changed in (nothing, more))
+    nothing, more = (
+        np.empty((0, base.problem.size)),
+        0.3 * sensitivities.of("quadratic")[0].columns.T,
+    )
+    white, loose = (
+        thresholds(base.problem, sensitivities, changed, rate=0.05) for changed in (nothing, more)
+    )
     assert loose.max_gain_threshold > white.max_gain_threshold and loose.omnibus > white.omnibus
     dof = base.problem.size - len(base.base.parameters)
     exceeded = np.mean(np.random.default_rng(9).chisquare(dof, 20_000) / dof > white.omnibus)
@@ -152,22 +180,37 @@ def test_a_fit_from_a_finite_size_begins_at_the_size_that_the_secant_says_of_eit
     def check(label, key, guesses, size):
         told = replace(candidate_of(label), initial_guesses=guesses)
         _, sensitivities = screened(replace(toy({label: {key: size}}, seed=2), candidates=(told,)))
-        assert [one.is_secant for one in sensitivities.entries] == [bool(guess) for guess in guesses]
-        alone = replace(sensitivities, entries=[one for one in sensitivities.entries if one.is_secant])
+        assert [one.is_secant for one in sensitivities.entries] == [
+            bool(guess) for guess in guesses
+        ]
+        alone = replace(
+            sensitivities, entries=[one for one in sensitivities.entries if one.is_secant]
+        )
         (found,) = SensitivityRegression(alone).singles()
         assert found.start[f"{label}.{key}"] == pytest.approx(size, rel=0.1)
         # where a fit starts too is no further thing that a candidate can change
         assert len(SensitivitySubspaces(sensitivities).of[label]) == 1
 
-    each(check, [("quadratic", "drag_N_s2_m2", ({"drag_N_s2_m2": 0.2},), size) for size in (0.15, 0.35)])
-    each(check, [("sensor_bias:torque", "bias", ({}, {"bias": 0.8 * size}), size) for size in (-0.02, 0.015)])
+    each(
+        check,
+        [("quadratic", "drag_N_s2_m2", ({"drag_N_s2_m2": 0.2},), size) for size in (0.15, 0.35)],
+    )
+    each(
+        check,
+        [
+            ("sensor_bias:torque", "bias", ({}, {"bias": 0.8 * size}), size)
+            for size in (-0.02, 0.015)
+        ],
+    )
 
 
 def test_finite_starts_are_of_a_single_size_that_is_not_zero_and_searches_above_it_within_finite_bounds():
     def effect(sizes, starts, searched, low=-np.inf, high=np.inf):
         size = tuple(Parameter(key, 0.0, low, high) for key in sizes)
         known = np.isfinite(low)  # the change of something known
-        return Candidate("odd", "slider", size, sizes, (starts,), search_range=searched, is_perturbation=known)
+        return Candidate(
+            "odd", "slider", size, sizes, (starts,), search_range=searched, is_perturbation=known
+        )
 
     refused(
         effect,

@@ -1,4 +1,5 @@
-"""No hypothesis ends above what it holds, and none wins by a valley that the base could lie in too."""
+"""No hypothesis ends above what it holds, and none wins by a valley that the base could lie in
+too."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -17,7 +18,6 @@ from jointgap.identification.model_selection import select_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.verdict import Thresholds
 from tests.identification.toy import RINGING, candidate_of, screened, stated_noise, toy
-from tests.rows import each
 
 LIMITS = Thresholds(rate=0.01, omnibus=1.1, max_gain_threshold=12.0)
 DRAG = {"viscous": {"damping_N_s_m": 0.2}}
@@ -36,12 +36,17 @@ def dragging():
     return screened(replace(model, candidates=(RINGING, VISCOUS)))[0]
 
 
-@each("label, amplitude", [("viscous", "damping_N_s_m"), ("added_mass", "mass_kg"), ("harmonic_force", "sine_N")])
+@pytest.mark.parametrize(
+    "label, amplitude",
+    [("viscous", "damping_N_s_m"), ("added_mass", "mass_kg"), ("harmonic_force", "sine_N")],
+)
 def test_with_its_effects_absent_a_hypothesis_predicts_what_the_base_does(label, amplitude):
     problem, hypothesis = problem_of(DRAG, {"slider_mass": 0.52}), (candidate_of(label),)
     base = fit_hypothesis(problem)
     values = with_effects_absent(problem, hypothesis, base)
-    np.testing.assert_allclose(problem.residual(values, hypothesis), base.residual, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        problem.residual(values, hypothesis), base.residual, rtol=0, atol=1e-9
+    )
     replaced = base.mapping["slider_mass"] - 0.5 if label == "added_mass" else 0.0
     assert values[f"{label}.{amplitude}"] == pytest.approx(replaced)
     # the nuisance that an effect replaces is at nominal whatever values say
@@ -50,23 +55,31 @@ def test_with_its_effects_absent_a_hypothesis_predicts_what_the_base_does(label,
         np.testing.assert_array_equal(problem.residual(values, hypothesis), other)
 
 
-@each("other", ["spring", "added_mass"])
-def test_of_a_pair_one_effect_leaves_what_it_does_with_the_other_absent_and_all_else_in_place(other):
+@pytest.mark.parametrize("other", ["spring", "added_mass"])
+def test_of_a_pair_one_effect_leaves_what_it_does_with_the_other_absent_and_all_else_in_place(
+    other,
+):
     problem = problem_of(DRAG | {"constant_force": {"force_N": 0.2}})
     pair = fit_hypothesis(problem, (candidate_of(other), VISCOUS), refresh=True)
     found = without_other_effects(problem, pair, (VISCOUS,))
     assert found.hypothesis == (VISCOUS,)
     kept = {key: value for key, value in pair.mapping.items() if not key.startswith(other)}
     assert found.mapping == {"slider_mass": 0.5, **kept}
-    np.testing.assert_allclose(problem.residual(found.mapping, (VISCOUS,)), found.residual, rtol=0, atol=1e-3)
+    np.testing.assert_allclose(
+        problem.residual(found.mapping, (VISCOUS,)), found.residual, rtol=0, atol=1e-3
+    )
     again = fit_hypothesis(problem, (VISCOUS,), found.mapping, refresh=True)
     slider_mass = [p.key for p in found.parameters].index("slider_mass")
-    assert found.jacobian[:, slider_mass] == pytest.approx(again.jacobian[:, slider_mass], rel=0.05, abs=1.0)
+    assert found.jacobian[:, slider_mass] == pytest.approx(
+        again.jacobian[:, slider_mass], rel=0.05, abs=1.0
+    )
 
 
 def test_a_campaign_without_any_uncertain_parameter_has_a_fit_without_its_effect():
     certain = SimpleNamespace(nuisances=(), runs=("slow",), parameters=lambda hypothesis: [])
-    alone = without_other_effects(certain, fit_hypothesis(problem_of(DRAG), (VISCOUS,), refresh=True), ())
+    alone = without_other_effects(
+        certain, fit_hypothesis(problem_of(DRAG), (VISCOUS,), refresh=True), ()
+    )
     assert alone.jacobian.shape == (alone.residual.size, 0)
 
 
@@ -84,23 +97,34 @@ def stuck(base, hypothesis, start):
 def test_a_fit_above_a_part_of_it_goes_on_from_there(dragging):
     base, hypothesis = dragging, (VISCOUS, STEADY)
     part = fit_hypothesis(base.problem, hypothesis[:1], differences=base.differences)
-    high = stuck(base, hypothesis, dict.fromkeys(["viscous.damping_N_s_m", "constant_force.force_N"], 40.0))
+    high = stuck(
+        base, hypothesis, dict.fromkeys(["viscous.damping_N_s_m", "constant_force.force_N"], 40.0)
+    )
     mended = refit_from_part(base.problem, base.differences, high, [base.base, part])
     assert high.chi2 > base.base.chi2 > part.chi2 >= mended.chi2
     assert refit_from_part(base.problem, base.differences, mended, [base.base, part]) is mended
 
 
-def test_a_fit_of_an_effect_that_is_searched_begins_where_it_is_absent_if_it_is_of_statistics_alone(dragging):
-    """There is no slope from there, and a joint with hardly any clearance takes longest to simulate. Statistics over
-    cycles are smooth."""
-    high, simulations = stuck(dragging, (RINGING,), {"ringing.size": 0.6}), dragging.problem.simulations
+def test_a_fit_of_an_effect_that_is_searched_begins_where_it_is_absent_if_it_is_of_statistics_alone(
+    dragging,
+):
+    """There is no slope from there, and a joint with hardly any clearance takes longest to
+    simulate. Statistics over cycles are smooth."""
+    high, simulations = (
+        stuck(dragging, (RINGING,), {"ringing.size": 0.6}),
+        dragging.problem.simulations,
+    )
     assert refit_from_part(dragging.problem, dragging.differences, high, [dragging.base]) is high
     assert dragging.problem.simulations == simulations
     model = dragging.problem.model
-    base, _ = screened(replace(model, series=tuple(replace(series, statistic=True) for series in model.series)))
+    base, _ = screened(
+        replace(model, series=tuple(replace(series, statistic=True) for series in model.series))
+    )
     high = stuck(base, (RINGING,), {"ringing.size": 0.6})
     mended = refit_from_part(base.problem, base.differences, high, [base.base])
-    where_absent = base.problem.residual(base.base.mapping)  # what the base leaves is a mean of several simulations
+    where_absent = base.problem.residual(
+        base.base.mapping
+    )  # what the base leaves is a mean of several simulations
     assert mended.chi2 <= where_absent @ where_absent + 1e-9
 
 

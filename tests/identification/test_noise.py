@@ -14,7 +14,6 @@ from jointgap.identification.problem import Noise, autoregression, whiten
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.catalogue import each, refused
 from tests.identification.toy import Toy, toy
-from tests.rows import each as of_each
 
 ANGLE = 0.4 * np.arange(600)
 SCATTER = np.random.default_rng(0).standard_normal(ANGLE.size)
@@ -24,7 +23,9 @@ def residuals(model: Toy) -> dict:
     """Measured minus predicted by the nominal model."""
     found = {}
     for run in model.speeds:
-        predicted = model.simulate(run, {p.name: p.nominal for p in model.nuisances if p.run in (None, run)})
+        predicted = model.simulate(
+            run, {p.name: p.nominal for p in model.nuisances if p.run in (None, run)}
+        )
         found |= {s.key: s.value - predicted[s.channel] for s in model.series if s.run == run}
     return found
 
@@ -36,7 +37,8 @@ def estimates(model: Toy, misses=None):
 
 
 def over_seeds(count: int, **options) -> tuple[np.ndarray, list[float], list]:
-    """Of all series of toys: estimated noise over the true one, memory from one sample to the next, and estimates."""
+    """Of all series of toys: estimated noise over the true one, memory from one sample to the next,
+    and estimates."""
     ratios, first, found = [], [], []
     for seed in range(count):
         true = [s.stated_noise[0] for s in toy(seed=seed, **options | {"stated": True}).series]
@@ -54,16 +56,24 @@ def test_noise_is_found_with_an_encoder_that_is_read_three_times_as_fast_as_it_c
     step, ratios = 3.0 * math.tau / 72, []
     for seed in range(6):
         model = toy(seed=seed, stated=False)
-        coarse = changed(model, lambda series: replace(series, angle=step * np.floor(series.angle / step)))
-        for (_, found), (_, exact) in zip(estimates(coarse, residuals(model)), estimates(model), strict=True):
+        coarse = changed(
+            model, lambda series: replace(series, angle=step * np.floor(series.angle / step))
+        )
+        for (_, found), (_, exact) in zip(
+            estimates(coarse, residuals(model)), estimates(model), strict=True
+        ):
             ratios.append(found.estimated_sd / exact.estimated_sd)
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.03) and np.std(ratios) < 0.1
 
 
-@of_each("memory, samples", product([0.0, 0.7], [72, 71.37]))
+@pytest.mark.parametrize("memory, samples", list(product([0.0, 0.7], [72, 71.37])))
 def test_noise_that_nobody_states_is_found_from_its_cycles(memory, samples):
     """The model misses friction: what it misses repeats from cycle to cycle."""
-    options = {"effects": {"coulomb": {"force_N": 3.0}}, "autocorrelation": memory, "samples": samples}
+    options = {
+        "effects": {"coulomb": {"force_N": 3.0}},
+        "autocorrelation": memory,
+        "samples": samples,
+    }
     ratios, first, found = over_seeds(6, stated=False, **options)
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.03) and np.std(ratios) < 0.1
     assert np.mean(first) == pytest.approx(memory, abs=0.03)
@@ -76,11 +86,13 @@ def test_white_noise_counts_every_sample_and_noise_with_memory_fewer():
     _, _, slow = over_seeds(1, autocorrelation=0.7)
     assert np.median([one.effective_samples for one in white]) == pytest.approx(360)
     assert max(one.effective_samples for one in slow) < 180
-    assert effective_samples(360, (0.7,)) == pytest.approx(360 * 0.3 / 1.7)  # (1 - rho) / (1 + rho) of them
+    assert effective_samples(360, (0.7,)) == pytest.approx(
+        360 * 0.3 / 1.7
+    )  # (1 - rho) / (1 + rho) of them
     assert effective_samples(360, (-0.7,)) == 360
 
 
-@of_each("stated", [True, False])
+@pytest.mark.parametrize("stated", [True, False])
 def test_the_held_out_part_of_a_run_tells_nothing_of_its_noise(stated):
     model = toy(seed=4, stated=stated, held_out=())
     late, loudness = np.arange(360) >= 240, np.random.default_rng(0).standard_normal(360)
@@ -100,9 +112,11 @@ def test_a_stated_noise_wins_and_is_reported_where_cycles_differ_by_far_more():
         assert one.remarks
 
 
-@of_each("stated", [True, False])
+@pytest.mark.parametrize("stated", [True, False])
 def test_a_force_out_of_step_with_the_crank_is_not_taken_for_noise(stated):
-    harmonic = {"harmonic_force": {"cosine_N": 1.0, "sine_N": 0.0, "frequency_Hz": 5.3}}  # some ten times the noise
+    harmonic = {
+        "harmonic_force": {"cosine_N": 1.0, "sine_N": 0.0, "frequency_Hz": 5.3}
+    }  # some ten times the noise
     ratios, first, _ = over_seeds(4, effects=harmonic, stated=stated)
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.06)
     assert np.mean(np.abs(first)) < 0.05
@@ -110,7 +124,10 @@ def test_a_force_out_of_step_with_the_crank_is_not_taken_for_noise(stated):
 
 def test_a_drift_is_no_memory_of_stated_noise():
     model = toy(seed=3)
-    drift = {key: value + np.linspace(-1, 1, value.size) * 8 * value.std() for key, value in residuals(model).items()}
+    drift = {
+        key: value + np.linspace(-1, 1, value.size) * 8 * value.std()
+        for key, value in residuals(model).items()
+    }
     assert np.mean([one.autocorrelation[:1] or (0.0,) for _, one in estimates(model, drift)]) < 0.2
 
 
@@ -121,15 +138,22 @@ def test_wild_samples_and_gaps_do_not_change_the_noise():
         value[rng.choice(value.size, 4, replace=False)] += 100 * value.std()
         value[rng.choice(value.size, 40, replace=False)] = np.nan
     both = zip(estimates(model), estimates(model, damaged), strict=True)
-    assert [after.sd[0] / before.sd[0] for (_, before), (_, after) in both] == pytest.approx(np.ones(9), abs=0.15)
+    assert [after.sd[0] / before.sd[0] for (_, before), (_, after) in both] == pytest.approx(
+        np.ones(9), abs=0.15
+    )
 
 
 def test_an_angle_that_steps_back_by_its_own_noise_tells_the_cycles_as_well():
     model, rng = toy(seed=6, samples=300), np.random.default_rng(1)
-    read = changed(model, lambda s: replace(s, angle=s.angle + np.deg2rad(0.5) * rng.standard_normal(s.angle.size)))
+    read = changed(
+        model,
+        lambda s: replace(s, angle=s.angle + np.deg2rad(0.5) * rng.standard_normal(s.angle.size)),
+    )
     assert (np.diff(read.series[0].angle) < 0).any()
     for series, one in estimates(read, residuals(model)):
-        assert one.estimated_sd == pytest.approx(series.stated_noise[0], rel=0.1) and not one.remarks
+        assert (
+            one.estimated_sd == pytest.approx(series.stated_noise[0], rel=0.1) and not one.remarks
+        )
 
 
 def test_a_single_cycle_tells_the_noise_by_its_roughness_but_not_its_memory():
@@ -147,7 +171,9 @@ def test_a_channel_without_any_noise_gets_the_least_that_a_sensor_has():
 
 
 def series(channel: str, unit: str, value: np.ndarray, angle: np.ndarray, **known) -> Series:
-    return Series("run", channel, unit, value, angle / 20.0, angle, np.zeros(value.size, bool), **known)
+    return Series(
+        "run", channel, unit, value, angle / 20.0, angle, np.zeros(value.size, bool), **known
+    )
 
 
 def noise_of(one: Series, predicted: np.ndarray):
@@ -165,7 +191,10 @@ def test_rounding_and_scatter_add_up_whether_or_not_cycles_repeat_the_rounding()
         return noise_of(series("crank_angle", "rad", read, true, resolution=step), true)
 
     def check(samples, share):
-        noise, expected = [found(samples, share, seed) for seed in range(4)], step * np.hypot(share, 1 / np.sqrt(12))
+        noise, expected = (
+            [found(samples, share, seed) for seed in range(4)],
+            step * np.hypot(share, 1 / np.sqrt(12)),
+        )
         assert np.mean([one.sd[0] for one in noise]) == pytest.approx(expected, rel=0.07)
         if samples == 250:  # each is rounded as in the cycle before
             assert np.mean([one.estimated_sd for one in noise]) == pytest.approx(expected, rel=0.07)
@@ -175,7 +204,13 @@ def test_rounding_and_scatter_add_up_whether_or_not_cycles_repeat_the_rounding()
 
 def test_a_noise_that_is_a_large_part_of_a_turn_or_of_the_signal_and_too_few_samples_are_refused():
     position = 0.05 * np.cos(ANGLE)
-    told = series("crank_angle", "rad", ANGLE + 1e-3 * SCATTER, ANGLE, stated_noise=np.full(600, np.radians(400.0)))
+    told = series(
+        "crank_angle",
+        "rad",
+        ANGLE + 1e-3 * SCATTER,
+        ANGLE,
+        stated_noise=np.full(600, np.radians(400.0)),
+    )
     refused(
         noise_of,
         [
@@ -194,7 +229,10 @@ def test_a_noise_that_is_a_large_part_of_a_turn_or_of_the_signal_and_too_few_sam
     )
     few = toy(samples=3, cycles=1, stated=False)
     unstated = changed(toy(), lambda s: replace(s, statistic=True, stated_noise=None))
-    refused(estimates, [(few, "run slow, channel torque ~ 3 samples ~ `noise`"), (unstated, "statistics ~ noise")])
+    refused(
+        estimates,
+        [(few, "run slow, channel torque ~ 3 samples ~ `noise`"), (unstated, "statistics ~ noise")],
+    )
 
 
 # Statistics and numerics
@@ -205,7 +243,10 @@ class Disagreeing(Toy):
 
     def simulate(self, run, values, effects=(), numerics=0):
         read = super().simulate(run, values, effects, numerics)
-        return {key: value + (0.5 if numerics and key == "torque" else 0.0) for key, value in read.items()}
+        return {
+            key: value + (0.5 if numerics and key == "torque" else 0.0)
+            for key, value in read.items()
+        }
 
 
 def test_numerics_that_predict_the_same_add_nothing_and_others_their_difference():
@@ -219,7 +260,9 @@ def test_numerics_that_predict_the_same_add_nothing_and_others_their_difference(
     assert added["mid", "torque"].effective_samples == noise["mid", "torque"].effective_samples
     statistics = changed(other, lambda s: replace(s, statistic=True))
     wide = {key: replace(one, sd=np.full(360, 0.4)) for key, one in noise.items()}
-    assert numerics_noise(statistics, {}, wide)["mid", "torque"].numerics == pytest.approx(np.full(360, 0.3))
+    assert numerics_noise(statistics, {}, wide)["mid", "torque"].numerics == pytest.approx(
+        np.full(360, 0.3)
+    )
     # what settings call negligible adds nothing to the noise of the baseline
     deaf = replace(DEFAULT_SETTINGS, noise=replace(DEFAULT_SETTINGS.noise, negligible_numerics=1e9))
     for settings, most in ((DEFAULT_SETTINGS, 0.5), (deaf, 0.0)):
@@ -238,10 +281,15 @@ def exact_autocorrelation(a, b):
 
 def test_white_noise_is_only_scaled_numerics_widen_the_spread_and_columns_are_whitened_alike():
     residual = np.array([1.0, -2.0, np.nan, 4.0])
-    np.testing.assert_array_equal(whiten(residual, Noise(np.full(4, 2.0))), [0.5, -1.0, np.nan, 2.0])
+    np.testing.assert_array_equal(
+        whiten(residual, Noise(np.full(4, 2.0))), [0.5, -1.0, np.nan, 2.0]
+    )
     noise = Noise(np.full(2, 3.0), numerics=np.array([0.0, 4.0]))
     np.testing.assert_allclose(whiten(np.array([3.0, 5.0]), noise), [1.0, 1.0])
-    values, noise = np.random.default_rng(2).standard_normal((50, 3)), Noise(np.full(50, 1.3), (0.4,))
+    values, noise = (
+        np.random.default_rng(2).standard_normal((50, 3)),
+        Noise(np.full(50, 1.3), (0.4,)),
+    )
     for column, together in zip(values.T, whiten(values, noise).T, strict=True):
         np.testing.assert_allclose(together, whiten(column, noise))
 
@@ -252,9 +300,13 @@ def test_whitening_is_exact_from_the_first_sample_and_after_gaps():
     orders = [1.0, *rho, 0.5 * rho[1] + 0.2 * rho[0]]
     values, expected = np.array([0.3, -1.0, 0.2, np.nan, 1.5, 0.1, -0.4]), 0.0
     for piece in (values[:3], values[4:]):
-        covariance = np.array([[orders[abs(i - j)] for j in range(piece.size)] for i in range(piece.size)])
+        covariance = np.array(
+            [[orders[abs(i - j)] for j in range(piece.size)] for i in range(piece.size)]
+        )
         expected += piece @ np.linalg.solve(covariance, piece)
-    assert np.nansum(whiten(values, Noise(np.ones(values.size), rho)) ** 2) == pytest.approx(expected, rel=1e-12)
+    assert np.nansum(whiten(values, Noise(np.ones(values.size), rho)) ** 2) == pytest.approx(
+        expected, rel=1e-12
+    )
 
 
 def test_an_impossible_autocorrelation_is_refused():

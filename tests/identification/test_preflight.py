@@ -1,4 +1,5 @@
-"""Before anything is measured, a campaign is told what it can detect and tell apart, and what would help."""
+"""Before anything is measured, a campaign is told what it can detect and tell apart, and what would
+help."""
 
 from dataclasses import replace
 
@@ -54,23 +55,36 @@ def test_effects_that_are_one_force_at_one_speed_are_merged_and_three_speeds_tel
     assert ["spring", "centrifugal"] in one.merged and found.merged == []
     assert one.cosines.loc["spring", "centrifugal"] == pytest.approx(1.0, abs=1e-6)
     assert found.cosines.loc["spring", "centrifugal"] < 0.9
-    assert list(found.cosines.index) == list(found.cosines.columns) == found.effects["label"].tolist()
+    assert (
+        list(found.cosines.index) == list(found.cosines.columns) == found.effects["label"].tolist()
+    )
     assert np.allclose(found.cosines, found.cosines.T) and np.allclose(np.diag(found.cosines), 1.0)
 
 
 def test_effects_that_are_the_same_are_merged_and_not_one_with_another_that_holds_it_and_more():
     viscous, steady = candidate_of("viscous"), candidate_of("constant_force")
-    push = replace(steady, site="push", has_site=True, coordinates=(replace(steady.coordinates[0], low=0.0),))
-    assert preflight(knowing(push, steady, viscous)).merged == [["constant_force:push", "constant_force"]]
+    push = replace(
+        steady, site="push", has_site=True, coordinates=(replace(steady.coordinates[0], low=0.0),)
+    )
+    assert preflight(knowing(push, steady, viscous)).merged == [
+        ["constant_force:push", "constant_force"]
+    ]
     gain = replace(candidate_of("sensor_gain:acceleration"), site="torque")
-    for replaces in ({}, {"slider_mass": "mass_kg"}):  # torque is all inertia: both are what a mass does
+    for replaces in (
+        {},
+        {"slider_mass": "mass_kg"},
+    ):  # torque is all inertia: both are what a mass does
         heavier = replace(candidate_of("added_mass"), replaces=replaces)
         found = preflight(knowing(heavier, gain, viscous, channels=("torque",)))
         assert found.merged == [[heavier.label, gain.label]]
 
     def parts(candidate, at):
         both = (candidate_of("spring"), steady)
-        return [(one, at) for one in both] if candidate.name == "preloaded_spring" else [(candidate, at)]
+        return (
+            [(one, at) for one in both]
+            if candidate.name == "preloaded_spring"
+            else [(candidate, at)]
+        )
 
     sizes = candidate_of("spring").coordinates + steady.coordinates
     spring = Candidate("preloaded_spring", "slider", sizes, tuple(p.name for p in sizes))
@@ -91,18 +105,25 @@ def test_a_fault_of_a_channel_that_is_not_measured_cannot_be_detected():
 
 
 def test_four_times_the_samples_show_half_the_size_and_twice_the_noise_hides_twice_the_size(found):
-    more = preflight(planned(), counts={series.key: 4 * series.value.size for series in planned().series})
+    more = preflight(
+        planned(), counts={series.key: 4 * series.value.size for series in planned().series}
+    )
     quiet = preflight(planned(noise=0.01))
     for label in SEEN:  # a little less, as the BIC asks for the logarithm of the number
         assert 1.9 < found.sizes[label] / more.sizes[label] < 2.0
         assert found.sizes[label] == pytest.approx(2 * quiet.sizes[label], rel=0.02)
-    pd.testing.assert_series_equal(found.effects["typical"], more.effects["typical"], rtol=1e-6)  # the gap stays
+    pd.testing.assert_series_equal(
+        found.effects["typical"], more.effects["typical"], rtol=1e-6
+    )  # the gap stays
 
 
 def test_a_typical_size_leaves_the_gap_of_one_and_a_half_after_recalibration(found):
     def check(label):
         row = found.effects.set_index("label").loc[label]
-        problem = Problem(toy({label: {row["parameter"]: row["typical"]}}, seed=1, **PLAN), stated_noise(toy(**PLAN)))
+        problem = Problem(
+            toy({label: {row["parameter"]: row["typical"]}}, seed=1, **PLAN),
+            stated_noise(toy(**PLAN)),
+        )
         assert problem.gap(fit_hypothesis(problem).residual) == pytest.approx(1.5, abs=0.05)
 
     each(check, ["coulomb", "viscous", "spring", "added_mass", "sensor_lag:torque"])
@@ -114,7 +135,9 @@ def test_the_smallest_detectable_size_is_found_nine_times_in_ten():
     for seed in range(40):
         model = toy({"coulomb": {"force_N": size}}, seed=seed, **options)
         problem = Problem(model, stated_noise(model))
-        gain = fit_hypothesis(problem).chi2 - fit_hypothesis(problem, (candidate_of("coulomb"),)).chi2
+        gain = (
+            fit_hypothesis(problem).chi2 - fit_hypothesis(problem, (candidate_of("coulomb"),)).chi2
+        )
         hits += gain > np.log(problem.size) + DEFAULT_SETTINGS.decision.min_delta_bic
     assert 0.8 <= hits / 40 <= 0.99
 
@@ -126,9 +149,16 @@ def test_noise_that_is_not_stated_is_assumed_and_reported_of_what_is_planned(fou
     unstated = preflight(planned(stated=False))
     assert len(unstated.assumed) == 9 and found.assumed == ()
     assert unstated.assumed[0].startswith("torque in run slow: 0.") and "2 %" in unstated.assumed[0]
-    assert unstated.sizes["coulomb"] == pytest.approx(found.sizes["coulomb"], rel=1e-6)  # 2 % as well
-    base, _ = advise(planned(stated=False, candidates=["coulomb"]), [("slow", "torque"), ("mid", "torque")])
-    assert [text.partition(":")[0] for text in base.assumed] == ["torque in run slow", "torque in run mid"]
+    assert unstated.sizes["coulomb"] == pytest.approx(
+        found.sizes["coulomb"], rel=1e-6
+    )  # 2 % as well
+    base, _ = advise(
+        planned(stated=False, candidates=["coulomb"]), [("slow", "torque"), ("mid", "torque")]
+    )
+    assert [text.partition(":")[0] for text in base.assumed] == [
+        "torque in run slow",
+        "torque in run mid",
+    ]
 
 
 def test_a_candidate_that_cannot_be_simulated_is_reported_and_the_others_go_on_but_such_a_model_is_refused():
@@ -141,7 +171,10 @@ def test_a_candidate_that_cannot_be_simulated_is_reported_and_the_others_go_on_b
     assert (found.failed, found.undetectable) == ({"spring": "the spring jams"}, [])
     assert "coulomb" in found.cosines.index
     model = planned()
-    broken = [replace(p, nominal=-0.1, low=-0.2) if p.name == "crank_length" else p for p in model.nuisances]
+    broken = [
+        replace(p, nominal=-0.1, low=-0.2) if p.name == "crank_length" else p
+        for p in model.nuisances
+    ]
     with pytest.raises(SimulationError, match="does not turn"):
         preflight(replace(model, nuisances=broken))
 
@@ -151,9 +184,17 @@ def test_a_candidate_that_cannot_be_simulated_is_reported_and_the_others_go_on_b
 
 def test_the_most_helpful_change_is_stated_first():
     base, changes = advise(planned(), [("slow", "torque")])
-    assert ["spring", "centrifugal"] in base.merged and "sensor_gain:acceleration" in base.undetectable
+    assert [
+        "spring",
+        "centrifugal",
+    ] in base.merged and "sensor_gain:acceleration" in base.undetectable
     table = changes.set_index("change")
-    assert set(table.index) == {"run mid", "run fast", "channel guide_force", "channel acceleration"}
+    assert set(table.index) == {
+        "run mid",
+        "run fast",
+        "channel guide_force",
+        "channel acceleration",
+    }
     assert table.index[0].startswith("run")  # another speed tells most apart
     assert "spring | centrifugal" in table.loc["run mid", "separated"]
     assert "spring | centrifugal" not in table.loc["channel guide_force", "separated"]
@@ -163,7 +204,9 @@ def test_the_most_helpful_change_is_stated_first():
 
 
 def test_advice_on_a_planned_campaign_agrees_with_its_own_preflight_and_all_there_is_needs_none():
-    base, _ = advise(planned(), [("slow", channel) for channel in ("torque", "guide_force", "acceleration")])
+    base, _ = advise(
+        planned(), [("slow", channel) for channel in ("torque", "guide_force", "acceleration")]
+    )
     alone = preflight(planned(speeds=SLOW))
     assert base.merged == alone.merged and base.undetectable == alone.undetectable
     for label, size in alone.sizes.items():

@@ -44,24 +44,31 @@ class WithTerms(Toy):
     def simulate(self, run, values, effects=(), numerics=0):
         found = [(self.laws[term_of(c)], at["coefficient"]) for c, at in effects if "[" in c.name]
         listed = [(c, at) for c, at in effects if "[" not in c.name]
-        plain = Toy(*(getattr(self, name) for name in ("series", "nuisances", "candidates", "speeds")))
+        plain = Toy(
+            *(getattr(self, name) for name in ("series", "nuisances", "candidates", "speeds"))
+        )
 
         def hidden(x, v, angle, time):
             return sum(at * law(x, v, angle) for law, at in found)
 
-        return replace(plain, hidden=hidden if found else None).simulate(run, values, listed, numerics)
+        return replace(plain, hidden=hidden if found else None).simulate(
+            run, values, listed, numerics
+        )
 
 
 def found(hidden, seed=1, more=None, library=TERMS, listed=()):
-    """The law of a toy in which the force `hidden` (x, v) acts, from a library and `more` laws, which come first; with
-    the candidates `listed`."""
+    """The law of a toy in which the force `hidden` (x, v) acts, from a library and `more` laws,
+    which come first; with the candidates `listed`."""
     laws = {**(more or {}), **TERMS}
     data = toy(hidden=lambda x, v, angle, time: hidden(x, v), seed=seed)
     candidates = tuple(map(candidate_of, listed))
     model = WithTerms(data.series, data.nuisances, candidates, data.speeds, laws=laws)
     problem = Problem(model, stated_noise(model))
     return find_force_law(
-        problem, fit_hypothesis(problem, refresh=True), tuple(map(term, [*(more or {}), *library])), LIMITS
+        problem,
+        fit_hypothesis(problem, refresh=True),
+        tuple(map(term, [*(more or {}), *library])),
+        LIMITS,
     )
 
 
@@ -99,7 +106,9 @@ def test_a_term_that_cannot_be_simulated_is_reported_and_the_same_force_in_anoth
     law = found(cubic, more=more)
     assert "discovered_slider_force[bad]" in law.failed
     assert law.accepted and not law.rivals
-    assert {one.label for one in (law.fit, *law.others)} >= {term(text).label for text in ("v^3", "v*v*v")}
+    assert {one.label for one in (law.fit, *law.others)} >= {
+        term(text).label for text in ("v^3", "v*v*v")
+    }
 
 
 def test_a_formula_that_is_a_listed_law_is_fitted_and_named_as_that_law():
@@ -111,10 +120,19 @@ def test_a_formula_that_is_a_listed_law_is_fitted_and_named_as_that_law():
         (lambda x, v: -0.5 * np.tanh(v / 0.01) - 0.4 * v, "coulomb + viscous"),
     ):
         law = found(hidden, listed=listed)
-        assert (law.verdict, {*law.fit.label.split(" + ")}, law.law) == ("named", {*label.split(" + ")}, None)
+        assert (law.verdict, {*law.fit.label.split(" + ")}, law.law) == (
+            "named",
+            {*label.split(" + ")},
+            None,
+        )
         assert label.partition(" ")[0] in law.reason
-        size, error = law.fit.values[-len(law.fit.hypothesis)], np.sqrt(np.diag(law.fit.covariance()))
-        assert size == pytest.approx(0.7 if label == "constant_force" else 0.5, abs=4 * error[-len(law.fit.hypothesis)])
+        size, error = (
+            law.fit.values[-len(law.fit.hypothesis)],
+            np.sqrt(np.diag(law.fit.covariance())),
+        )
+        assert size == pytest.approx(
+            0.7 if label == "constant_force" else 0.5, abs=4 * error[-len(law.fit.hypothesis)]
+        )
     assert found(cubic, listed=listed).law.terms == {"c1": "v^3"}
 
 
@@ -124,6 +142,9 @@ def test_a_law_reads_as_a_formula_and_in_words():
         (("1", "x"), (2.0, -5.0), "c1 + c2*x", "slider force = 2 - 5*x"),
     ):
         pair = tuple(map(term, terms))
-        law = law_of(pair, {f"{one.label}.coefficient": value for one, value in zip(pair, values, strict=True)})
+        law = law_of(
+            pair,
+            {f"{one.label}.coefficient": value for one, value in zip(pair, values, strict=True)},
+        )
         assert (law.formula, law.words) == (formula, words)
         assert law.coefficients == dict(zip(("c1", "c2"), values, strict=True))

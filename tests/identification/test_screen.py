@@ -49,7 +49,9 @@ def made_up(residual, columns, **more):
         Sensitivity(replace(one, name=name), {}, column, residual, ("slow",))
         for name, column in zip(("one", "two", "three"), columns, strict=False)
     ]
-    return SensitivityRegression(Sensitivities(*NO_NUISANCES, np.empty((residual.size, 0)), residual, entries, {}))
+    return SensitivityRegression(
+        Sensitivities(*NO_NUISANCES, np.empty((residual.size, 0)), residual, entries, {})
+    )
 
 
 def test_the_hidden_effect_is_first_and_what_signatures_foretell_of_it_is_what_a_fit_finds():
@@ -61,7 +63,9 @@ def test_the_hidden_effect_is_first_and_what_signatures_foretell_of_it_is_what_a
         assert first.label == label
         found = fit_of(problem, differences, sensitivities, first)
         assert (first.chi2, first.bic) == pytest.approx((found.chi2, found.bic), abs=0.5)
-        assert first.start[f"{label}.{key}"] == pytest.approx(found.mapping[f"{label}.{key}"], rel=1e-2)
+        assert first.start[f"{label}.{key}"] == pytest.approx(
+            found.mapping[f"{label}.{key}"], rel=1e-2
+        )
 
     each(
         check,
@@ -78,17 +82,30 @@ def test_a_swinging_force_is_tried_at_the_frequency_that_the_residual_shows_but_
     for frequency, off_order in ((6.37, True), (1.01 * 16.0 / (2 * np.pi), False)):
         effect = {"harmonic_force": {"cosine_N": 0.2, "sine_N": 0.1, "frequency_Hz": frequency}}
         problem, *_, sensitivities = screened(effect, seed=4)
-        tried = np.array([one.shape_parameters["frequency_Hz"] for one in sensitivities.of("harmonic_force")])
+        tried = np.array(
+            [one.shape_parameters["frequency_Hz"] for one in sensitivities.of("harmonic_force")]
+        )
         assert (min(abs(tried - frequency)) < 0.1) == off_order
         assert not off_order or singles(sensitivities)[0].label == "harmonic_force"
-        assert tried.size and not any(map(crank_orders(problem.parts, problem.settings.screening), tried))
+        assert tried.size and not any(
+            map(crank_orders(problem.parts, problem.settings.screening), tried)
+        )
     model = toy(speeds={"slow": 2 * np.pi * 5.0, "fast": 2 * np.pi * 14.0}, held_out=())
     problem = Problem(model, stated_noise(model))
     order = crank_orders(problem.parts, problem.settings.screening)
-    near = {5.04: "order 1 of the crank in run slow", 7.2: "order 0.5 of the crank in run fast", 6.1: "", 10.2: ""}
+    near = {
+        5.04: "order 1 of the crank in run slow",
+        7.2: "order 0.5 of the crank in run fast",
+        6.1: "",
+        10.2: "",
+    }
     assert {frequency: order(frequency) for frequency in near} == near
     order = crank_orders(problem.parts, problem.settings.screening, in_all_runs=True)
-    near = {5.04: "", 7.0: "", 70.05: "order 14 of the crank in run slow and order 5 of the crank in run fast"}
+    near = {
+        5.04: "",
+        7.0: "",
+        70.05: "order 14 of the crank in run slow and order 5 of the crank in run fast",
+    }
     assert {frequency: order(frequency) for frequency in near} == near
 
 
@@ -108,12 +125,19 @@ def test_beside_a_fit_an_effect_brings_every_nuisance_that_it_replaces_back_to_n
     """Residuals linear in two nuisances, which the fit has elsewhere than the base."""
     rng = np.random.default_rng(0)
     slopes, at_nominal = rng.standard_normal((20, 2)), rng.standard_normal(20)
-    nuisances, sizes = tuple(Parameter(name, 0.0) for name in ("crank_length", "rod_length")), ("crank_m", "rod_m")
+    nuisances, sizes = (
+        tuple(Parameter(name, 0.0) for name in ("crank_length", "rod_length")),
+        ("crank_m", "rod_m"),
+    )
     replaces = {p.name: size for p, size in zip(nuisances, sizes, strict=True)}
-    lengths = Candidate("lengths", "rod", tuple(Parameter(key, 0.0) for key in sizes), sizes, replaces=replaces)
+    lengths = Candidate(
+        "lengths", "rod", tuple(Parameter(key, 0.0) for key in sizes), sizes, replaces=replaces
+    )
     base, fitted = np.array([0.1, -0.2]), np.array([0.3, 0.4])
     sensitivity = Sensitivity(lengths, {}, slopes, at_nominal, ("slow",))
-    about_base = Sensitivities(nuisances, base, slopes, at_nominal + slopes @ base, [sensitivity], {})
+    about_base = Sensitivities(
+        nuisances, base, slopes, at_nominal + slopes @ base, [sensitivity], {}
+    )
     fit = Fit((), nuisances, fitted, at_nominal + slopes @ fitted, slopes, 0, CONVERGED)
     (beside,) = about_base.about(fit).entries
     np.testing.assert_allclose(beside.origin, at_nominal)
@@ -136,18 +160,24 @@ def test_an_effect_that_another_contains_is_distinguished_from_one_that_is_merel
     both, spaces = (*by_label["viscous"], *by_label["coulomb"]), SensitivitySubspaces(sensitivities)
     assert spaces.is_special_case(by_label["viscous"], both)
     assert not spaces.is_special_case(by_label["quadratic"], both)
-    assert not spaces.is_special_case(by_label["spring"], by_label["centrifugal"])  # the same, and neither can do more
+    assert not spaces.is_special_case(
+        by_label["spring"], by_label["centrifugal"]
+    )  # the same, and neither can do more
     # what could not be simulated about the base is like none
     lost = by_label["viscous"]
     spaces = SensitivitySubspaces(
-        replace(sensitivities, entries=[one for one in sensitivities.entries if one.candidate is not lost[0]])
+        replace(
+            sensitivities,
+            entries=[one for one in sensitivities.entries if one.candidate is not lost[0]],
+        )
     )
     assert spaces.nearest(lost)[1] == 0.0
     assert not spaces.is_special_case(lost, by_label["spring"])
 
 
 def test_two_effects_of_which_neither_explains_much_are_first_among_all_pairs_if_together_they_do():
-    """Residuals linear in three amplitudes; the sensitivities of the first two are nearly opposite."""
+    """Residuals linear in three amplitudes; the sensitivities of the first two are nearly
+    opposite."""
     first, apart, third, noise = np.random.default_rng(0).standard_normal((4, 400, 1))
     columns = (first, 0.2 * apart - first, third)
     residual = 10.0 * (columns[0] + columns[1])[:, 0] + 0.1 * noise[:, 0]
@@ -163,6 +193,8 @@ def test_two_effects_of_which_neither_explains_much_are_first_among_all_pairs_if
 
 def test_candidates_that_change_nothing_in_what_was_measured_drop_out():
     """No force changes the acceleration of a slide that a crank drives evenly."""
-    *_, sensitivities = screened({"sensor_gain:acceleration": {"gain_error": 0.02}}, channels=("acceleration",))
+    *_, sensitivities = screened(
+        {"sensor_gain:acceleration": {"gain_error": 0.02}}, channels=("acceleration",)
+    )
     assert {one.candidate.label for one in sensitivities.entries} == {"sensor_gain:acceleration"}
     assert sensitivities.failed == {}

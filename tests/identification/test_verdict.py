@@ -1,4 +1,5 @@
-"""The verdict follows from a table of evidence by rules with sharp limits: each is tried from both sides."""
+"""The verdict follows from a table of evidence by rules with sharp limits: each is tried from both
+sides."""
 
 from dataclasses import replace
 
@@ -31,7 +32,9 @@ REST = "named_with_remaining_misfit"
 def row(chi2, *effects, nuisances=1, **more):
     """A row of the table; a label stands for the fit."""
     count = nuisances + len(effects)
-    return Row(" + ".join(effects) or "base", effects, chi2, SAMPLES, count, chi2 + count * LN, **more)
+    return Row(
+        " + ".join(effects) or "base", effects, chi2, SAMPLES, count, chi2 + count * LN, **more
+    )
 
 
 def left(share, *effects, **more):
@@ -40,7 +43,8 @@ def left(share, *effects, **more):
 
 
 def decided(base, *rows, nominal=None, settings=None, limits=LIMITS, **more):
-    """The decision on a base of that chi2; nominal values are far worse where a test says nothing of them."""
+    """The decision on a base of that chi2; nominal values are far worse where a test says nothing
+    of them."""
     nominal = row(base + 500.0, nuisances=0) if nominal is None else row(nominal, nuisances=0)
     evidence = Evidence(row(base), replace(nominal, fit="nominal"), rows, limits, **more)
     return verdict(evidence, settings or DecisionSettings())
@@ -58,7 +62,9 @@ def test_nominal_values_are_enough_unless_fitted_ones_gain_like_a_rival_or_they_
     either = [decided(NOISE, nominal=NOISE + LN + behind, limits=limits) for behind in (13.9, 14.1)]
     assert found(*either) == ["no_disagreement", "parameters_only"]
     assert [one.chosen for one in either] == ["nominal", "base"]
-    assert found(*(decided(chi2 - 1.0, nominal=chi2) for chi2 in (1049.9, 1050.1))) == found(*either)
+    assert found(*(decided(chi2 - 1.0, nominal=chi2) for chi2 in (1049.9, 1050.1))) == found(
+        *either
+    )
 
 
 def test_a_base_that_leaves_as_much_as_null_campaigns_or_hardly_shows_lacks_nothing():
@@ -75,17 +81,25 @@ def test_an_effect_that_leaves_noise_alone_is_named():
     one = decided(GREAT, row(NOISE, "coulomb"))
     assert (one.verdict, one.chosen, one.base) == ("named", "coulomb", "base")
     assert (one.equivalent, one.best_known, one.proposed) == ([], None, "coulomb")
-    assert decided(GREAT, row(NOISE, "coulomb", "spring"), row(GREAT, "coulomb")).chosen == "coulomb + spring"
+    assert (
+        decided(GREAT, row(NOISE, "coulomb", "spring"), row(GREAT, "coulomb")).chosen
+        == "coulomb + spring"
+    )
 
 
 def test_an_effect_and_a_second_one_have_to_gain_more_than_chance_and_as_over_any_rival():
     def check(by_chance, second, needed):
         limits = Thresholds(0.01, 1.05, by_chance)
-        for more, of_one, of_two in ((0.1, "named", "coulomb + spring"), (-0.1, "parameters_only", "coulomb")):
+        for more, of_one, of_two in (
+            (0.1, "named", "coulomb + spring"),
+            (-0.1, "parameters_only", "coulomb"),
+        ):
             single = row(NOISE + 30.0 - LN - max(by_chance, 10.0) - more, "coulomb")
             assert decided(NOISE + 30.0, single, limits=limits).verdict == of_one
             pair = row(NOISE - LN - needed - more, "coulomb", "spring")
-            decision = decided(GREAT, pair, row(NOISE, "coulomb"), limits=limits, second_effect_gain=second)
+            decision = decided(
+                GREAT, pair, row(NOISE, "coulomb"), limits=limits, second_effect_gain=second
+            )
             assert (decision.verdict, decision.chosen) == ("named", of_two)
 
     each(check, [(12.0, 0.0, 12.0), (2.0, 0.0, 10.0), (12.0, 40.0, 40.0)])
@@ -95,7 +109,11 @@ def test_what_has_an_objection_or_failed_is_not_named_and_ranks_by_what_it_gains
     poor = row(NOISE, "mass", objection="a parameter, no effect", reason="it stopped")
     failed = row(np.inf, "spring", objection="it stopped")
     one = decided(GREAT, failed, row(1500.0, "coulomb"), poor)
-    ranking = [("mass", False, "a parameter, no effect"), ("coulomb", True, ""), ("spring", False, "it stopped")]
+    ranking = [
+        ("mass", False, "a parameter, no effect"),
+        ("coulomb", True, ""),
+        ("spring", False, "it stopped"),
+    ]
     assert [(other.fit, other.admissible, other.remark) for other in one.ranking] == ranking
     assert (one.verdict, one.best_known) == ("unexplained", "coulomb")
     assert decided(GREAT, poor).best_known is None
@@ -105,8 +123,15 @@ def test_what_has_an_objection_or_failed_is_not_named_and_ranks_by_what_it_gains
 
 
 def test_effects_within_a_rivals_distance_and_numerical_noise_are_not_distinguished():
-    near, far = (decided(GREAT, row(NOISE + behind, "spring"), row(NOISE, "coulomb")) for behind in (13.9, 14.1))
-    assert (near.verdict, near.equivalent, near.chosen) == ("ambiguous", ["coulomb", "spring"], "base")
+    near, far = (
+        decided(GREAT, row(NOISE + behind, "spring"), row(NOISE, "coulomb"))
+        for behind in (13.9, 14.1)
+    )
+    assert (near.verdict, near.equivalent, near.chosen) == (
+        "ambiguous",
+        ["coulomb", "spring"],
+        "base",
+    )
     assert (far.verdict, far.equivalent, far.chosen) == ("named", [], "coulomb")
     assert near.proposed == far.proposed == "coulomb"
 
@@ -117,7 +142,10 @@ def test_what_it_is_a_limit_of_is_no_rival_nor_one_of_more_effects_nor_more_nor_
     def is_special_case(special, general):
         return asked.append((special.fit, general.fit)) or True
 
-    assert decided(GREAT, best, row(NOISE + 1.0, "spring"), is_special_case=is_special_case).verdict == "named"
+    assert (
+        decided(GREAT, best, row(NOISE + 1.0, "spring"), is_special_case=is_special_case).verdict
+        == "named"
+    )
     assert asked == [("coulomb", "spring")]
     for rival in (
         row(NOISE, "spring", "drag"),
@@ -128,7 +156,9 @@ def test_what_it_is_a_limit_of_is_no_rival_nor_one_of_more_effects_nor_more_nor_
     noisy = Thresholds(0.01, 1.05, 0.0, numerical_noise=30.0)
     pair, single = row(NOISE - LN, "coulomb", "spring"), row(NOISE + 20.0, "coulomb")
     assert decided(GREAT, pair, single, limits=noisy).chosen == "coulomb + spring"
-    assert decided(GREAT, pair, single, row(NOISE + 20.0, "mass"), limits=noisy).verdict == "ambiguous"
+    assert (
+        decided(GREAT, pair, single, row(NOISE + 20.0, "mass"), limits=noisy).verdict == "ambiguous"
+    )
 
 
 def test_explanations_by_other_sensor_faults_that_predict_the_same_are_one_with_several_names():
@@ -138,15 +168,25 @@ def test_explanations_by_other_sensor_faults_that_predict_the_same_are_one_with_
         return {one.fit, other.fit} == {"delay", "lag"}
 
     named = decided(GREAT, late, lag, predicts_same=predicts_same)
-    assert (named.verdict, named.chosen, named.twins, named.equivalent) == ("named", "delay", ["lag"], [])
+    assert (named.verdict, named.chosen, named.twins, named.equivalent) == (
+        "named",
+        "delay",
+        ["lag"],
+        [],
+    )
     several = decided(GREAT, late, lag, drag, predicts_same=predicts_same)
-    assert (several.verdict, several.equivalent, several.twins) == ("ambiguous", ["delay", "drag"], [])
+    assert (several.verdict, several.equivalent, several.twins) == (
+        "ambiguous",
+        ["delay", "drag"],
+        [],
+    )
     far = decided(GREAT, late, replace(lag, bic=lag.bic + 20.0), predicts_same=predicts_same)
     assert (far.verdict, far.twins) == ("named", [])
 
 
 def test_what_every_explanation_has_that_is_not_clearly_worse_is_certain():
-    """Of a base with a great excess: Coulomb friction with an offset or a torque, each of which leaves some misfit."""
+    """Of a base with a great excess: Coulomb friction with an offset or a torque, each of which
+    leaves some misfit."""
     pairs = left(0.033, "coulomb", "offset"), left(0.049, "coulomb", "torque")
 
     def certain(*rows, base=WHOLE, **more):
@@ -158,13 +198,19 @@ def test_what_every_explanation_has_that_is_not_clearly_worse_is_certain():
     assert certain(*pairs, left(0.065, "torque", "offset")) == ()
     assert certain(*pairs, left(0.065, "torque", objection="at its bound")) == ()  # it was fitted
     assert certain(*pairs, row(np.inf, "torque", objection="failed")) == ("coulomb",)
-    assert certain(pairs[0]) == () == certain(left(0.06, "coulomb", "offset"), left(0.061, "coulomb", "torque"))
+    assert (
+        certain(pairs[0])
+        == ()
+        == certain(left(0.06, "coulomb", "offset"), left(0.061, "coulomb", "torque"))
+    )
     # where noise is left the BIC decides
     noise = row(NOISE, "coulomb", "offset"), row(NOISE + 1.0, "coulomb", "torque")
     assert certain(*noise, base=GREAT) == ("coulomb",)
     assert certain(*noise, row(NOISE + 13.9, "torque", "offset"), base=GREAT) == ()
     assert certain(*noise, row(NOISE + 14.1, "torque", "offset"), base=GREAT) == ("coulomb",)
-    assert certain(row(NOISE, "coulomb"), row(NOISE + 100.0, "coulomb", "torque"), base=GREAT) == ()  # it is named
+    assert (
+        certain(row(NOISE, "coulomb"), row(NOISE + 100.0, "coulomb", "torque"), base=GREAT) == ()
+    )  # it is named
     (need,) = (need for need in decided(WHOLE, *pairs).needs if need.kind == "partners")
     assert (need.label, need.fit) == ("coulomb", "coulomb + offset")
 
@@ -173,11 +219,21 @@ def test_what_is_certain_stays_so_unless_the_held_out_gap_rises_or_channels_are_
     best = row(NOISE, "coulomb", "offset")
 
     def after(**more):
-        by_fits = Decision("ambiguous", "base", "base", [best.fit, "coulomb + torque"], certain=("coulomb",))
+        by_fits = Decision(
+            "ambiguous", "base", "base", [best.fit, "coulomb + torque"], certain=("coulomb",)
+        )
         shown = HeldOut(**{"test": a_test(), "gap": 1.6} | more)
         inconsistent = shown.noise[1:] if shown.noise[1] else ()
         return verdict(
-            Evidence(row(GREAT), row(GREAT), [best], LIMITS, by_fits=by_fits, held_out=shown, inconsistent=inconsistent)
+            Evidence(
+                row(GREAT),
+                row(GREAT),
+                [best],
+                LIMITS,
+                by_fits=by_fits,
+                held_out=shown,
+                inconsistent=inconsistent,
+            )
         )
 
     assert (after().verdict, after().certain) == ("unexplained", ("coulomb",))
@@ -199,7 +255,8 @@ def test_equal_explanations_have_to_explain_nearly_all():
 
 
 def test_null_campaigns_that_leave_much_are_no_reason_to_name_what_explains_little():
-    """The noise is known poorly: from few cycles. Explained are 28, 96 and 94 % of a gap of 1.24."""
+    """The noise is known poorly: from few cycles. Explained are 28, 96 and 94 % of a gap of
+    1.24."""
     limits, strict = Thresholds(0.01, 1.6, 12.0), replace(DecisionSettings(), noise_gap=1.0)
     rows = [row(misfit * SAMPLES, "coulomb") for misfit in (1.18**2, 1.02, 1.03)]
     decisions = [decided(1.24**2 * SAMPLES, one, limits=limits, settings=strict) for one in rows]
@@ -229,15 +286,21 @@ def test_what_leaves_more_than_noise_is_named_if_it_explains_nearly_all_and_what
 
 
 def test_where_another_far_behind_leaves_hardly_more_of_a_rest_neither_is_named():
-    rows = [(left(0.003, "coulomb", "drag"), left(rest, "coulomb", "bias")) for rest in (0.0059, 0.0061)]
+    rows = [
+        (left(0.003, "coulomb", "drag"), left(rest, "coulomb", "bias")) for rest in (0.0059, 0.0061)
+    ]
     assert rows[0][1].bic - rows[0][0].bic > 250.0
     assert found(*(decided(WHOLE, *both) for both in rows)) == ["unexplained", REST]
     assert decided(WHOLE, left(0.049, "coulomb"), left(0.051, "bias")).verdict == REST
 
 
 def test_of_a_base_that_hardly_shows_the_share_does_not_decide():
-    # a gap of 1.05 of 999 degrees of freedom is 1101.4; the effect explains about half and leaves more than 1.05
-    assert found(*(decided(base, row(1055.0, "coulomb")) for base in (1101.0, 1102.0))) == [REST, "unexplained"]
+    # a gap of 1.05 of 999 degrees of freedom is 1101.4; the effect explains about half and leaves
+    # more than 1.05
+    assert found(*(decided(base, row(1055.0, "coulomb")) for base in (1101.0, 1102.0))) == [
+        REST,
+        "unexplained",
+    ]
 
 
 # Beside the base
@@ -247,16 +310,23 @@ def test_a_row_tells_gain_share_and_whether_noise_alone_is_left():
     base = row(1999.0)
     one = weigh(base, row(1100.0, "coulomb"), LIMITS)
     assert (one.delta_bic, one.share) == (pytest.approx(899.0 - LN), pytest.approx(0.899))
-    assert [weigh(base, row(chi2, "coulomb"), LIMITS).passes for chi2 in (1047.8, 1048.0)] == [True, False]
+    assert [weigh(base, row(chi2, "coulomb"), LIMITS).passes for chi2 in (1047.8, 1048.0)] == [
+        True,
+        False,
+    ]
     assert row(997.0, "coulomb", "spring").misfit == pytest.approx(1.0)
     assert replace(row(25.0), samples=2, parameters=2).misfit == 25.0
 
 
 def test_a_share_is_reported_where_the_excess_is_above_a_standard_deviation_of_chi2():
-    shares = [weigh(row(NOISE + excess), row(NOISE, "coulomb"), LIMITS).share for excess in (44.7, 44.8)]
+    shares = [
+        weigh(row(NOISE + excess), row(NOISE, "coulomb"), LIMITS).share for excess in (44.7, 44.8)
+    ]
     assert np.isnan(shares[0]) and shares[1] == pytest.approx(1.0)  # sqrt(2 * 1000) is 44.72
     few = {"samples": 200, "parameters": 1}  # of which one is exactly 20
-    assert np.isnan(weigh(replace(row(219.0), **few), replace(row(199.0, "a"), **few), LIMITS).share)
+    assert np.isnan(
+        weigh(replace(row(219.0), **few), replace(row(199.0, "a"), **few), LIMITS).share
+    )
 
 
 # What to fit before a name is given
@@ -268,16 +338,25 @@ def needs(decision):
 
 def test_before_a_name_is_given_its_effects_are_fitted_alone_and_what_looks_like_it():
     both = decided(GREAT, row(NOISE, "coulomb", "spring"))
-    assert needs(both) == [*[("alone", label) for label in ("coulomb", "spring")] * 2, ("alike", "coulomb + spring")]
+    assert needs(both) == [
+        *[("alone", label) for label in ("coulomb", "spring")] * 2,
+        ("alike", "coulomb + spring"),
+    ]
     assert {need.fit for need in both.needs} == {"coulomb + spring"}
     assert needs(decided(GREAT, row(NOISE, "coulomb"))) == [("alike", "coulomb")]
     equal = decided(GREAT, row(NOISE, "a", "b"), row(NOISE + 1.0, "c", "d"))
     assert set(needs(equal)) == {("alone", label) for label in "abcd"} | {("alike", "a + b")}
     pair = row(NOISE - 20.0, "a", "b", objection="b may as well be absent")  # it gains most
     assert needs(decided(GREAT, pair)) == [("alone", "a"), ("alone", "b")]
-    assert needs(decided(GREAT, pair, row(NOISE + 1.0, "c"))) == [("alone", "a"), ("alone", "b"), ("alike", "c")]
+    assert needs(decided(GREAT, pair, row(NOISE + 1.0, "c"))) == [
+        ("alone", "a"),
+        ("alone", "b"),
+        ("alike", "c"),
+    ]
     assert needs(decided(NOISE, row(NOISE, "a", "b"))) == []  # it gains nothing
-    assert needs(decided(GREAT, row(NOISE, "c"), row(NOISE, "a", "b"))) == [("alike", "c")]  # it does not gain most
+    assert needs(decided(GREAT, row(NOISE, "c"), row(NOISE, "a", "b"))) == [
+        ("alike", "c")
+    ]  # it does not gain most
 
 
 def test_what_looks_like_the_best_is_fitted_too_where_it_leaves_no_more_than_null_campaigns():
@@ -301,10 +380,21 @@ def heard(said="named", best=None, base=4.0 * SAMPLES, inconsistent=(), **more):
     """The decision with held-out data heard on what the fits say; `more` is what these show."""
     best = best or row(NOISE, "coulomb")
     equivalent = [best.fit, "spring"] if said == "ambiguous" else []
-    by_fits = Decision(said, "base" if equivalent else best.fit, "base", equivalent, ["as it was"], "as the fits say")
+    by_fits = Decision(
+        said,
+        "base" if equivalent else best.fit,
+        "base",
+        equivalent,
+        ["as it was"],
+        "as the fits say",
+    )
     shown = HeldOut(**{"test": a_test(), "gap": 1.0} | more)
     base = row(base)
-    return verdict(Evidence(base, base, [best], LIMITS, by_fits=by_fits, held_out=shown, inconsistent=inconsistent))
+    return verdict(
+        Evidence(
+            base, base, [best], LIMITS, by_fits=by_fits, held_out=shown, inconsistent=inconsistent
+        )
+    )
 
 
 NAMES = "named", REST
@@ -319,14 +409,21 @@ def test_what_held_out_data_bear_out_stands_and_where_the_fits_name_nothing_they
         assert heard(test=HeldOutTest(outcome), gap=np.nan).verdict == "named"
     for said in ("no_disagreement", "parameters_only", "unexplained"):
         assert heard(said, gap=99.0, inconsistent=["torque"]).because == "as the fits say"
-    asked = Evidence(row(GREAT), row(GREAT), [row(NOISE, "coulomb")], LIMITS, held_out=HeldOut(a_test(), gap=1.6))
+    asked = Evidence(
+        row(GREAT), row(GREAT), [row(NOISE, "coulomb")], LIMITS, held_out=HeldOut(a_test(), gap=1.6)
+    )
     assert found(verdict(asked), verdict(replace(asked, held_out=None))) == ["unexplained", "named"]
 
 
 def test_where_channels_contradict_others_nothing_is_named():
     for said in (*NAMES, "ambiguous"):
         one = heard(said, inconsistent=["crank_torque", "slider_acceleration"])
-        assert (one.verdict, one.chosen, one.equivalent, one.best_known) == ("unexplained", "base", [], "coulomb")
+        assert (one.verdict, one.chosen, one.equivalent, one.best_known) == (
+            "unexplained",
+            "base",
+            [],
+            "coulomb",
+        )
         assert one.ranking == ["as it was"]
         assert "crank torque and slider acceleration" in one.because
 
@@ -372,7 +469,15 @@ def test_a_name_is_withheld_where_the_held_out_gap_rises_or_does_not_fall_at_all
             assert stands or (one.chosen, one.best_known) == ("base", "coulomb")
         assert heard("ambiguous", test=a_test(outcome, 1.05, after)).verdict == "ambiguous"
 
-    each(check, [("falls", 1.04, True), ("cannot_tell", 1.06, True), ("rises", 1.04, False), ("stays", 1.05, False)])
+    each(
+        check,
+        [
+            ("falls", 1.04, True),
+            ("cannot_tell", 1.06, True),
+            ("rises", 1.04, False),
+            ("stays", 1.05, False),
+        ],
+    )
 
 
 def test_a_name_is_not_plain_whose_held_out_gap_falls_too_little_or_ends_above_noise():
@@ -401,7 +506,8 @@ def test_a_name_with_a_rest_that_hardly_shows_or_explains_too_little_has_to_be_c
             assert heard(said, best, base, test=a_test("falls", 1.4, 1.1, low)).verdict == REST
         assert heard("named", best, base, test=a_test("cannot_tell", 1.03, 1.02)).verdict == "named"
 
-    # half of what hardly shows, all of it, within what noise makes, and nearly all that is not explained
+    # half of what hardly shows, all of it, within what noise makes, and nearly all that is not
+    # explained
     each(check, [(1080.0, 1040.0), (1080.0, 1000.0), (1030.0, 985.0), (2000.0, 1051.0)])
     clear = row(WHOLE - 0.96e5, "coulomb")
     assert heard(REST, clear, WHOLE, test=a_test("cannot_tell", 1.4, 1.1)).verdict == REST

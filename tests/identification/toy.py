@@ -1,9 +1,9 @@
-"""A mechanism in closed form for tests: a slide driven by a crank that turns evenly, with effects that act on the
-slide.
+"""A mechanism in closed form for tests: a slide driven by a crank that turns evenly, with effects
+that act on the slide.
 
-x = r (cos(angle) + L/4 cos(2 angle)) with L = 0.25; the drive holds the slide against inertia and the sum F of the
-effects: force = m a - F, of which the sensors read ``torque`` = force dx/dangle, ``guide_force`` = force L sin(angle),
-and ``acceleration`` = a. A simulation takes 0.1 ms.
+x = r (cos(angle) + L/4 cos(2 angle)) with L = 0.25; the drive holds the slide against inertia and
+the sum F of the effects: force = m a - F, of which the sensors read ``torque`` = force dx/dangle,
+``guide_force`` = force L sin(angle), and ``acceleration`` = a. A simulation takes 0.1 ms.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -29,8 +29,16 @@ Law = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """A force [N] on the slide from x [m], v [m/s], crank angle [rad] and time [s]."""
 
 
-def _effect(name: str, coordinate: str, step: float, unit: str, low: float = -np.inf, **more) -> Candidate:
-    return Candidate(name, "slider", (Parameter(coordinate, 0.0, low, step=step, unit=unit),), (coordinate,), **more)
+def _effect(
+    name: str, coordinate: str, step: float, unit: str, low: float = -np.inf, **more
+) -> Candidate:
+    return Candidate(
+        name,
+        "slider",
+        (Parameter(coordinate, 0.0, low, step=step, unit=unit),),
+        (coordinate,),
+        **more,
+    )
 
 
 def _drag(name: str, coordinate: str, unit: str, exponent: float, *more: LawFamily) -> Candidate:
@@ -38,11 +46,16 @@ def _drag(name: str, coordinate: str, unit: str, exponent: float, *more: LawFami
     law = Candidate(
         "power_drag",
         "slider",
-        (Parameter("force_N", 0.0, 0.0, step=0.3, unit="N"), Parameter("exponent", exponent, 0.0, 6.0, 0.1)),
+        (
+            Parameter("force_N", 0.0, 0.0, step=0.3, unit="N"),
+            Parameter("exponent", exponent, 0.0, 6.0, 0.1),
+        ),
         ("force_N",),
     )
     in_use = (0.0, 1.0, 2.0, 3.0, 5.0)
-    family = LawFamily(law, "exponent", exponent, in_use, lambda values: {"force_N": values[coordinate]})
+    family = LawFamily(
+        law, "exponent", exponent, in_use, lambda values: {"force_N": values[coordinate]}
+    )
     return _effect(name, coordinate, 0.3, unit, low=0.0, families=(family, *more))
 
 
@@ -51,7 +64,10 @@ def _falling() -> LawFamily:
     law = Candidate(
         "falling_friction",
         "slider",
-        (Parameter("force_N", 0.0, 0.0, step=0.3, unit="N"), Parameter("falling_share", 0.0, 0.0, 1.0, 0.1)),
+        (
+            Parameter("force_N", 0.0, 0.0, step=0.3, unit="N"),
+            Parameter("falling_share", 0.0, 0.0, 1.0, 0.1),
+        ),
         ("force_N",),
     )
     return LawFamily(law, "falling_share", 0.0, (0.0, 0.5, 1.0), dict)
@@ -82,7 +98,9 @@ CANDIDATES = (
     _drag("quadratic", "drag_N_s2_m2", "N*s**2/m**2", 2.0),
     _effect("constant_force", "force_N", 0.3, "N"),
     _effect("spring", "stiffness_N_m", 3.0, "N/m", low=0.0),
-    _effect("centrifugal", "mass_kg", 0.01, "kg"),  # -mass w^2 x: at one speed the same force as the spring's
+    _effect(
+        "centrifugal", "mass_kg", 0.01, "kg"
+    ),  # -mass w^2 x: at one speed the same force as the spring's
     _effect("added_mass", "mass_kg", 0.01, "kg", replaces={"slider_mass": "mass_kg"}),
     _harmonic(),
     _sensor("sensor_bias", "torque", "bias", 0.02, "N*m"),
@@ -100,7 +118,8 @@ RINGING = _effect(
     initial_guesses=({"size": 0.1},),
     search_range=(0.02, 0.73),
 )
-"""Not among those: a hit that rings, whose phase tells a size to some percent and beyond that nothing."""
+"""Not among those: a hit that rings, whose phase tells a size to some percent and beyond that
+nothing."""
 
 
 def ringing(size: float, angle: np.ndarray) -> np.ndarray:
@@ -110,7 +129,8 @@ def ringing(size: float, angle: np.ndarray) -> np.ndarray:
 
 
 KNOCKING = _effect("knocking", "size", 0.01, "1", low=0.0)
-"""Not among those: hits that are the stronger and the later, the larger it is, as of a loose joint."""
+"""Not among those: hits that are the stronger and the later, the larger it is, as of a loose
+joint."""
 
 
 def knocking(size: float, angle: np.ndarray) -> np.ndarray:
@@ -152,14 +172,20 @@ class Toy:
         if self.hidden is not None:
             force = force + self.hidden(x, v, angle, time)
         drive = mass * a - force
-        read = {"torque": drive * slope, "guide_force": drive * ROD_RATIO * np.sin(angle), "acceleration": a}
+        read = {
+            "torque": drive * slope,
+            "guide_force": drive * ROD_RATIO * np.sin(angle),
+            "acceleration": a,
+        }
         for candidate, at in effects:
             if candidate.sensor and candidate.site in read:
                 read[candidate.site] = _read(candidate.name, at, read[candidate.site], angle, w)
         return {series.channel: read[series.channel] for series in self.series if series.run == run}
 
 
-def _force(name: str, at: Mapping[str, float], x, v, w: float, time, width: float, angle) -> np.ndarray:
+def _force(
+    name: str, at: Mapping[str, float], x, v, w: float, time, width: float, angle
+) -> np.ndarray:
     match name:
         case "ringing":
             return ringing(at["size"], angle)
@@ -188,7 +214,9 @@ def _force(name: str, at: Mapping[str, float], x, v, w: float, time, width: floa
     raise KeyError(name)
 
 
-def _read(name: str, at: Mapping[str, float], value: np.ndarray, angle: np.ndarray, w: float) -> np.ndarray:
+def _read(
+    name: str, at: Mapping[str, float], value: np.ndarray, angle: np.ndarray, w: float
+) -> np.ndarray:
     match name:
         case "sensor_bias":
             return value + at["bias"]
@@ -216,23 +244,36 @@ def toy(
     planned: bool = False,
     hidden: Law | None = None,
 ) -> Toy:
-    """A toy and data measured on it, in which `effects` act (by label and coordinate), the `nuisances` named (as
-    slider_mass, speed@slow) are off nominal, and a force `hidden` acts that is on nobody's list.
+    """A toy and data measured on it, in which `effects` act (by label and coordinate), the
+    `nuisances` named (as slider_mass, speed@slow) are off nominal, and a force `hidden` acts that
+    is on nobody's list.
 
-    `noise` is a share of a channel's own standard deviation and remembers `autocorrelation` of its last sample; it may
-    be `stated`. Each of the `cycles` of a run has so many `samples`. The analyst knows `candidates` by label, all by
-    default. What is `planned` has not been measured yet: all values are NaN.
+    `noise` is a share of a channel's own standard deviation and remembers `autocorrelation` of its
+    last sample; it may be `stated`. Each of the `cycles` of a run has so many `samples`. The
+    analyst knows `candidates` by label, all by default. What is `planned` has not been measured
+    yet: all values are NaN.
     """
     mass, length = 0.5, 0.15
     uncertain = [
         Parameter("slider_mass", mass, 0.95 * mass, 1.05 * mass, 0.01 * mass, "kg"),
         Parameter("crank_length", length, 0.98 * length, 1.02 * length, 0.002 * length, "m"),
-        *(Parameter("speed", w, 0.995 * w, 1.005 * w, 0.001 * w, "rad/s", run) for run, w in speeds.items()),
+        *(
+            Parameter("speed", w, 0.995 * w, 1.005 * w, 0.001 * w, "rad/s", run)
+            for run, w in speeds.items()
+        ),
     ]
     angle = 0.1 + 2 * np.pi * np.arange(round(samples * cycles)) / samples
     empty = np.full(angle.size, np.nan)
     series = tuple(
-        Series(run, channel, UNITS[channel], empty, angle / w, angle, np.full(angle.size, run in held_out))
+        Series(
+            run,
+            channel,
+            UNITS[channel],
+            empty,
+            angle / w,
+            angle,
+            np.full(angle.size, run in held_out),
+        )
         for run, w in speeds.items()
         for channel in channels
     )
@@ -241,12 +282,22 @@ def toy(
     truth, rng, measured = replace(model, hidden=hidden), np.random.default_rng(seed), []
     acting = [(candidate_of(label), at) for label, at in (effects or {}).items()]
     for run in speeds:
-        values = {p.name: (nuisances or {}).get(p.key, p.nominal) for p in uncertain if p.run in (None, run)}
+        values = {
+            p.name: (nuisances or {}).get(p.key, p.nominal)
+            for p in uncertain
+            if p.run in (None, run)
+        }
         clean = truth.simulate(run, values, acting)
         for one in (s for s in series if s.run == run):
             sd = noise * float(np.std(clean[one.channel]))
-            value = empty if planned else clean[one.channel] + sd * coloured(angle.size, autocorrelation, rng)
-            measured.append(replace(one, value=value, stated_noise=np.full(angle.size, sd) if stated else None))
+            value = (
+                empty
+                if planned
+                else clean[one.channel] + sd * coloured(angle.size, autocorrelation, rng)
+            )
+            measured.append(
+                replace(one, value=value, stated_noise=np.full(angle.size, sd) if stated else None)
+            )
     return replace(model, series=tuple(measured))
 
 
@@ -263,7 +314,9 @@ def coloured(count: int, autocorrelation: float, rng: np.random.Generator) -> np
     return found
 
 
-def stated_noise(model: Toy, autocorrelation: float = 0.0, order: int = 0) -> dict[tuple[str, str], Noise]:
+def stated_noise(
+    model: Toy, autocorrelation: float = 0.0, order: int = 0
+) -> dict[tuple[str, str], Noise]:
     """The noise as stated, with the given memory over `order` samples."""
     memory = tuple(autocorrelation**lag for lag in range(1, order + 1))
     return {series.key: Noise(series.stated_noise, memory) for series in model.series}
@@ -278,7 +331,11 @@ def screened(model: Toy) -> tuple[Baseline, Sensitivities]:
 def analysed(model: Toy) -> tuple[Baseline, Sensitivities, Thresholds]:
     """That, and the limits: all that is known before an effect is fitted."""
     base, sensitivities = screened(model)
-    return base, sensitivities, thresholds(base.problem, sensitivities, other_numerics(base.problem, base.base))
+    return (
+        base,
+        sensitivities,
+        thresholds(base.problem, sensitivities, other_numerics(base.problem, base.base)),
+    )
 
 
 def searched(base: Baseline, sensitivities: Sensitivities, limits: Thresholds) -> list[Fit]:

@@ -1,4 +1,5 @@
-"""The slider-crank of Flores and co-authors: one loose joint, between rod and slider; see docs/simulation.md."""
+"""The slider-crank of Flores and co-authors: one loose joint, between rod and slider; see
+docs/simulation.md."""
 
 import math
 
@@ -41,5 +42,7 @@ def mechanism(clearance=CLEARANCE, friction=0.0) -> Mechanism:
 
 def run(revolutions=2, speed=SPEED, perturbation=None, **changed) -> pd.DataFrame:
     """Samples of a simulation from dead centre; `changed` as for `mechanism`."""
-    options = Simulate(speed=speed, revolutions=revolutions, samples_per_revolution=SAMPLES, tolerance=1e-12)
+    options = Simulate(
+        speed=speed, revolutions=revolutions, samples_per_revolution=SAMPLES, tolerance=1e-12
+    )
     return simulate(mechanism(**changed), options, perturbation).samples

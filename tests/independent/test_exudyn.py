@@ -1,4 +1,5 @@
-"""The same mechanisms in Exudyn, a multibody code that shares nothing with this package but the laws."""
+"""The same mechanisms in Exudyn, a multibody code that shares nothing with this package but the
+laws."""
 
 import math
 
@@ -15,11 +16,14 @@ ON_THE_OTHER_BODY = {"crank_pivot": "crank", "crank_pin": "rod", "piston_pin": "
 
 
 def differences(made, tolerance, **start) -> dict[int, float]:
-    """Largest difference [m, rad] of the two codes' positions at quarters of the first revolution, by degrees."""
+    """Largest difference [m, rad] of the two codes' positions at quarters of the first revolution,
+    by degrees."""
     ours = positions(made, start.get("start_angle", 0.0), _in_a_row(start.get("perturbation")))
     peer = SliderCrank(made, SPEED, **start)
     return {
-        degrees: float(np.abs(peer.advance(math.radians(degrees) / SPEED, tolerance) - ours[degrees]).max())
+        degrees: float(
+            np.abs(peer.advance(math.radians(degrees) / SPEED, tolerance) - ours[degrees]).max()
+        )
         for degrees in QUARTERS
     }
 
@@ -28,7 +32,9 @@ def _in_a_row(perturbation):
     """Perturbation by joint -> as `simulate` takes it."""
     if perturbation is None:
         return None
-    return np.ravel([perturbation.get(name, (0.0, 0.0)) for name in ("crank_pin", "piston_pin", "crank_pivot")])
+    return np.ravel(
+        [perturbation.get(name, (0.0, 0.0)) for name in ("crank_pin", "piston_pin", "crank_pivot")]
+    )
 
 
 BOTH = ("crank_pin", "piston_pin")
@@ -38,13 +44,21 @@ ROWS = [
     (("crank_pin",), friction(), 1e-11, 1e-7, 1e-7),
     (tuple(JOURNALS), friction(speed=1.0) | {"journals": ON_THE_OTHER_BODY}, 1e-11, 1e-9, 1e-9),
 ]
-MORE = (("crank_pin",), ("piston_pin",), ("crank_pivot", "crank_pin"), ("crank_pivot", "piston_pin"), tuple(JOURNALS))
+MORE = (
+    ("crank_pin",),
+    ("piston_pin",),
+    ("crank_pivot", "crank_pin"),
+    ("crank_pivot", "piston_pin"),
+    tuple(JOURNALS),
+)
 LATER = [(loose, {}, 1e-12, 1e-11, 1e-10) for loose in MORE]
 LATER += [(loose, {"offset": 0.03}, 1e-12, 1e-10, np.inf) for loose in (BOTH, *MORE)]
 LATER += [(loose, friction(), 1e-11, 1e-7, 1e-7) for loose in (BOTH, *MORE)]
 
 
-@pytest.mark.parametrize("rows", [ROWS, pytest.param(LATER, marks=pytest.mark.slow)], ids=["soon", "later"])
+@pytest.mark.parametrize(
+    "rows", [ROWS, pytest.param(LATER, marks=pytest.mark.slow)], ids=["soon", "later"]
+)
 def test_the_motion_agrees_for_a_revolution(rows):
     far = []
     for loose, keys, tolerance, soon, later in rows:
@@ -55,6 +69,9 @@ def test_the_motion_agrees_for_a_revolution(rows):
 
 
 def test_from_another_start_too():
-    start = {"start_angle": 1.0, "perturbation": {"crank_pin": (3e-4, -1e-4), "piston_pin": (-2e-4, 5e-4)}}
+    start = {
+        "start_angle": 1.0,
+        "perturbation": {"crank_pin": (3e-4, -1e-4), "piston_pin": (-2e-4, 5e-4)},
+    }
     found = differences(mechanism(), 1e-12, **start)
     assert max(found[90], found[180]) < 1e-10

@@ -1,7 +1,8 @@
 """Where motions part, as they do in chaos, their statistics still agree with Exudyn's.
 
-Without friction a change of 1e-11 m grows a millionfold in a revolution or two. Ensembles of slightly different starts
-are compared: each run gives one number, and the means of both codes may differ by what their scatter explains.
+Without friction a change of 1e-11 m grows a millionfold in a revolution or two. Ensembles of
+slightly different starts are compared: each run gives one number, and the means of both codes may
+differ by what their scatter explains.
 """
 
 import math
@@ -19,7 +20,8 @@ from validation.exudyn import SliderCrank
 RUNS, REVOLUTIONS = 24, 2  # after a first revolution, in which all runs are still alike
 STEP = math.radians(5)
 SECTOR = math.radians(30)
-SCATTER = 1e-5  # m: small beside the clearance of 1 mm, and enough for the runs to part within a revolution
+# m: small beside the clearance of 1 mm, and enough for the runs to part within a revolution
+SCATTER = 1e-5
 
 
 def starts(seed: int) -> np.ndarray:
@@ -27,7 +29,8 @@ def starts(seed: int) -> np.ndarray:
 
 
 def error(crank_angle, rod_angle) -> float:
-    """RMS deviation [rad] of the rod angle, hence of the transmission angle, from the ideal mechanism's."""
+    """RMS deviation [rad] of the rod angle, hence of the transmission angle, from the ideal
+    mechanism's."""
     made = mechanism()
     ideal = -np.arcsin(made.crank.length / made.rod.length * np.sin(crank_angle))
     return float(np.sqrt(np.mean((rod_angle - ideal) ** 2)))
@@ -69,7 +72,9 @@ def exudyns(perturbation) -> dict[str, float]:
         inside = np.concatenate([penetration[joint] for _, penetration, _ in records]) > 0
         force = np.concatenate([force[joint] for _, _, force in records])
         lasting = np.diff(time)
-        found[f"{joint} in contact"] = float(lasting[inside[1:] & inside[:-1]].sum() / lasting.sum())
+        found[f"{joint} in contact"] = float(
+            lasting[inside[1:] & inside[:-1]].sum() / lasting.sum()
+        )
         statistics = force_statistics(time[:-1] * SPEED, force[:-1])
         found |= {f"{joint} {name}": value for name, value in statistics.items()}
     return found
@@ -85,4 +90,9 @@ def test_after_the_motions_have_parted_their_statistics_agree():
         one, other = (np.array([row[name] for row in rows[code]]) for code in rows)
         assert np.ptp(one) > 1e-3 * one.mean()  # the runs have parted
         scatter = math.sqrt((one.var(ddof=1) + other.var(ddof=1)) / RUNS)
-        assert abs(one.mean() - other.mean()) < 4 * scatter, (name, one.mean(), other.mean(), scatter)
+        assert abs(one.mean() - other.mean()) < 4 * scatter, (
+            name,
+            one.mean(),
+            other.mean(),
+            scatter,
+        )

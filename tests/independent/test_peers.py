@@ -1,4 +1,5 @@
-"""The benchmark's peers integrate the package's own equations of motion, from numbers that nothing copies."""
+"""The benchmark's peers integrate the package's own equations of motion, from numbers that nothing
+copies."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,5 @@
-"""What Flores and co-authors report of their slider-crank is seen here too; see docs/simulation.md."""
+"""What Flores and co-authors report of their slider-crank is seen here too; see
+docs/simulation.md."""
 
 import math
 

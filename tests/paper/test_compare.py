@@ -1,4 +1,5 @@
-"""Every printed number and claim beside ours, judged by stated rules; scenarios that differ in loose joints alone."""
+"""Every printed number and claim beside ours, judged by stated rules; scenarios that differ in
+loose joints alone."""
 
 import numpy as np
 import pandas as pd
@@ -22,7 +23,6 @@ from jointgap.paper.compare import (
     optimiser_claims,
 )
 from jointgap.paper.printed import TRAINING_MSE, departures
-from tests.rows import each
 
 HOLDS, FAILS, UNKNOWN = "holds", "does not hold", "undecided"
 
@@ -37,19 +37,27 @@ def test_numbers_and_claims_are_judged_and_their_ratio_is_given():
     assert number("x", "1", 2.0, 2.021, "")["verdict"] == "differs"
     assert number("x", "1", 2.0, 2.021, "")["ratio"] == pytest.approx(1.0105)
     assert [limit("x", 1.0, ours, "")["verdict"] for ours in (1.0, 1.1)] == ["reached", "missed"]
-    assert [claim("joints", 1.0, holds, why="")["verdict"] for holds in (True, False, None)] == [HOLDS, FAILS, UNKNOWN]
+    assert [claim("joints", 1.0, holds, why="")["verdict"] for holds in (True, False, None)] == [
+        HOLDS,
+        FAILS,
+        UNKNOWN,
+    ]
 
 
 def _revolution(scenario, **columns):
     turned = np.radians(np.arange(0.0, 360.1, 0.1))
-    return pd.DataFrame({"crank_angle": turned} | {name: function(turned) for name, function in columns.items()})
+    return pd.DataFrame(
+        {"crank_angle": turned} | {name: function(turned) for name, function in columns.items()}
+    )
 
 
 def test_the_angle_at_which_contact_is_last_lost_is_found(scenario):
     first = _revolution(
         scenario,
         r2=lambda angle: np.where(angle < np.radians(20.05), 0.5e-3, 1.001e-3),
-        r3=lambda angle: np.where(np.abs(angle - np.radians(100.0)) < np.radians(0.05), 0.9e-3, 1.001e-3),
+        r3=lambda angle: np.where(
+            np.abs(angle - np.radians(100.0)) < np.radians(0.05), 0.9e-3, 1.001e-3
+        ),
         gamma2=lambda angle: angle + 0.3,
     )
     contact, follows = contact_claims(first, np.degrees(first["crank_angle"].to_numpy()), scenario)
@@ -60,21 +68,25 @@ def test_the_angle_at_which_contact_is_last_lost_is_found(scenario):
 
 
 def _moved(scenario, **amplitudes):
-    """A revolution whose columns deviate from an ideal motion of zeros by these amplitudes, most at 10 deg."""
+    """A revolution whose columns deviate from an ideal motion of zeros by these amplitudes, most at
+    10 deg."""
     shape = {
-        name: lambda angle, size=size: size * np.exp(-((angle - 0.1745) ** 2)) for name, size in amplitudes.items()
+        name: lambda angle, size=size: size * np.exp(-((angle - 0.1745) ** 2))
+        for name, size in amplitudes.items()
     }
     first = _revolution(scenario, **shape)
     return first, np.degrees(first["crank_angle"].to_numpy()), first * 0.0
 
 
-QUIET = {f"rod_{name}_{axis}": 1e-3 for name in ("position", "velocity", "acceleration") for axis in "xy"} | {
+QUIET = {
+    f"rod_{name}_{axis}": 1e-3 for name in ("position", "velocity", "acceleration") for axis in "xy"
+} | {
     "slider_position": 1e-3,
     "slider_acceleration": 1e-3,
 }
 
 
-@each(
+@pytest.mark.parametrize(
     "change, row, verdict",
     [
         ({"rod_position_x": 1.13e-3}, 0, HOLDS),
@@ -95,15 +107,26 @@ def test_deviations_are_judged_by_their_size(scenario, change, row, verdict):
 def _errors(training, held_out):
     rows = {"output": OUTPUTS, "model": "network", "region": "all", "seed": 0}
     return pd.DataFrame(
-        rows | {"training_mse": training, "held_out_mse": held_out, "paper_mse": list(TRAINING_MSE.values())}
+        rows
+        | {
+            "training_mse": training,
+            "held_out_mse": held_out,
+            "paper_mse": list(TRAINING_MSE.values()),
+        }
     )
 
 
-@each(
+@pytest.mark.parametrize(
     "training, held_out, verdict, why",
-    [(1e-8, 1e-8, HOLDS, "8 of 8"), (1e-2, 1.1e-2, FAILS, "stopped short"), (1e-6, 1e-2, FAILS, "Overfitting")],
+    [
+        (1e-8, 1e-8, HOLDS, "8 of 8"),
+        (1e-2, 1.1e-2, FAILS, "stopped short"),
+        (1e-6, 1e-2, FAILS, "Overfitting"),
+    ],
 )
-def test_networks_that_overfit_differ_from_ones_that_stopped_short(training, held_out, verdict, why):
+def test_networks_that_overfit_differ_from_ones_that_stopped_short(
+    training, held_out, verdict, why
+):
     row = networks_claim(_errors(training, held_out), 0)
     assert row["verdict"] == verdict and why in row["sentence"]
 
@@ -111,30 +134,64 @@ def test_networks_that_overfit_differ_from_ones_that_stopped_short(training, hel
 def _search(genetic, local):
     """Optima and end points of a search with these RMS reductions and calls until within 1 %."""
     found = [
-        {"method": method, "rms_reduction": reduction, "evaluations": 100, "evaluations_within_1_percent": calls}
+        {
+            "method": method,
+            "rms_reduction": reduction,
+            "evaluations": 100,
+            "evaluations_within_1_percent": calls,
+        }
         for method, (reduction, calls) in (("genetic", genetic), ("local", local))
     ]
     ends = pd.DataFrame(
-        {"tolerance": [1e-8] * 2 + [1e-1] * 2, "crank_length": [0.15] * 3 + [0.149], "rod_length": 0.564}
+        {
+            "tolerance": [1e-8] * 2 + [1e-1] * 2,
+            "crank_length": [0.15] * 3 + [0.149],
+            "rod_length": 0.564,
+        }
     )
     return pd.DataFrame(found).set_index("method"), ends
 
 
-@each("lead, verdict", [(1e-3, HOLDS), (1e-7, FAILS), (-1e-3, FAILS)])
+@pytest.mark.parametrize("lead, verdict", [(1e-3, HOLDS), (1e-7, FAILS), (-1e-3, FAILS)])
 def test_an_optimiser_has_to_lead_by_more_than_rounding(lead, verdict):
     beats, minima = optimiser_claims(*_search((0.05 + lead, 30), (0.05, 10)))
     assert beats["verdict"] == verdict
     assert (minima["ours"], minima["verdict"]) == (1.0, FAILS)
 
 
-@each("low, high, verdict", [(0.01, 0.03, HOLDS), (-0.01, 0.03, UNKNOWN), (-0.03, -0.01, FAILS)])
-def test_a_gain_is_real_where_the_ensemble_leaves_no_doubt_and_says_what_it_is_worth(scenario, low, high, verdict):
-    row = {"point": "networks_paper_genetic", "measure": "rms", "reduction_low": low, "reduction_high": high}
-    row |= {"reduction": (low + high) / 2, "frozen_reduction": 0.03, "members": 3, "share_better": 0.5}
+@pytest.mark.parametrize(
+    "low, high, verdict", [(0.01, 0.03, HOLDS), (-0.01, 0.03, UNKNOWN), (-0.03, -0.01, FAILS)]
+)
+def test_a_gain_is_real_where_the_ensemble_leaves_no_doubt_and_says_what_it_is_worth(
+    scenario, low, high, verdict
+):
+    row = {
+        "point": "networks_paper_genetic",
+        "measure": "rms",
+        "reduction_low": low,
+        "reduction_high": high,
+    }
+    row |= {
+        "reduction": (low + high) / 2,
+        "frozen_reduction": 0.03,
+        "members": 3,
+        "share_better": 0.5,
+    }
     row |= {"original_error": np.radians(0.05), "error": np.radians(0.049)}
-    worth = {"point": row["point"], "cycle": "simulated", "smallest_transmission_angle": np.radians(74.6)}
-    worth |= {"largest_departure": np.radians(15.4), "smallest_transmission_angle_change": np.radians(0.034)}
-    worth |= {"stroke_change": -1e-3, "outer_dead_centre_change": -1.3e-3, "inner_dead_centre_change": -0.3e-3}
+    worth = {
+        "point": row["point"],
+        "cycle": "simulated",
+        "smallest_transmission_angle": np.radians(74.6),
+    }
+    worth |= {
+        "largest_departure": np.radians(15.4),
+        "smallest_transmission_angle_change": np.radians(0.034),
+    }
+    worth |= {
+        "stroke_change": -1e-3,
+        "outer_dead_centre_change": -1.3e-3,
+        "inner_dead_centre_change": -0.3e-3,
+    }
     again = pd.DataFrame([row | {"stretch": stretch} for stretch in ("window", "settled")])
     for gain in gain_claims(again, pd.DataFrame([worth]), scenario):
         assert gain["verdict"] == verdict and "0.0500 -> 0.0490 deg" in gain["sentence"]
@@ -161,7 +218,7 @@ def test_scenarios_that_differ_in_their_loose_joints_alone_are_a_looseness_varia
         assert looseness_variants(name, scenarios) == (name,)
 
 
-@each(
+@pytest.mark.parametrize(
     "three, verdict, says",
     [
         ((0.30, 0.31), HOLDS, "more loose joints gains more"),
@@ -169,13 +226,15 @@ def test_scenarios_that_differ_in_their_loose_joints_alone_are_a_looseness_varia
         ((0.19, 0.30), UNKNOWN, "Undecided: the spreads"),
     ],
 )
-def test_more_joints_are_better_only_if_every_scenario_with_more_gains_more_spreads_included(three, verdict, says):
+def test_more_joints_are_better_only_if_every_scenario_with_more_gains_more_spreads_included(
+    three, verdict, says
+):
     row = joints_claim(variants(("c", 3, *three), ("a", 1, 0.05, 0.1), ("b", 2, 0.19, 0.2)))
     assert row["verdict"] == verdict and says in row["sentence"]
     assert row["ours"] == pytest.approx(100 * (sum(three) / 2 - 0.075))
 
 
-@each(
+@pytest.mark.parametrize(
     "name, words",
     [
         ("three_loose", "loose: crank pivot and crank pin and piston pin"),
@@ -183,7 +242,9 @@ def test_more_joints_are_better_only_if_every_scenario_with_more_gains_more_spre
         ("motor", "the crank's speed is not constant"),
     ],
 )
-def test_printed_numbers_are_not_held_against_another_mechanism_which_says_why(scenarios, name, words):
+def test_printed_numbers_are_not_held_against_another_mechanism_which_says_why(
+    scenarios, name, words
+):
     scenario = scenarios[name]
     assert any(words in found for found in departures(scenario.mechanism, scenario.simulate))
     comparison = pd.DataFrame([number("x", "1", 1.0, 1.0, "") | {"kind": "claim"}])

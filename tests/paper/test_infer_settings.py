@@ -20,7 +20,6 @@ from jointgap.designs.sampling import designs_of
 from jointgap.designs.stages import infer_settings, sweep
 from tests.draws import check_rate
 from tests.dynamics.cases import mechanism, options
-from tests.rows import each
 
 PAPER = mechanism(friction=0.1)
 COARSE = options(revolutions=1, samples_per_revolution=1800, tolerance=1e-7)
@@ -37,7 +36,8 @@ def asked(number=2048, parameters=SETTINGS, **more) -> Scenario:
 
 
 def found(departure, number=2048, parameters=SETTINGS, **more):
-    """Inferred from designs in which every printed number is off by a function of the parameters, as a share."""
+    """Inferred from designs in which every printed number is off by a function of the parameters,
+    as a share."""
     designs = designs_of(asked(number, parameters, **more))
     frame = pd.DataFrame(designs.values(0, number))
     off = departure(frame)
@@ -64,27 +64,36 @@ def test_a_setting_on_which_the_numbers_depend_is_informative_and_the_others_are
     assert chances["friction"] < 1e-3 < 0.01 < min(chances["restitution"], chances["error_measure"])
     own = known.settings[known.settings["setting"] == "friction"].iloc[0]
     assert (own["low"], own["high"]) == pytest.approx((0.0955, 0.1045), abs=5e-4)
-    assert known.settings.groupby("setting")[["drawn", "accepted"]].sum().to_numpy() == pytest.approx(1.0)
+    assert known.settings.groupby("setting")[
+        ["drawn", "accepted"]
+    ].sum().to_numpy() == pytest.approx(1.0)
     text = to_markdown(page(known))
     assert text.count("| not informative |") == 3 and text.count("| informative |") == 1
 
 
 def test_a_setting_without_influence_is_informative_once_in_a_hundred():
-    """The departures are drawn; a list has fewer probabilities than a range, whose p is at most as small as stated."""
+    """The departures are drawn; a list has fewer probabilities than a range, whose p is at most as
+    small as stated."""
     random = np.random.default_rng(1)
-    p = [found(lambda frame: random.random(len(frame)), number=512, within=0.1).settings for _ in range(100)]
+    p = [
+        found(lambda frame: random.random(len(frame)), number=512, within=0.1).settings
+        for _ in range(100)
+    ]
     for setting, at_least in (("friction", 0.05), ("error_measure", 0.0)):
         own = np.array([one.loc[one["setting"] == setting, "p_value"].iloc[0] for one in p])
         check_rate(own < 0.1, at_least, 0.1)
         check_rate(own < 0.01, 0.0, 0.01)
 
 
-@each(
+@pytest.mark.parametrize(
     "sweep, message",
     [
         ({}, "sweep.parameters is empty"),
         ({"parameters": {"friction": {"from": 0, "to": 0.2}}}, "set sweep.printed_numbers to true"),
-        ({"parameters": {"friction": [0.1]}, "printed_numbers": True}, "every setting has one value"),
+        (
+            {"parameters": {"friction": [0.1]}, "printed_numbers": True},
+            "every setting has one value",
+        ),
     ],
 )
 def test_what_cannot_be_inferred_is_refused_before_anything_is_simulated(sweep, message):
@@ -99,8 +108,12 @@ def test_from_a_sweep_come_page_tables_and_a_scenario_of_the_nearest_settings(tm
     sweep(scenario, tmp_path / "sweep", 1)
     text = infer_settings(scenario, tmp_path / "sweep/designs", tmp_path / "infer")
     assert "## Nearest designs" in text and "nan" not in text
-    nearest = pd.read_parquet(tmp_path / "infer/designs.parquet").query("error_measure == 'rms'").iloc[0]
+    nearest = (
+        pd.read_parquet(tmp_path / "infer/designs.parquet").query("error_measure == 'rms'").iloc[0]
+    )
     written = yaml.safe_load((tmp_path / "infer/nearest_scenario.yaml").read_text())
     made = resolve(written, (tmp_path,), whole=False)[NEAREST_NAME]
     contact = made.mechanism.joint("piston_pin").contact
-    assert (contact.friction, contact.restitution) == pytest.approx((nearest["friction"], nearest["restitution"]))
+    assert (contact.friction, contact.restitution) == pytest.approx(
+        (nearest["friction"], nearest["restitution"])
+    )

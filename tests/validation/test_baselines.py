@@ -1,4 +1,5 @@
-"""Sparse regression names what stands alone in a clean balance of power, and nothing where nothing is missing."""
+"""Sparse regression names what stands alone in a clean balance of power, and nothing where nothing
+is missing."""
 
 import math
 
@@ -17,17 +18,27 @@ from validation.trial import make_trial
 
 
 def residuals(folder, missing) -> pd.DataFrame:
-    """Residuals of the crank torque as though a force `missing` of the slider's velocity were not in the model."""
+    """Residuals of the crank torque as though a force `missing` of the slider's velocity were not
+    in the model."""
     campaign = load_campaign(folder / "campaign.yaml")
     parts = []
     for run, recording in read_measurements(campaign).runs.items():
         speed = next(one.speed for one in campaign.runs if one.id == run)
         angle = speed * recording.time
-        links = campaign.mechanism.crank.length, campaign.mechanism.rod.length, campaign.mechanism.slider.offset
+        links = (
+            campaign.mechanism.crank.length,
+            campaign.mechanism.rod.length,
+            campaign.mechanism.slider.offset,
+        )
         sine = (links[2] - links[0] * np.sin(angle)) / links[1]
         v = speed * links[0] * (-np.sin(angle) + np.cos(angle) * sine / np.sqrt(1 - sine**2))
         torque = -missing(v) * v / speed + np.random.default_rng(0).normal(0.0, 1e-3, v.size)
-        columns = {"run": run, "channel": "crank_torque", "sample": np.arange(v.size), "crank_angle": angle}
+        columns = {
+            "run": run,
+            "channel": "crank_torque",
+            "sample": np.arange(v.size),
+            "crank_angle": angle,
+        }
         columns |= {"held_out": recording.held_out, "measured": torque, "base": 0.0}
         parts.append(pd.DataFrame(columns))
     return pd.concat(parts, ignore_index=True)

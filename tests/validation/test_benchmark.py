@@ -11,19 +11,29 @@ import pandas as pd
 import pytest
 
 from jointgap.core.errors import InputError
-from tests.rows import each
 from validation.benchmark.draw import answers, draw
 from validation.benchmark.score import Answer, score, score_answer
 from validation.kinds import plan_trials, read_set
 from validation.rig import LABELS
 
-DRAG = {"name": "slider_quadratic_drag", "site": "slider", "listed": True, "parameters": {"drag_N_s2_m2": 2.0}}
+DRAG = {
+    "name": "slider_quadratic_drag",
+    "site": "slider",
+    "listed": True,
+    "parameters": {"drag_N_s2_m2": 2.0},
+}
 GAIN = {"name": "sensor_gain", "site": "crank_torque", "listed": True, "parameters": {"gain": 0.1}}
 FIFTH = {"name": "fifth_power_drag", "site": "slider", "listed": False, "parameters": {"s": 2.0}}
 
 
 def truth(*effects, kind="single", name="a", gap=3.0, **more) -> dict:
-    common = {"id": name, "kind": kind, "base": "ideal", "drive": "constant_speed", "gaps": [gap] * len(effects)}
+    common = {
+        "id": name,
+        "kind": kind,
+        "base": "ideal",
+        "drive": "constant_speed",
+        "gaps": [gap] * len(effects),
+    }
     return common | {"effects": list(effects)} | more
 
 
@@ -44,7 +54,13 @@ def drawn(tmp_path_factory):
 def test_campaigns_are_plain_files_without_the_truth(drawn):
     folder, _ = drawn
     files = sorted(path for path in (folder / "campaigns").rglob("*") if path.is_file())
-    assert {path.name for path in files} == {"campaign.yaml", "mechanism.yaml", "run1.csv", "run2.csv", "run3.csv"}
+    assert {path.name for path in files} == {
+        "campaign.yaml",
+        "mechanism.yaml",
+        "run1.csv",
+        "run2.csv",
+        "run3.csv",
+    }
     assert len(files) == 10
     assert len({path.stat().st_mtime for path in files}) == 1
     with zipfile.ZipFile(folder / "truth.zip") as archive:
@@ -62,7 +78,9 @@ def test_a_draw_that_goes_on_ends_with_the_same_files(drawn):
 
 
 def test_the_readme_counts_the_campaigns_of_each_kind_and_lists_every_label():
-    kinds = Counter(trial.kind for trial in plan_trials(read_set("config/blind.yaml", "published"), 100))
+    kinds = Counter(
+        trial.kind for trial in plan_trials(read_set("config/blind.yaml", "published"), 100)
+    )
     text = Path("validation/benchmark/README.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(\w+)` \| (\d+) \|", text, re.MULTILINE)
     assert {kind: int(count) for kind, count in rows} == kinds
@@ -70,7 +88,7 @@ def test_the_readme_counts_the_campaigns_of_each_kind_and_lists_every_label():
         assert f"`{label.partition(':')[0] if label.startswith('sensor') else label}`" in text
 
 
-@each(
+@pytest.mark.parametrize(
     "true, named, outcome",
     [
         (truth(DRAG), ["slider_quadratic_drag"], "right"),
@@ -85,8 +103,16 @@ def test_the_readme_counts_the_campaigns_of_each_kind_and_lists_every_label():
         (truth(kind="nothing"), ["gravity"], "wrong"),
         (truth(FIFTH, kind="off_list"), ["slider_quadratic_drag"], "wrong"),
         (truth(FIFTH, kind="off_list"), None, "abstained"),
-        (truth(kind="wiring", damage={"channels": ["crank_torque"]}), ["sensor_gain:crank_torque"], "right"),
-        (truth(kind="wiring", damage={"channels": ["crank_torque"]}), ["sensor_gain:guide_force"], "wrong"),
+        (
+            truth(kind="wiring", damage={"channels": ["crank_torque"]}),
+            ["sensor_gain:crank_torque"],
+            "right",
+        ),
+        (
+            truth(kind="wiring", damage={"channels": ["crank_torque"]}),
+            ["sensor_gain:guide_force"],
+            "wrong",
+        ),
         (truth(kind="wiring", damage={"channels": ["crank_angle"]}), ["encoder_offset"], "right"),
     ],
 )
@@ -96,20 +122,39 @@ def test_outcomes(true, named, outcome):
 
 def test_a_law_is_the_hidden_effect_at_its_shape_and_its_size_is_the_first_parameter():
     fifth = truth(FIFTH, kind="off_list")
-    cases = [(truth(DRAG), 2.05, "right"), (truth(DRAG), [1.8, 2.1], "right"), (truth(DRAG), 3.0, "wrong")]
-    for true, shape, outcome in (*cases, (truth(DRAG), None, "wrong"), (fifth, [4.5, 5.5], "right")):
-        assert row(true, ["slider_power_drag"], slider_power_drag={"shape": shape})["outcome"] == outcome
+    cases = [
+        (truth(DRAG), 2.05, "right"),
+        (truth(DRAG), [1.8, 2.1], "right"),
+        (truth(DRAG), 3.0, "wrong"),
+    ]
+    for true, shape, outcome in (
+        *cases,
+        (truth(DRAG), None, "wrong"),
+        (fifth, [4.5, 5.5], "right"),
+    ):
+        assert (
+            row(true, ["slider_power_drag"], slider_power_drag={"shape": shape})["outcome"]
+            == outcome
+        )
     found = row(truth(DRAG), ["slider_quadratic_drag"], slider_quadratic_drag={"drag_N_s2_m2": 2.5})
     assert found["size_error"] == pytest.approx(0.25)
 
 
 def test_answers_are_scored_with_intervals(tmp_path):
-    truths = [truth(DRAG, name="a"), truth(DRAG, name="b"), truth(kind="nothing", name="c"), truth(GAIN, name="d")]
+    truths = [
+        truth(DRAG, name="a"),
+        truth(DRAG, name="b"),
+        truth(kind="nothing", name="c"),
+        truth(GAIN, name="d"),
+    ]
     with zipfile.ZipFile(tmp_path / "truth.zip", "w") as archive:
         for one in truths:
             archive.writestr(f"{one['id']}.json", json.dumps(one))
     said = {
-        "a": {"named": ["slider_quadratic_drag"], "size": {"slider_quadratic_drag": {"drag_N_s2_m2": 2.02}}},
+        "a": {
+            "named": ["slider_quadratic_drag"],
+            "size": {"slider_quadratic_drag": {"drag_N_s2_m2": 2.02}},
+        },
         "b": ["gravity"],
         "c": ["slider_sprung"],
     }
@@ -117,14 +162,21 @@ def test_answers_are_scored_with_intervals(tmp_path):
     text = score(tmp_path / "answers.json", tmp_path / "truth.zip", tmp_path / "score")
     assert "no labels of the list: slider_sprung" in text
     table = pd.read_csv(tmp_path / "score/rates.csv").set_index(["what", "group"])
-    assert table.loc[("right", "single"), ["count", "value"]].tolist() == [3, pytest.approx(1 / 3, rel=1e-4)]
+    assert table.loc[("right", "single"), ["count", "value"]].tolist() == [
+        3,
+        pytest.approx(1 / 3, rel=1e-4),
+    ]
     wanted = {"abstained": 0.25, "false alarm, nothing hidden": 1.0, "size within 10 %": 1.0}
     wanted |= {"precision": 1 / 3, "recall": 1 / 3}
-    assert {what: table.loc[(what, "all"), "value"] for what in wanted} == pytest.approx(wanted, rel=1e-4)
+    assert {what: table.loc[(what, "all"), "value"] for what in wanted} == pytest.approx(
+        wanted, rel=1e-4
+    )
     assert table.loc[("right", "all"), "low"] < 0.25 < table.loc[("right", "all"), "high"]
 
 
-@each("content", ['["a"]', '{"a": "gravity"}', '{"a": {"name": []}}', '{"z": []}', "{"])
+@pytest.mark.parametrize(
+    "content", ['["a"]', '{"a": "gravity"}', '{"a": {"name": []}}', '{"z": []}', "{"]
+)
 def test_answers_that_cannot_be_read_are_refused(tmp_path, content):
     with zipfile.ZipFile(tmp_path / "truth.zip", "w") as archive:
         archive.writestr("a.json", json.dumps(truth(DRAG)))
@@ -148,6 +200,17 @@ def test_answers_come_from_verdicts_and_from_peers(tmp_path):
         (tmp_path / f"{name}.json").write_text(json.dumps(record))
     found = answers(tmp_path)
     own = {"slider_quadratic_drag": {"drag_N_s2_m2": 2.1}}
-    assert [found[name] for name in "abcd"] == [{"named": ["slider_quadratic_drag"], "size": own}, [], None, None]
+    assert [found[name] for name in "abcd"] == [
+        {"named": ["slider_quadratic_drag"], "size": own},
+        [],
+        None,
+        None,
+    ]
     assert row(truth(DRAG), found["e"]["named"], **found["e"]["size"])["outcome"] == "right"
-    assert answers(tmp_path, "greedy") == {"a": ["gravity"], "b": [], "c": None, "d": None, "e": None}
+    assert answers(tmp_path, "greedy") == {
+        "a": ["gravity"],
+        "b": [],
+        "c": None,
+        "d": None,
+        "e": None,
+    }

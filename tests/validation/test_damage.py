@@ -10,7 +10,6 @@ import yaml
 from jointgap.config.load import load_campaign
 from jointgap.core.errors import InputError
 from jointgap.rig.read_files import read_measurements
-from tests.rows import each
 from validation.kinds import Trial
 from validation.trial import make_trial
 from validation.wiring import DAMAGES
@@ -18,11 +17,14 @@ from validation.wiring import DAMAGES
 
 @pytest.fixture(scope="module")
 def campaigns(tmp_path_factory):
-    """What was done and the campaign file of the same trial with each damage, and with sound data."""
+    """What was done and the campaign file of the same trial with each damage, and with sound
+    data."""
     found = {}
     for damage in ("", *DAMAGES):
         folder = tmp_path_factory.mktemp(damage or "sound")
-        truth = make_trial(replace(Trial("wiring", "ideal", id="0123456789ab", number=4), damage=damage), 5, folder)
+        truth = make_trial(
+            replace(Trial("wiring", "ideal", id="0123456789ab", number=4), damage=damage), 5, folder
+        )
         found[damage] = truth.get("damage"), folder / "campaign.yaml"
     return found
 
@@ -41,7 +43,7 @@ def lengths(path) -> dict[str, float]:
     return found
 
 
-@each("damage", ["swapped", "sign", "unit", "gain", "other_run", "clipped"])
+@pytest.mark.parametrize("damage", ["swapped", "sign", "unit", "gain", "other_run", "clipped"])
 def test_only_what_the_truth_says_is_damaged(campaigns, damage):
     (_, sound), (done, path) = campaigns[""], campaigns[damage]
     assert done["what"] == damage
@@ -49,7 +51,9 @@ def test_only_what_the_truth_says_is_damaged(campaigns, damage):
     try:
         second = read_measurements(after)
     except InputError as refused:
-        assert any(f"column {after.channels[name].column}:" in str(refused) for name in done["channels"])
+        assert any(
+            f"column {after.channels[name].column}:" in str(refused) for name in done["channels"]
+        )
         return
     for run, recording in first.runs.items():
         for name, values in recording.channels.items():
@@ -58,7 +62,7 @@ def test_only_what_the_truth_says_is_damaged(campaigns, damage):
             assert same == (name not in done["channels"] or elsewhere), (run, name)
 
 
-@each("damage", ["time_stretched", "wrong_speed"])
+@pytest.mark.parametrize("damage", ["time_stretched", "wrong_speed"])
 def test_times_or_the_speed_of_one_run_are_wrong_by_the_factor_of_the_truth(campaigns, damage):
     (_, sound), (done, path) = campaigns[""], campaigns[damage]
     before, after = (load_campaign(each) for each in (sound, path))
@@ -84,4 +88,6 @@ def test_the_zero_of_the_encoder_is_off_by_what_the_truth_says(campaigns):
     assert {(one.run, one.channel, one.kind) for one in found} == {
         (run, "crank_angle", "phase") for run in lengths(path)
     }
-    assert [np.degrees(one.phase) for one in found] == pytest.approx([done["degrees"]] * len(found), abs=2.0)
+    assert [np.degrees(one.phase) for one in found] == pytest.approx(
+        [done["degrees"]] * len(found), abs=2.0
+    )

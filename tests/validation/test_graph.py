@@ -27,7 +27,9 @@ def rules() -> dict[str, Files]:
     found = {}
     for node in re.findall(r"label=<<table.*?</table>>", run.stdout, re.DOTALL):
         inputs, _, outputs = node.partition("output &rarr;")
-        paths = (set(re.findall(r'"monospace">(results/[^<]*)<', part)) for part in (inputs, outputs))
+        paths = (
+            set(re.findall(r'"monospace">(results/[^<]*)<', part)) for part in (inputs, outputs)
+        )
         name = re.search(r'point-size="18">(\w+)<', node)[1]
         found[name] = Files(
             *({re.sub(r",(?:[^{}]|\{[^{}]*\})*", "", path) for path in part} for part in paths)
@@ -45,16 +47,30 @@ def test_a_part_of_a_set_says_so_in_its_score():
 
 
 def dry_run(*more: str) -> subprocess.CompletedProcess:
-    command = [sys.executable, "-m", "snakemake", "--snakefile", "workflow/blind/Snakefile", "--config", "set=small"]
+    command = [
+        sys.executable,
+        "-m",
+        "snakemake",
+        "--snakefile",
+        "workflow/blind/Snakefile",
+        "--config",
+        "set=small",
+    ]
     return subprocess.run(
-        [*command, *more, "--forceall", "--nolock"], cwd=ROOT, capture_output=True, text=True, timeout=120
+        [*command, *more, "--forceall", "--nolock"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=120,
     )
 
 
 def test_only_the_scoring_takes_the_sealed_truth_and_only_the_concealing_writes_it(rules):
     assert set(rules) == {"conceal", "analyse", "score", "blind"}
     for kind, wanted in (("inputs", {"score"}), ("outputs", {"conceal"})):
-        assert {name for name, files in rules.items() if "sealed" in str(getattr(files, kind))} == wanted
+        assert {
+            name for name, files in rules.items() if "sealed" in str(getattr(files, kind))
+        } == wanted
     assert rules["analyse"] == Files(
         {"results/blind/{set}/campaigns/{trial}"}, {"results/blind/{set}/verdicts/{trial}.json"}
     )

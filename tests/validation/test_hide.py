@@ -28,7 +28,15 @@ from validation.trial import (
 from validation.wiring import DAMAGES
 
 SET = TrialSet(
-    seed=3, single=60, nothing=50, pairs=10, off_list=11, exudyn=4, exudyn_loose=16, clearances=24, wiring=18
+    seed=3,
+    single=60,
+    nothing=50,
+    pairs=10,
+    off_list=11,
+    exudyn=4,
+    exudyn_loose=16,
+    clearances=24,
+    wiring=18,
 )
 
 
@@ -54,7 +62,9 @@ def test_every_effect_that_a_fit_may_name_can_be_hidden_but_for_parameters_withi
         "crank_brake",
     }
     faults = {"encoder_offset", "sensor_bias", "sensor_gain", "sensor_lag", "sensor_delay"}
-    assert names == {name for name in EFFECTS if not name.startswith("discovered")} - beyond | faults
+    assert (
+        names == {name for name in EFFECTS if not name.startswith("discovered")} - beyond | faults
+    )
     assert not names & set(OFF_LIST)
 
 
@@ -62,18 +72,29 @@ def test_a_set_holds_what_it_says_and_its_names_tell_nothing():
     found = plan_trials(SET)
     kinds = [trial.kind for trial in found]
     assert {kind: kinds.count(kind) for kind in set(kinds)} == {
-        "single": 60, "nothing": 50, "pair": 10, "off_list": 11, "exudyn": 20, "clearance": 24, "wiring": 18,
-    }  # fmt: skip
+        "single": 60,
+        "nothing": 50,
+        "pair": 10,
+        "off_list": 11,
+        "exudyn": 20,
+        "clearance": 24,
+        "wiring": 18,
+    }
     assert found == plan_trials(SET)
-    assert len({trial.id for trial in found if len(trial.id) == 12 and int(trial.id, 16) >= 0}) == len(found)
-    assert {trial.size for trial in found if trial.effects and not trial.shown} == set(RECIPE["gaps"])
+    assert len(
+        {trial.id for trial in found if len(trial.id) == 12 and int(trial.id, 16) >= 0}
+    ) == len(found)
+    assert {trial.size for trial in found if trial.effects and not trial.shown} == set(
+        RECIPE["gaps"]
+    )
     assert sum(trial.base == "chaotic" for trial in found) >= 5
     assert plan_trials(SET, 2) == found[:2]
     names = [trial.effects[0] for trial in found if trial.kind == "single"]
     assert max(map(names.count, LISTED)) - min(map(names.count, LISTED)) <= 1
     assert sorted(trial.damage for trial in found if trial.damage) == sorted(2 * DAMAGES)
     refused(
-        lambda count: plan_trials(SET, count), [(n, "whole number from 1 to 193") for n in (0, 194, 2.0, "2", True)]
+        lambda count: plan_trials(SET, count),
+        [(n, "whole number from 1 to 193") for n in (0, 194, 2.0, "2", True)],
     )
 
 
@@ -82,7 +103,10 @@ def test_clearances_are_of_joints_in_turn_some_of_them_loose_already_and_exudyn_
     assert sorted(trial.effects[0] for trial in hidden) == sorted(8 * CLEARANCES)
     loosened = [trial for trial in hidden if trial.loose]
     assert {trial.loose for trial in loosened} <= set(PINS)
-    assert all(trial.base != "ideal" and trial.effects == (f"{trial.loose}_clearance",) for trial in loosened)
+    assert all(
+        trial.base != "ideal" and trial.effects == (f"{trial.loose}_clearance",)
+        for trial in loosened
+    )
     assert 2 <= len(loosened) <= 12
     trials = [trial for trial in plan_trials(SET) if trial.kind == "exudyn"]
     assert sum(not trial.effects for trial in trials) == 4
@@ -90,9 +114,13 @@ def test_clearances_are_of_joints_in_turn_some_of_them_loose_already_and_exudyn_
 
 
 def test_a_share_of_the_cranks_follow_the_angle_that_was_read_and_all_else_of_a_set_stays():
-    plain, more = (plan_trials(chosen) for chosen in (SET, SET.model_copy(update={"measured_angle": 0.33})))
+    plain, more = (
+        plan_trials(chosen) for chosen in (SET, SET.model_copy(update={"measured_angle": 0.33}))
+    )
     assert [replace(trial, measured_angle=False) for trial in more] == plain
-    able = [trial for trial in more if not trial.damage and "speed_fluctuation" not in trial.effects]
+    able = [
+        trial for trial in more if not trial.damage and "speed_fluctuation" not in trial.effects
+    ]
     assert sum(trial.measured_angle for trial in more) == round(0.33 * len(able))
     assert all(trial in able for trial in more if trial.measured_angle)
 
@@ -128,7 +156,8 @@ def test_what_a_nuisance_can_take_up_is_no_gap_and_no_effect_is_as_small(ideal):
     step = heavier.parameters(1.0)["mass_kg"]
     room = (high if step > 0 else low) - ideal.rig.values["slider_mass"]
     gaps = [
-        ideal.gap([(heavier, (0.9 * room + times * math.copysign(high - low, step)) / step)]) for times in (0, 1, 5)
+        ideal.gap([(heavier, (0.9 * room + times * math.copysign(high - low, step)) / step)])
+        for times in (0, 1, 5)
     ]
     assert gaps[0] < 1.02 < gaps[1] < gaps[2]
     assert abs(heavier.parameters(heavier.least)["mass_kg"]) >= high - low
@@ -161,7 +190,9 @@ def test_a_campaign_can_be_read_tells_nothing_of_the_truth_and_holds_it_with_noi
         assert set(recording.channels) == set(rig.sensors)
         for channel, sensor in rig.sensors.items():
             off = recording.channels[channel] - clean[channel]
-            assert np.nanstd(off) == pytest.approx(sensor.noise_share * clean[channel].std(), rel=0.3), (run, channel)
+            assert np.nanstd(off) == pytest.approx(
+                sensor.noise_share * clean[channel].std(), rel=0.3
+            ), (run, channel)
 
 
 def rig_with(what):
@@ -187,14 +218,18 @@ def test_an_encoder_that_is_late_reads_what_was_true_earlier():
     for name, own in noisy(np.random.default_rng(0), rig, clean).items():
         behind = np.mean(clean[name]["crank_angle"] - own["crank_angle"])
         spread = rig.angle_noise / math.sqrt(own["crank_angle"].size)
-        assert behind == pytest.approx(rig.values["encoder_lag"] * rig.runs[name].speed, abs=4 * spread)
+        assert behind == pytest.approx(
+            rig.values["encoder_lag"] * rig.runs[name].speed, abs=4 * spread
+        )
 
 
 def test_a_share_of_the_measured_cranks_drifts_and_everything_else_is_drawn_as_before():
     plain = plan_trials(SET.model_copy(update={"measured_angle": 0.33}))
     more = plan_trials(SET.model_copy(update={"measured_angle": 0.33, "drift": 0.5}))
     assert [replace(trial, drift=False) for trial in more] == plain
-    drifting, measured = (sum(getattr(trial, key) for trial in more) for key in ("drift", "measured_angle"))
+    drifting, measured = (
+        sum(getattr(trial, key) for trial in more) for key in ("drift", "measured_angle")
+    )
     assert drifting == round(0.5 * measured)
     assert all(trial.measured_angle for trial in more if trial.drift)
 
@@ -202,25 +237,41 @@ def test_a_share_of_the_measured_cranks_drifts_and_everything_else_is_drawn_as_b
 def test_the_speed_of_a_drifting_crank_wanders_by_some_percent_and_the_forces_are_those_of_that_motion():
     for seed in range(2):
         trial = Trial("nothing", "ideal", measured_angle=True)
-        steady, rig = (draw_rig(np.random.default_rng(seed), replace(trial, drift=drift)) for drift in (False, True))
+        steady, rig = (
+            draw_rig(np.random.default_rng(seed), replace(trial, drift=drift))
+            for drift in (False, True)
+        )
         assert replace(rig, runs=steady.runs) == steady
         run = next(iter(rig.runs.values()))
         assert 0.01 <= run.drift.sizes.sum() <= 0.05
         fine = replace(run, times=np.arange(run.times[-1] * 2000) / 2000)
-        found, even = (simulate(rig.true, one, rig.numerics) for one in (fine, replace(fine, drift=None)))
+        found, even = (
+            simulate(rig.true, one, rig.numerics) for one in (fine, replace(fine, drift=None))
+        )
         assert found["crank_angle"][0] == pytest.approx(run.phase, abs=1e-6)
         ahead = run.speed * run.drift.ahead(fine.times)
-        assert np.allclose(found["crank_angle"] - even["crank_angle"], ahead, atol=0.03 * np.abs(ahead).max() + 1e-7)
+        assert np.allclose(
+            found["crank_angle"] - even["crank_angle"],
+            ahead,
+            atol=0.03 * np.abs(ahead).max() + 1e-7,
+        )
         velocity = np.gradient(found["slider_position"], fine.times, edge_order=2)
         acceleration = np.gradient(found["slider_velocity"], fine.times, edge_order=2)
         assert np.abs(velocity - found["slider_velocity"])[2:-2].max() < 2e-3 * np.ptp(velocity)
-        assert np.abs(acceleration - found["slider_acceleration"])[2:-2].max() < 2e-3 * np.ptp(acceleration)
+        assert np.abs(acceleration - found["slider_acceleration"])[2:-2].max() < 2e-3 * np.ptp(
+            acceleration
+        )
 
 
 def test_where_a_hidden_effect_shows_adds_up_to_its_gap(ideal):
-    white = replace(ideal.rig, sensors={name: replace(one, correlation=0.0) for name, one in ideal.rig.sensors.items()})
+    white = replace(
+        ideal.rig,
+        sensors={name: replace(one, correlation=0.0) for name, one in ideal.rig.sensors.items()},
+    )
     calibrator = Calibrator(white)
-    effect = draw_effect("slider_coulomb_friction", white, calibrator.spread, np.random.default_rng(0))
+    effect = draw_effect(
+        "slider_coulomb_friction", white, calibrator.spread, np.random.default_rng(0)
+    )
     size, gap = sized(calibrator, effect, 3.0)
     bins = np.array(list(calibrator.where([(effect, size)]).values()))
     assert bins.shape == (len(white.fitted) * len(white.sensors), 36)
@@ -230,8 +281,12 @@ def test_where_a_hidden_effect_shows_adds_up_to_its_gap(ideal):
 @pytest.mark.integration
 def test_a_clearance_of_any_size_is_drawn_until_it_shows():
     for number in range(2):
-        trial = Trial("clearance", "ideal", 0.0, ("crank_pin_clearance",), shown=(1.5, 20.0), number=number)
-        _, calibrator, ((effect, size),), (gap,), discarded = draw(trial, np.random.default_rng(number))
+        trial = Trial(
+            "clearance", "ideal", 0.0, ("crank_pin_clearance",), shown=(1.5, 20.0), number=number
+        )
+        _, calibrator, ((effect, size),), (gap,), discarded = draw(
+            trial, np.random.default_rng(number)
+        )
         assert 1.5 <= gap <= 20.0
         assert gap == pytest.approx(calibrator.gap([(effect, size)]))
         assert effect.least <= size <= effect.most
@@ -243,14 +298,20 @@ def test_a_mass_that_is_added_to_one_not_exactly_known_counts_from_the_file(idea
     own = heavier.parameters(2.0)["mass_kg"]
     off = ideal.rig.values["slider_mass"] - ideal.rig.content["slider"]["mass"]
     assert abs(off) > 1e-4
-    assert parameters_beyond_nominal(ideal.rig, heavier, 2.0)["mass_kg"] == pytest.approx(own + off, rel=1e-9)
+    assert parameters_beyond_nominal(ideal.rig, heavier, 2.0)["mass_kg"] == pytest.approx(
+        own + off, rel=1e-9
+    )
 
 
-def test_runs_with_loose_joints_begin_anywhere_and_their_lasting_contacts_are_damped_otherwise(loose):
+def test_runs_with_loose_joints_begin_anywhere_and_their_lasting_contacts_are_damped_otherwise(
+    loose,
+):
     assert len({run.start_angle for run in loose.runs.values()}) == 3
     assert all(12 <= run.settling <= 16 for run in loose.runs.values())
     values = {joint: loose.values[f"lasting_damping_{joint}"] for joint in loose.nominal.loose}
     assert all(0.0 < abs(value) <= math.log(4.0) for value in values.values())
     for joint, value in values.items():
         file, true = (mechanism.joint(joint).contact for mechanism in (loose.nominal, loose.true))
-        assert true.reference_speed == pytest.approx(file.reference_speed * math.exp(-value), rel=1e-12)
+        assert true.reference_speed == pytest.approx(
+            file.reference_speed * math.exp(-value), rel=1e-12
+        )

@@ -1,4 +1,5 @@
-"""Motion and effects of blind trials, by the package's simulation and by Exudyn, and what sensors make of it."""
+"""Motion and effects of blind trials, by the package's simulation and by Exudyn, and what sensors
+make of it."""
 
 import math
 import re
@@ -25,7 +26,13 @@ def test_a_run_is_the_package_s_motion_whose_phase_is_passed_at_time_zero():
     options = Simulate(speed=SPEED, revolutions=2, samples_per_revolution=60, tolerance=1e-13)
     ours = package_motion(pin, options).samples.iloc[60:]
     seen = simulate(pin, Run(SPEED, 0.0, REVOLUTION, settling=1), Numerics(1e-13))
-    for name in ("slider_position", "slider_acceleration", "crank_torque", "guide_force", "frame_force_x"):
+    for name in (
+        "slider_position",
+        "slider_acceleration",
+        "crank_torque",
+        "guide_force",
+        "frame_force_x",
+    ):
         assert np.abs(seen[name] - ours[name]).max() < 1e-4 * ours[name].std(), name
     for angle, settling in ((0.0, 4), (5.0, 4), (2.0, 6)):
         late = simulate(pin, Run(SPEED, 1.0, REVOLUTION, angle, settling), Numerics())
@@ -44,10 +51,14 @@ EFFECTS = [
     {"name": "added_slider_mass", "parameters": {"mass_kg": 0.05}},
     {"name": "link_length_error", "parameters": {"crank_m": 0.002, "rod_m": -0.001}},
 ]
-LOOSER = {"name": "piston_pin_clearance", "parameters": {"clearance_m": 5e-4, "restitution": 0.7, "friction": 0.2}}
+LOOSER = {
+    "name": "piston_pin_clearance",
+    "parameters": {"clearance_m": 5e-4, "restitution": 0.7, "friction": 0.2},
+}
 
 
-# The slider's dry friction turns over 1 mm/s there, over 10 mm/s here: where pins are loose the motion shows it.
+# The slider's dry friction turns over 1 mm/s there, over 10 mm/s here: where pins are loose the
+# motion shows it.
 @pytest.mark.parametrize(
     ("loose", "effects", "bound"),
     [
@@ -58,9 +69,18 @@ LOOSER = {"name": "piston_pin_clearance", "parameters": {"clearance_m": 5e-4, "r
         (("crank_pin",), [*EFFECTS[:1], *EFFECTS[2:], LOOSER], 2e-3),
         (("crank_pin",), [EFFECTS[1], LOOSER], 5e-3),
     ],
-    ids=["ideal", "crank pin", "piston pin", "both pins", "effects and a clearance", "dry friction"],
+    ids=[
+        "ideal",
+        "crank pin",
+        "piston pin",
+        "both pins",
+        "effects and a clearance",
+        "dry friction",
+    ],
 )
-def test_exudyn_gives_the_same_readings_with_every_effect_that_it_is_asked_for(loose, effects, bound):
+def test_exudyn_gives_the_same_readings_with_every_effect_that_it_is_asked_for(
+    loose, effects, bound
+):
     pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
     assert {effect["name"] for effect in EFFECTS} == set(RECIPE["exudyn"])
     given = mechanism(loose, **friction(speed=1e-3)).model_dump() | {"effects": effects}
@@ -74,20 +94,28 @@ def test_exudyn_gives_the_same_readings_with_every_effect_that_it_is_asked_for(l
 
 
 def test_the_second_models_share_no_code_with_the_dynamics():
-    """These stand twice on purpose: the model in Exudyn, and the laws restated in tests/dynamics."""
+    """These stand twice on purpose: the model in Exudyn, and the laws restated in
+    tests/dynamics."""
     for path, shared in (
         ("validation/exudyn.py", []),
         ("tests/dynamics/laws.py", ["jointgap.dynamics.parameters"]),
     ):
-        imported = re.findall(r"^\s*(?:from|import) (\S+)", (ROOT / path).read_text(encoding="utf-8"), re.M)
-        assert [name for name in imported if name.startswith(("jointgap.dynamics", "validation"))] == shared
+        imported = re.findall(
+            r"^\s*(?:from|import) (\S+)", (ROOT / path).read_text(encoding="utf-8"), re.M
+        )
+        assert [
+            name for name in imported if name.startswith(("jointgap.dynamics", "validation"))
+        ] == shared
 
 
 def faulty(name: str, value: float, channel="slider_position", speed=20.0):
     """What a sensor reads of a slow motion with a fault, and without."""
     run = Run(speed, 1.0, np.linspace(0.0, 0.3, 301), settling=1)
     effect = Hidden(name, channel, lambda size: {"value": size}, value, value, sensor=channel)
-    seen, true = (read(mechanism(()), run, Numerics(), effects)[channel] for effects in ([(effect, value)], []))
+    seen, true = (
+        read(mechanism(()), run, Numerics(), effects)[channel]
+        for effects in ([(effect, value)], [])
+    )
     return seen, true, run
 
 
@@ -109,5 +137,7 @@ def test_a_late_logger_stores_what_was_true_earlier_and_a_slow_sensor_lags_behin
     assert seen[2:] == pytest.approx(true[:-2], rel=1e-6, abs=1e-6)
     late = 1e-4  # the lag of a signal much slower than it is a delay, to the second order
     seen, true, run = faulty("sensor_lag", late)
-    delayed = simulate(mechanism(()), replace(run, times=run.times - late), Numerics())["slider_position"]
+    delayed = simulate(mechanism(()), replace(run, times=run.times - late), Numerics())[
+        "slider_position"
+    ]
     assert np.abs(seen - delayed).max() < 0.02 * np.abs(seen - true).max()

@@ -17,7 +17,11 @@ from validation.trial import make_trial
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     place = tmp_path_factory.mktemp("campaign")
-    make_trial(Trial("single", "ideal", 8.0, ("slider_constant_force",), number=3, id="0123456789ab"), 5, place)
+    make_trial(
+        Trial("single", "ideal", 8.0, ("slider_constant_force",), number=3, id="0123456789ab"),
+        5,
+        place,
+    )
     return place
 
 
@@ -50,11 +54,18 @@ def test_a_network_learns_writes_its_weights_and_answers(folder, tmp_path, monke
     monkeypatch.setattr(peers, "_NETWORKS", 2)
     own = peers.features(folder / "campaign.yaml")
     rng = np.random.default_rng(0)
-    x = np.repeat(own[None], 64, axis=0) + 0.01 * rng.normal(size=(64, own.size)) * (own != 0.0) * (own != 1.0)
+    x = np.repeat(own[None], 64, axis=0) + 0.01 * rng.normal(size=(64, own.size)) * (own != 0.0) * (
+        own != 1.0
+    )
     classes = np.full(64, peers.CLASSES.index("slider_constant_force"))
     x[32:, : own.size - 7] *= np.where(x[32:, : own.size - 7] == 1.0, 1.0, -1.0)
     classes[32:] = 0
-    np.savez(tmp_path / "features.npz", features=x.astype(np.float32), classes=classes, rigs=np.arange(64))
+    np.savez(
+        tmp_path / "features.npz",
+        features=x.astype(np.float32),
+        classes=classes,
+        rigs=np.arange(64),
+    )
     assert peers.train(tmp_path / "features.npz", tmp_path / "network.pt") > 0.9
     record = peers.ask("network", folder, tmp_path / "network.pt")
     assert record["network"] == ["slider_constant_force"]

@@ -13,7 +13,15 @@ from jointgap.identification.fit import LEVELS
 from tests.catalogue import each
 from validation.analyse import greedy_names
 from validation.report import FILES, write_score
-from validation.score import BASELINES, LEAST_GAP, effect_label, named_labels, rates, score_trial, score_trials
+from validation.score import (
+    BASELINES,
+    LEAST_GAP,
+    effect_label,
+    named_labels,
+    rates,
+    score_trial,
+    score_trials,
+)
 
 
 def hidden(name, site="slider", listed=True, **parameters) -> dict:
@@ -49,7 +57,12 @@ def named(effect, value=None, low=0.0, high=1e3) -> dict:
 
 def analysis(verdict="named", effects=(), undetectable=(), gap=(4.0, 1.0), **more) -> dict:
     stated = {key: [list(one) for one in more.pop(key, ())] for key in ("equivalent", "merged")}
-    found = {"verdict": verdict, "because": "so it is", "basis": "samples", "effects": list(effects)}
+    found = {
+        "verdict": verdict,
+        "because": "so it is",
+        "basis": "samples",
+        "effects": list(effects),
+    }
     found |= {"equivalent": stated["equivalent"], "certain": list(more.pop("certain", ()))}
     found["preflight"] = {"merged": stated["merged"], "undetectable": list(undetectable)}
     found["gap"] = {"confirm": {"before": gap[0], "after": gap[1]}}
@@ -57,23 +70,43 @@ def analysis(verdict="named", effects=(), undetectable=(), gap=(4.0, 1.0), **mor
 
 
 def ambiguous(*equivalent, **more) -> dict:
-    return {"verdict": "ambiguous", "equivalent": [[named(one) for one in rival] for rival in equivalent], **more}
+    return {
+        "verdict": "ambiguous",
+        "equivalent": [[named(one) for one in rival] for rival in equivalent],
+        **more,
+    }
 
 
 def drag_family(name="slider_quadratic_drag", low=1.6, high=5.0, family=True) -> dict:
     """Drag with what the data leave of its exponent."""
-    found = {"law": "slider_power_drag", "shape": "exponent", "value": 2.4, "interval_99": [low, high], "named": family}
+    found = {
+        "law": "slider_power_drag",
+        "shape": "exponent",
+        "value": 2.4,
+        "interval_99": [low, high],
+        "named": family,
+    }
     return named(DRAG | {"name": name}) | {"families": [found]}
 
 
 def spring_family(low, high) -> dict:
-    found = {"law": "slider_nonlinear_spring", "shape": "cubic_share", "interval_99": [low, high], "named": True}
+    found = {
+        "law": "slider_nonlinear_spring",
+        "shape": "cubic_share",
+        "interval_99": [low, high],
+        "named": True,
+    }
     return named(SPRING) | {"families": [found]}
 
 
 COULOMB_OR_STRIBECK = drag_family("slider_coulomb_friction", 0.0, 0.4)
 COULOMB_OR_STRIBECK["families"].append(
-    {"law": "slider_stribeck_friction", "shape": "stribeck_share", "interval_99": [0.2, 1.0], "named": True}
+    {
+        "law": "slider_stribeck_friction",
+        "shape": "stribeck_share",
+        "interval_99": [0.2, 1.0],
+        "named": True,
+    }
 )
 BOTH = ([DRAG, SPRING], [DRAG, LAG])
 FORESEEN = {"merged": [["slider_quadratic_drag", "slider_spring"]]}
@@ -87,7 +120,11 @@ OUTCOMES = [  # what was hidden, what was found, what that is
     ((DRAG,), {"verdict": "no_disagreement"}, "missed"),
     ((DRAG, SPRING), {"effects": [named(SPRING)]}, "partly"),
     ((LAG,), {"effects": [named(LAG)]}, "right"),
-    ((LAG,), {"effects": [named({**LAG, "site": "guide_force"})]}, "wrong"),  # a sensor is faulty on its own channel
+    (
+        (LAG,),
+        {"effects": [named({**LAG, "site": "guide_force"})]},
+        "wrong",
+    ),  # a sensor is faulty on its own channel
     ((), {"verdict": "no_disagreement"}, "right"),
     ((), {"verdict": "parameters_only"}, "right"),
     ((), {"effects": [named(DRAG)]}, "wrong"),
@@ -125,7 +162,13 @@ OUTCOMES = [  # what was hidden, what was found, what that is
 
 def test_the_true_name_alone_is_right():
     def outcome(effects, found, expected):
-        kind = "pair" if len(effects) > 1 else "single" if all(one["listed"] for one in effects) else "off_list"
+        kind = (
+            "pair"
+            if len(effects) > 1
+            else "single"
+            if all(one["listed"] for one in effects)
+            else "off_list"
+        )
         assert score_trial(truth(*effects, kind=kind), analysis(**found))["outcome"] == expected
 
     each(outcome, OUTCOMES)
@@ -137,7 +180,9 @@ def test_the_true_name_alone_is_right():
 
 def test_a_discovered_force_is_right_within_a_tenth_of_the_true_one():
     v = np.linspace(-1, 1, 21)
-    states = dict.fromkeys(("slider_velocity", "slider_position", "crank_speed", "crank_angle", "time"), [0.5] * 21)
+    states = dict.fromkeys(
+        ("slider_velocity", "slider_position", "crank_speed", "crank_angle", "time"), [0.5] * 21
+    )
     states["slider_velocity"] = v.tolist()
     force = {"kind": "discovered_slider_force", "states": states, "value": (-3 * v**3).tolist()}
     sealed = truth(hidden("cubic_drag", listed=False) | {"force": force}, kind="off_list")
@@ -148,12 +193,20 @@ def test_a_discovered_force_is_right_within_a_tenth_of_the_true_one():
 
 
 def test_a_late_sensor_that_is_named_as_lag_or_delay_is_right_whichever_it_is_and_at_its_own_channel_alone():
-    family = {"law": "sensor_lag_and_delay", "shape": "delay_share", "interval_99": [0.0, 1.0], "named": True}
+    family = {
+        "law": "sensor_lag_and_delay",
+        "shape": "delay_share",
+        "interval_99": [0.0, 1.0],
+        "named": True,
+    }
     effect = {"name": "sensor_delay", "site": "crank_torque", "families": [family]}
     for label in ("sensor_lag:crank_torque", "sensor_delay:crank_torque"):
         assert named_labels([effect], frozenset([label])) == {label}
     lag_alone = effect | {"families": [family | {"interval_99": [0.0, 0.4]}]}
-    for found, label in ((effect, "sensor_lag:guide_force"), (lag_alone, "sensor_delay:crank_torque")):
+    for found, label in (
+        (effect, "sensor_lag:guide_force"),
+        (lag_alone, "sensor_delay:crank_torque"),
+    ):
         assert named_labels([found], frozenset([label])) == {"sensor_lag_and_delay:crank_torque"}
 
 
@@ -175,18 +228,42 @@ def test_what_preflight_calls_undetectable_is_apart_and_so_is_what_could_not_be_
 def test_error_coverage_and_the_share_of_the_excess_closed():
     row = score_trial(truth(DRAG), analysis(effects=[named(DRAG, 2.1, 1.9, 2.2)]))
     assert (row["error"], row["covered_90"]) == (pytest.approx(0.05), 1.0)
-    assert score_trial(truth(DRAG), analysis(effects=[named(DRAG, 2.1, None, None)]))["covered_90"] == 0.0
+    assert (
+        score_trial(truth(DRAG), analysis(effects=[named(DRAG, 2.1, None, None)]))["covered_90"]
+        == 0.0
+    )
     effects = [named(DRAG, 1.0, 0.5, 2.0), named(SPRING, 110.0, 101.0, 120.0)]
     row = score_trial(truth(DRAG, SPRING, kind="pair"), analysis(effects=effects))
-    assert (row["error"], row["covered_90"]) == (pytest.approx((0.5 + 0.1) / 2), 0.5)  # 2.0 is covered, 100 is not
-    shares = [(3.0, 1.5, 1 - 1.25 / 8), (3.0, 1.0, 1.0), (3.0, 3.0, 0.0), (3.0, 5.0, -2.0), (1.500001, 1.0, 1.0)]
-    for before, after, closed in (*shares, (3.0, None, 0.0), (1.5, 1.0, math.nan)):  # too small for a share
+    assert (row["error"], row["covered_90"]) == (
+        pytest.approx((0.5 + 0.1) / 2),
+        0.5,
+    )  # 2.0 is covered, 100 is not
+    shares = [
+        (3.0, 1.5, 1 - 1.25 / 8),
+        (3.0, 1.0, 1.0),
+        (3.0, 3.0, 0.0),
+        (3.0, 5.0, -2.0),
+        (1.500001, 1.0, 1.0),
+    ]
+    for before, after, closed in (
+        *shares,
+        (3.0, None, 0.0),
+        (1.5, 1.0, math.nan),
+    ):  # too small for a share
         row = score_trial(truth(DRAG), analysis(effects=[named(DRAG)], gap=(before, after)))
         assert row["closed"] == pytest.approx(closed, nan_ok=True)
 
 
 def test_greedy_steps_follow_the_least_bic_whatever_remains():
-    rows = [("base", 100.0), ("a", 60.0), ("b", 50.0), ("a + b", 49.0), ("b + c", 51.0), ("a + c", 10.0), ("b", 70.0)]
+    rows = [
+        ("base", 100.0),
+        ("a", 60.0),
+        ("b", 50.0),
+        ("a + b", 49.0),
+        ("b + c", 51.0),
+        ("a + c", 10.0),
+        ("b", 70.0),
+    ]
     kinds = ["base", "single", "single", "pair", "pair", "pair", "single"]
     frame = pd.DataFrame(rows, columns=["explanation", "bic"]).assign(kind=kinds)
     assert greedy_names(frame) == ["a", "b"] and greedy_names(frame[:1]) == []
@@ -201,16 +278,26 @@ def test_the_interval_of_a_quantile_lies_between_the_order_statistics_of_the_tab
     """Trials of a base took 1, 2, 3, ... seconds."""
     row = score_trial(truth(kind="nothing"), analysis(verdict="no_disagreement"))
     counts = {str(count): np.arange(1.0, count + 1.0) for count in (1, 5, 6, 9, 20, 30, 100)}
-    frames = [pd.DataFrame([row] * len(own)).assign(base=base, seconds=own) for base, own in counts.items()]
+    frames = [
+        pd.DataFrame([row] * len(own)).assign(base=base, seconds=own)
+        for base, own in counts.items()
+    ]
     found = rates(pd.concat(frames, ignore_index=True)).set_index(["what", "group"])
     for count, ranks in ((1, (1, 1)), (5, (1, 5)), (6, (1, 6)), (9, (2, 8)), (20, (6, 15))):
         row = found.loc[("seconds, median", f"base {count}")]
-        assert (row["low"], row["value"], row["high"], row["count"]) == (ranks[0], (count + 1) / 2, ranks[1], count)
+        assert (row["low"], row["value"], row["high"], row["count"]) == (
+            ranks[0],
+            (count + 1) / 2,
+            ranks[1],
+            count,
+        )
     for count in (30, 100):
         row = found.loc[("seconds, of 90 % at most", f"base {count}")]
         low, high = int(row["low"]), int(row["high"])
         assert low < row["value"] < high
-        assert binom.cdf(low - 1, count, 0.9) <= 0.025 < binom.cdf(low, count, 0.9)  # so few are as rare as half of it
+        assert (
+            binom.cdf(low - 1, count, 0.9) <= 0.025 < binom.cdf(low, count, 0.9)
+        )  # so few are as rare as half of it
         if high < count:
             assert binom.sf(high - 1, count, 0.9) <= 0.025 < binom.sf(high - 2, count, 0.9)
 
@@ -224,10 +311,18 @@ def scored(folder, sealed, found) -> pd.DataFrame:
 
 
 def test_a_set_becomes_a_table_a_page_numbers_and_figures_and_a_lost_verdict_is_refused(tmp_path):
-    sealed = [truth(DRAG, name="a"), truth(name="b", kind="nothing"), truth(DRAG, SPRING, kind="pair", name="c")]
+    sealed = [
+        truth(DRAG, name="a"),
+        truth(name="b", kind="nothing"),
+        truth(DRAG, SPRING, kind="pair", name="c"),
+    ]
     sealed.append(truth(SPRING, kind="pair", name="d"))
     found = [
-        analysis(effects=[named(DRAG)], greedy=["slider_quadratic_drag"], sparse=["slider_viscous_friction"]),
+        analysis(
+            effects=[named(DRAG)],
+            greedy=["slider_quadratic_drag"],
+            sparse=["slider_viscous_friction"],
+        ),
         analysis(verdict="no_disagreement", greedy=[], sparse=None) | {"id": "b"},
         {"id": "c", "error": "SimulationError: it stops", "seconds": 2.0},
         analysis(**ambiguous([DRAG], [SPRING, DRAG])) | {"id": "d"},
@@ -235,28 +330,51 @@ def test_a_set_becomes_a_table_a_page_numbers_and_figures_and_a_lost_verdict_is_
     frame = scored(tmp_path, sealed, found)
     found = of_all(frame)
     assert found["right name", "all"] == found["nothing found, nothing hidden", "all"] == 1.0
-    assert (found["both named and no third", "all"], found["sparse regression: wrong name", "all"]) == (0.0, 1.0)
+    assert (
+        found["both named and no third", "all"],
+        found["sparse regression: wrong name", "all"],
+    ) == (0.0, 1.0)
     text = write_score("hand-made", frame, tmp_path / "score")
-    assert "| right name | all | 1 | 1 | 0.025 - 1 |" in text and "SimulationError: it stops" in text
+    assert (
+        "| right name | all | 1 | 1 | 0.025 - 1 |" in text and "SimulationError: it stops" in text
+    )
     assert {path.name for path in (tmp_path / "score").iterdir()} >= set(FILES)
     assert pd.read_csv(tmp_path / "score/trials.csv")["id"].tolist() == list("abcd")
-    with pytest.raises(InputError, match=r"sealed/z\.json: cannot be read .*run `make blind` again"):
+    with pytest.raises(
+        InputError, match=r"sealed/z\.json: cannot be read .*run `make blind` again"
+    ):
         score_trials(tmp_path, ["z"])
 
 
 def test_bins_of_the_map_are_right_false_or_missed_but_for_those_that_hardly_differ():
-    shown = truth(DRAG) | {"where": {"run1 crank_torque": [0.0, 0.05, 0.3, 0.6, 3.0, 0.5], "run2 rod_angle": [0.7]}}
-    row = score_trial(shown, analysis(effects=[named(DRAG)], map={"run1 crank_torque": [0, 2, 3, 4]}))
+    shown = truth(DRAG) | {
+        "where": {"run1 crank_torque": [0.0, 0.05, 0.3, 0.6, 3.0, 0.5], "run2 rod_angle": [0.7]}
+    }
+    row = score_trial(
+        shown, analysis(effects=[named(DRAG)], map={"run1 crank_torque": [0, 2, 3, 4]})
+    )
     assert (row["map_hit"], row["map_false"], row["map_missed"]) == (2, 1, 2)
-    assert math.isnan(score_trial(shown | {"where": None}, analysis(effects=[named(DRAG)], map={}))["map_hit"])
+    assert math.isnan(
+        score_trial(shown | {"where": None}, analysis(effects=[named(DRAG)], map={}))["map_hit"]
+    )
 
 
 def test_f1_of_map_and_names_is_that_of_all_trials_and_a_law_off_the_list_cannot_be_missed():
     frame = rows_of(*[("single", "ideal", 5.0, 5.0, True, False, "named", "right")] * 3)
-    frame[["map_hit", "map_false", "map_missed"]] = [[10.0, 0.0, 0.0], [20.0, 10.0, 10.0], [np.nan] * 3]
-    frame[["names_hit", "names_false", "names_missed"]] = [[3.0, 1.0, 0.0], [3.0, 0.0, 3.0], [np.nan] * 3]
+    frame[["map_hit", "map_false", "map_missed"]] = [
+        [10.0, 0.0, 0.0],
+        [20.0, 10.0, 10.0],
+        [np.nan] * 3,
+    ]
+    frame[["names_hit", "names_false", "names_missed"]] = [
+        [3.0, 1.0, 0.0],
+        [3.0, 0.0, 3.0],
+        [np.nan] * 3,
+    ]
     found = rates(frame).set_index(["what", "group"])
-    names = [found.loc[(f"names: {what}", "all"), "value"] for what in ("precision", "recall", "F1")]
+    names = [
+        found.loc[(f"names: {what}", "all"), "value"] for what in ("precision", "recall", "F1")
+    ]
     assert names == pytest.approx([6 / 7, 6 / 9, 12 / 16])
     row = found.loc[("map: F1 of the bins", "all")]
     assert (row["count"], row["value"]) == (2, pytest.approx(60 / 80))
@@ -275,20 +393,31 @@ def test_a_miss_has_the_cause_that_the_fits_show():
     for bic, cause in (
         ({"base": 50.0}, "not fitted"),
         ({"base": 50.0, "slider_quadratic_drag": 10.0}, "fit best"),
-        ({"slider_spring": 4.0, "slider_quadratic_drag": 10.0}, "slider_spring fits better, BIC lower by 6"),
+        (
+            {"slider_spring": 4.0, "slider_quadratic_drag": 10.0},
+            "slider_spring fits better, BIC lower by 6",
+        ),
     ):
         assert cause in score_trial(truth(DRAG), analysis(verdict="unexplained", bic=bic))["cause"]
         assert score_trial(truth(DRAG), analysis(effects=[named(DRAG)], bic=bic))["cause"] == ""
 
 
 def rows_of(*rows) -> pd.DataFrame:
-    """A table of trials of kind, base, size, gap caused, detectable, foreseen, verdict and outcome; numbers by hand."""
+    """A table of trials of kind, base, size, gap caused, detectable, foreseen, verdict and outcome;
+    numbers by hand."""
     names = ("kind", "base", "size", "gap_caused", "detectable", "foreseen", "verdict", "outcome")
     frame = pd.DataFrame(rows, columns=names)
     numbers = {"error": 0.1, "covered_90": 0.5, "closed": 0.9, "gap_after": 1.1, "seconds": 1.0}
-    numbers |= {"covered_50": 0.0, "covered_99": 1.0, "nuisances_covered_50": 4.0, "nuisances_covered_99": 8.0}
+    numbers |= {
+        "covered_50": 0.0,
+        "covered_99": 1.0,
+        "nuisances_covered_50": 4.0,
+        "nuisances_covered_99": 8.0,
+    }
     numbers |= {"nuisances": 8.0, "nuisances_covered_90": 7.0}
-    numbers |= {f"{found}_{end}": np.nan for found in ("map", "names") for end in ("hit", "false", "missed")}
+    numbers |= {
+        f"{found}_{end}": np.nan for found in ("map", "names") for end in ("hit", "false", "missed")
+    }
     effects = np.where(frame["kind"] == "clearance", "piston_pin_clearance", "gravity")
     effects[frame["size"] == 0.0] = "nothing"
     words = {"named": "gravity", "drive": "constant_speed"} | dict.fromkeys(BASELINES, "not asked")
@@ -298,7 +427,9 @@ def rows_of(*rows) -> pd.DataFrame:
 def counted(frame) -> dict:
     """How many of how many, by name and group."""
     found = rates(frame).set_index(["what", "group"])
-    return {key: (round(row["value"] * row["count"]), row["count"]) for key, row in found.iterrows()}
+    return {
+        key: (round(row["value"] * row["count"]), row["count"]) for key, row in found.iterrows()
+    }
 
 
 def test_every_rate_counts_the_trials_that_it_says():
@@ -330,7 +461,9 @@ def test_every_rate_counts_the_trials_that_it_says():
         "gap larger than asked for": (0, 1),
         "from Exudyn, joints ideal": (0, 1),
     }
-    assert {key[0]: shares[key] for key in shares if key[1] == "all" and "median" not in key[0]} == {
+    assert {
+        key[0]: shares[key] for key in shares if key[1] == "all" and "median" not in key[0]
+    } == {
         "right name": (2, 5),
         "right, of which ambiguous as foreseen": (1, 5),
         "right, small effects too that preflight does not exclude": (2, 6),
@@ -370,7 +503,16 @@ def test_clearances_hidden_on_purpose_are_scored_by_themselves_and_those_from_ex
         ("single", "ideal", 5.0, 5.0, True, False, "named", "right"),
         ("clearance", "ideal", 5.0, 5.0, True, False, "named", "wrong"),
         ("clearance", "loose", 1.5, 1.5, True, False, "named", "right"),
-        ("exudyn", "ideal", 5.0, 5.0, True, False, "named", "right"),  # a clearance, by what is set below
+        (
+            "exudyn",
+            "ideal",
+            5.0,
+            5.0,
+            True,
+            False,
+            "named",
+            "right",
+        ),  # a clearance, by what is set below
         ("exudyn", "loose", 5.0, 5.0, True, False, "named", "missed"),
         ("exudyn", "loose", 0.0, np.nan, False, False, "no_disagreement", "right"),
     )
@@ -408,14 +550,20 @@ def test_a_baseline_that_names_too_much_is_wrong_and_one_of_two_is_partly_right(
 
 
 def wired(what="sign", *channels):
-    return truth(kind="wiring") | {"damage": {"what": what, "channels": list(channels or ("crank_torque",))}}
+    return truth(kind="wiring") | {
+        "damage": {"what": what, "channels": list(channels or ("crank_torque",))}
+    }
 
 
 DOUBT = {"doubts": [{"run": "run1", "channel": "crank_torque", "other": "", "kind": "sign"}]}
 
 
 def test_wrongly_wired_data_are_right_where_the_channel_or_its_sensor_is_named_and_no_effect():
-    refused = {"id": "a", "seconds": 1.0, "error": "InputError: run1.csv, column t: check the run's speed"}
+    refused = {
+        "id": "a",
+        "seconds": 1.0,
+        "error": "InputError: run1.csv, column t: check the run's speed",
+    }
     for sealed, found, outcome, doubted in (
         (wired(), analysis(verdict="unexplained", **DOUBT), "right", True),
         (wired("sign", "guide_force"), analysis(verdict="unexplained", **DOUBT), "missed", False),
@@ -428,17 +576,29 @@ def test_wrongly_wired_data_are_right_where_the_channel_or_its_sensor_is_named_a
     ):
         row = score_trial(sealed, found)
         assert (row["outcome"], row["told"]) == (outcome, doubted), (sealed["damage"], outcome)
-    rows = [score_trial(wired(), analysis(verdict="unexplained", **DOUBT)), score_trial(wired("gain"), analysis())]
+    rows = [
+        score_trial(wired(), analysis(verdict="unexplained", **DOUBT)),
+        score_trial(wired("gain"), analysis()),
+    ]
     assert rows[0]["hidden"] == "sign: crank_torque"
     found = of_all(pd.DataFrame(rows))
-    shares = [found["told which channel, data wired wrongly", group] for group in ("all", "base ideal", "sign", "gain")]
+    shares = [
+        found["told which channel, data wired wrongly", group]
+        for group in ("all", "base ideal", "sign", "gain")
+    ]
     assert shares == [0.5, 0.5, 1.0, 0.0]
 
 
 def test_nuisances_count_where_the_model_is_right_and_an_interval_is_stated():
     stated = {
         "slider_mass": {"value": 0.5, "sd": 0.1, **same(0.4, 0.6), "interval_50": [0.45, 0.55]},
-        "rod_mass": {"value": 0.7, "sd": None, **same(0.65, 0.7), "interval_99": [0.6, 0.8], "remark": "at its bound"},
+        "rod_mass": {
+            "value": 0.7,
+            "sd": None,
+            **same(0.65, 0.7),
+            "interval_99": [0.6, 0.8],
+            "remark": "at its bound",
+        },
         "rod_inertia": {"value": 0.1, "sd": None, **same(None, None), "remark": "changes nothing"},
         "first_angle@slow": {"value": 0.1, "sd": 0.1, **same(0.0, 0.2)},
     }
@@ -446,6 +606,11 @@ def test_nuisances_count_where_the_model_is_right_and_an_interval_is_stated():
     found = analysis(effects=[named(DRAG)])
     found["verdict"]["nuisances"] = stated
     row = score_trial(known, found)
-    assert [row["nuisances"], *(row[f"nuisances_covered_{level}"] for level in LEVELS)] == [2.0, 0.0, 1.0, 2.0]
+    assert [row["nuisances"], *(row[f"nuisances_covered_{level}"] for level in LEVELS)] == [
+        2.0,
+        0.0,
+        1.0,
+        2.0,
+    ]
     found["verdict"]["effects"] = [named(SPRING)]
     assert math.isnan(score_trial(known, found)["nuisances"])

@@ -18,14 +18,24 @@ from validation.score import BASELINES, rates
 
 
 def made_up(right: int, count: int = 4) -> pd.DataFrame:
-    """Trials with one effect each, of which the first `right` were named right, and one with nothing hidden."""
-    rows = [{"kind": "single", "hidden": "gravity", "outcome": "right" if i < right else "wrong"} for i in range(count)]
+    """Trials with one effect each, of which the first `right` were named right, and one with
+    nothing hidden."""
+    rows = [
+        {"kind": "single", "hidden": "gravity", "outcome": "right" if i < right else "wrong"}
+        for i in range(count)
+    ]
     rows.append({"kind": "nothing", "hidden": "nothing", "outcome": "right"})
     numbers = ["error", "gap_caused", "gap_before", "gap_after", "closed", "nuisances"]
-    numbers += [f"{found}_{end}" for found in ("map", "names") for end in ("hit", "false", "missed")]
+    numbers += [
+        f"{found}_{end}" for found in ("map", "names") for end in ("hit", "false", "missed")
+    ]
     numbers += [f"{name}covered_{level}" for name in ("", "nuisances_") for level in (50, 90, 99)]
-    text = dict.fromkeys(("verdict", "named", "cause", "reason", *BASELINES), "-") | {"drive": "constant_speed"}
-    frame = pd.DataFrame([text | dict.fromkeys(numbers, 1.0) | {"numerics_gap": np.nan} | row for row in rows])
+    text = dict.fromkeys(("verdict", "named", "cause", "reason", *BASELINES), "-") | {
+        "drive": "constant_speed"
+    }
+    frame = pd.DataFrame(
+        [text | dict.fromkeys(numbers, 1.0) | {"numerics_gap": np.nan} | row for row in rows]
+    )
     flags = {"told": False, "foreseen": False, "detectable": frame["kind"] == "single"}
     names = [f"trial{i}" for i in frame.index]
     return frame.assign(id=names, base="ideal", size=5.0, seconds=2.0, **flags)
@@ -43,9 +53,20 @@ def test_every_figure_of_a_set_is_a_metric_and_what_it_took_is_a_cost(folder):
     (record,) = mlflow_records(folder)
     assert record.metrics["right name/all"] == record.metrics["right name/gap 5"] == 0.75
     assert record.metrics["trials/single"] == 4
-    assert record.costs == {"seconds/median/base ideal": 2.0, "seconds/of 90 percent at most/base ideal": 2.0}
-    assert len(record.metrics) + len(record.costs) == len(rates(made_up(3))) + 2  # and two kinds counted
-    assert set(record.files) >= {"summary.md", "trials.csv", "confusion.csv", "figures/rates.svg", "figures/curves.png"}
+    assert record.costs == {
+        "seconds/median/base ideal": 2.0,
+        "seconds/of 90 percent at most/base ideal": 2.0,
+    }
+    assert (
+        len(record.metrics) + len(record.costs) == len(rates(made_up(3))) + 2
+    )  # and two kinds counted
+    assert set(record.files) >= {
+        "summary.md",
+        "trials.csv",
+        "confusion.csv",
+        "figures/rates.svg",
+        "figures/curves.png",
+    }
 
 
 def test_sets_are_runs_of_one_experiment_and_a_new_score_supersedes_the_old(folder, tmp_path):
@@ -56,21 +77,33 @@ def test_sets_are_runs_of_one_experiment_and_a_new_score_supersedes_the_old(fold
         return done["runs"]["blind"], done["deleted"]
 
     store = f"sqlite:///{tmp_path / 'mlflow.db'}"
-    runs, client = {name: published(name)[0] for name in ("small", "large")}, MlflowClient(tracking_uri=store)
+    runs, client = (
+        {name: published(name)[0] for name in ("small", "large")},
+        MlflowClient(tracking_uri=store),
+    )
     assert published("small") == (runs["small"] | {"state": "kept"}, 0)
     found = [client.get_run(run["run_id"]) for run in runs.values()]
     assert [run.data.metrics["right name/all"] for run in found] == [0.75, 0.75]
     (experiment,) = {run.info.experiment_id for run in found}
-    assert f"/experiments/{experiment}/runs?" in addresses(store, "http://here")["scores of all blind trials"]
+    assert (
+        f"/experiments/{experiment}/runs?"
+        in addresses(store, "http://here")["scores of all blind trials"]
+    )
     table = own / "rates.csv"
     table.write_text(table.read_text().replace("0.75", "0.5"))
     assert published("small")[1] == 1
 
 
-def test_trials_are_scored_and_published_collected_over_several_runs_of_one_version_and_reported(tmp_path):
+def test_trials_are_scored_and_published_collected_over_several_runs_of_one_version_and_reported(
+    tmp_path,
+):
     table, one, other = tmp_path / "trials.csv", tmp_path / "blind/one", tmp_path / "blind/other"
     for name, folder in (("a", one), ("b", other)):
-        scored(folder, [truth(name=name, kind="nothing")], [analysis(verdict="no_disagreement") | {"id": name}])
+        scored(
+            folder,
+            [truth(name=name, kind="nothing")],
+            [analysis(verdict="no_disagreement") | {"id": name}],
+        )
     for folder in (one, other, other):
         collect(str(folder), str(table), "v1")
     score("one", str(one), "a")

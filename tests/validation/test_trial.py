@@ -27,15 +27,28 @@ def test_what_was_hidden_is_named_and_nothing_else(tmp_path, kind, base, effects
     truth = make_trial(trial, 11, tmp_path / trial.id)
     record = analyse_trial(tmp_path / trial.id)
     assert "error" not in record
-    row = score_trial(json.loads(json.dumps(truth)), json.loads(json.dumps(record, allow_nan=False)))
+    row = score_trial(
+        json.loads(json.dumps(truth)), json.loads(json.dumps(record, allow_nan=False))
+    )
     assert row["outcome"] == "right"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(4))
-def test_nothing_is_named_where_nothing_is_hidden_and_the_speed_of_the_measured_crank_drifts(tmp_path, number):
-    trial = Trial("nothing", "ideal", measured_angle=True, drift=True, number=number, id=f"00000000000{number}")
+def test_nothing_is_named_where_nothing_is_hidden_and_the_speed_of_the_measured_crank_drifts(
+    tmp_path, number
+):
+    trial = Trial(
+        "nothing",
+        "ideal",
+        measured_angle=True,
+        drift=True,
+        number=number,
+        id=f"00000000000{number}",
+    )
     truth = make_trial(trial, 61, tmp_path / trial.id)
     record = analyse_trial(tmp_path / trial.id)
-    row = score_trial(json.loads(json.dumps(truth)), json.loads(json.dumps(record, allow_nan=False)))
+    row = score_trial(
+        json.loads(json.dumps(truth)), json.loads(json.dumps(record, allow_nan=False))
+    )
     assert row["outcome"] == "right"

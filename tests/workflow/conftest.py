@@ -12,12 +12,14 @@ import pytest
 
 from benchmarks.project import copy_project, environment, in_venv, run, smoke_command
 
-PATIENCE = 600  # seconds until something that has to happen is given up: a machine may be busy with other things
+# seconds until something that has to happen is given up: a machine may be busy with other things
+PATIENCE = 600
 
 
 @dataclass(frozen=True)
 class SmokeRun:
-    """A folder in which the smoke configuration was killed and then has run to its end, and what was printed."""
+    """A folder in which the smoke configuration was killed and then has run to its end, and what
+    was printed."""
 
     folder: Path
     left: int  # tables that the killed run left
@@ -25,17 +27,25 @@ class SmokeRun:
 
 
 def tables(folder: Path) -> dict[str, bytes]:
-    """Content of every Parquet file of the smoke scenario, by path; not the hidden files that a killed write leaves."""
-    files = [path for path in (folder / "results/smoke").rglob("*.parquet") if not path.name.startswith(".")]
+    """Content of every Parquet file of the smoke scenario, by path; not the hidden files that a
+    killed write leaves."""
+    files = [
+        path
+        for path in (folder / "results/smoke").rglob("*.parquet")
+        if not path.name.startswith(".")
+    ]
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
 
 
 @pytest.fixture(scope="session")
 def smoke(tmp_path_factory: pytest.TempPathFactory) -> SmokeRun:
-    """The whole chain, killed after its first table, in a folder with a space in its path, for a user whose HOME cannot
-    be written.
+    """The whole chain, killed after its first table, in a folder with a space in its path, for a
+    user whose HOME cannot be written.
     """
-    folder, command = copy_project(tmp_path_factory.mktemp("smoke") / "a project"), smoke_command("--cores", "2")
+    folder, command = (
+        copy_project(tmp_path_factory.mktemp("smoke") / "a project"),
+        smoke_command("--cores", "2"),
+    )
     home = {"HOME": "/dev/null/home"}
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
     killed = subprocess.Popen(in_venv(*command), cwd=folder, env=environment() | home, **quiet)

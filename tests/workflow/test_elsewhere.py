@@ -58,7 +58,10 @@ def planned(*options, folder=ROOT) -> dict[str, str]:
 
 def test_the_snakefile_at_the_top_asks_for_the_same_jobs_as_the_workflow_where_the_catalogue_looks_for_it():
     options = ("--dry-run", "--forceall", "--quiet", "rules", "--cores", "1")
-    top, inner = (planned("snakemake", *more, *options) for more in ((), ("--snakefile", "workflow/Snakefile")))
+    top, inner = (
+        planned("snakemake", *more, *options)
+        for more in ((), ("--snakefile", "workflow/Snakefile"))
+    )
     assert top.pop("everything") == inner.pop("all") == "1"
     assert top == inner != {}
 
@@ -66,7 +69,11 @@ def test_the_snakefile_at_the_top_asks_for_the_same_jobs_as_the_workflow_where_t
 def test_a_killed_campaign_in_a_folder_hard_to_quote_goes_on_and_one_that_cannot_be_used_ends_with_its_mend(
     fresh_project, tmp_path
 ):
-    text = (ROOT / "config/campaigns/demonstration.yaml").read_text().replace("name: demonstration", "name: own")
+    text = (
+        (ROOT / "config/campaigns/demonstration.yaml")
+        .read_text()
+        .replace("name: demonstration", "name: own")
+    )
     own = tmp_path / "our rig's data/plan.yaml"
     own.parent.mkdir()
     own.write_text(text.replace("../mechanisms", str(ROOT / "config/mechanisms")))

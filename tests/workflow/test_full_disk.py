@@ -9,7 +9,10 @@ from benchmarks.project import ROOT, environment
 
 pytestmark = pytest.mark.integration
 
-RULE = "rule {}:\n    output: '{}.made'\n    log: '{}.log'\n    shell: 'ulimit -f 0; jointgap {} > {{log}} 2>&1'\n"
+RULE = (
+    "rule {}:\n    output: '{}.made'\n    log: '{}.log'\n    shell: 'ulimit -f 0; jointgap {} >"
+    " {{log}} 2>&1'\n"
+)
 
 
 def test_the_reason_of_a_failed_job_is_shown_though_its_log_is_empty(tmp_path):
@@ -17,9 +20,27 @@ def test_the_reason_of_a_failed_job_is_shown_though_its_log_is_empty(tmp_path):
     for name, command in (("read", "describe nothing.parquet"), ("write", "schema")):
         text += RULE.format(name, name, name, command)
     (tmp_path / "Snakefile").write_text(text)
-    command = ["snakemake", "read.made", "write.made", "--cores", "1", "--show-failed-logs", "--keep-going"]
-    done = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)
+    command = [
+        "snakemake",
+        "read.made",
+        "write.made",
+        "--cores",
+        "1",
+        "--show-failed-logs",
+        "--keep-going",
+    ]
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False
+    )
     said = done.stdout + done.stderr
-    assert done.returncode != 0 and (tmp_path / "read.log").read_text() == (tmp_path / "write.log").read_text() == ""
-    assert "jointgap: error: nothing.parquet: no such file; check the path" in said and "Traceback" not in said
-    assert re.search(r"jointgap: error: .*cannot be written \(File too large\); free disk space", said)
+    assert (
+        done.returncode != 0
+        and (tmp_path / "read.log").read_text() == (tmp_path / "write.log").read_text() == ""
+    )
+    assert (
+        "jointgap: error: nothing.parquet: no such file; check the path" in said
+        and "Traceback" not in said
+    )
+    assert re.search(
+        r"jointgap: error: .*cannot be written \(File too large\); free disk space", said
+    )

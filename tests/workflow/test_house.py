@@ -19,17 +19,29 @@ EXTRAS = PROJECT["optional-dependencies"]
 
 def test_the_lock_file_and_the_conda_environment_ask_for_the_packages_of_the_project():
     wanted = [*PROJECT["dependencies"], *(line for extra in EXTRAS.values() for line in extra)]
-    pins = dict(re.findall(r"^([A-Za-z0-9._-]+)==([^ ]+)", (ROOT / "requirements.lock").read_text(), re.MULTILINE))
+    pins = dict(
+        re.findall(
+            r"^([A-Za-z0-9._-]+)==([^ ]+)", (ROOT / "requirements.lock").read_text(), re.MULTILINE
+        )
+    )
     pins = {canonicalize_name(name): version for name, version in pins.items()}
     for requirement in map(Requirement, wanted):
         if requirement.name == PROJECT["name"]:  # an extra that takes in another
             assert requirement.extras <= EXTRAS.keys()
         else:
-            assert requirement.specifier.contains(pins[canonicalize_name(requirement.name)]), requirement
+            assert requirement.specifier.contains(pins[canonicalize_name(requirement.name)]), (
+                requirement
+            )
     other_names = {"matplotlib-base": "matplotlib", "pytorch": "torch"}
     lines = yaml.safe_load((ROOT / "workflow/envs/jointgap.yaml").read_text())["dependencies"]
-    conda = {line.replace(" ", "") for line in lines if not line.startswith(("python ", "pip", "setuptools"))}
-    conda = {re.sub(r"^[a-z-]+", lambda name: other_names.get(name[0], name[0]), line) for line in conda}
+    conda = {
+        line.replace(" ", "")
+        for line in lines
+        if not line.startswith(("python ", "pip", "setuptools"))
+    }
+    conda = {
+        re.sub(r"^[a-z-]+", lambda name: other_names.get(name[0], name[0]), line) for line in conda
+    }
     in_jobs = {*PROJECT["dependencies"], *EXTRAS["learn"], *EXTRAS["workflow"]}
     assert conda == {line for line in in_jobs if not line.startswith("snakemake")}
 
@@ -39,7 +51,9 @@ def test_profiles_the_catalogue_entry_the_help_and_the_version_are_whole():
     assert [path.parent.name for path in profiles] == ["ci", "local", "slurm"]
     for path in [*profiles, ROOT / ".snakemake-workflow-catalog.yml", ROOT / "CITATION.cff"]:
         assert isinstance(yaml.safe_load(path.read_text()), dict), path
-    targets = re.search(r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)[1].split()
+    targets = re.search(r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)[
+        1
+    ].split()
     shown = run(ROOT, "make", "--no-print-directory", "help").stdout.splitlines()
     assert set(targets) == {line.split()[0] for line in shown if not line.startswith("variables")}
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
@@ -47,14 +61,21 @@ def test_profiles_the_catalogue_entry_the_help_and_the_version_are_whole():
 
 
 def test_generated_pages_are_up_to_date():
-    pages = sorted(page for page in ROOT.glob("docs/**/*.md") if "<!-- generated:" in page.read_text(encoding="utf-8"))
+    pages = sorted(
+        page
+        for page in ROOT.glob("docs/**/*.md")
+        if "<!-- generated:" in page.read_text(encoding="utf-8")
+    )
     assert len(pages) > 5
     done = run(ROOT, "scripts/generated-pages", *map(str, pages))
     assert done.returncode == 0, done.stderr
     assert done.stdout == "".join(page.read_text(encoding="utf-8") for page in pages)
 
 
-PAGES = [ROOT / f"{name}.md" for name in ("README", "config/README", "CONTRIBUTING", "SECURITY", "CODE_OF_CONDUCT")]
+PAGES = [
+    ROOT / f"{name}.md"
+    for name in ("README", "config/README", "CONTRIBUTING", "SECURITY", "CODE_OF_CONDUCT")
+]
 PAGES += sorted(page for page in ROOT.glob("docs/**/*.md") if "_build" not in page.parts)
 
 
@@ -62,21 +83,31 @@ def test_every_name_of_the_package_and_every_path_of_the_map_of_the_code_is_ther
     def is_there(page):
         text = page.read_text(encoding="utf-8")
         if page.stem == "changelog":
-            text = re.sub(r"(?m)^ *\| `[^|]*\|", "", text)  # names as they were, in a table's first column
+            text = re.sub(
+                r"(?m)^ *\| `[^|]*\|", "", text
+            )  # names as they were, in a table's first column
         for name in re.findall(r"`(jointgap(?:\.\w+)+)", text):
             resolve_name(name)
-        for module, names in re.findall(r"^from (jointgap[\w.]*) import ([\w, ]+)$", text, re.MULTILINE):
+        for module, names in re.findall(
+            r"^from (jointgap[\w.]*) import ([\w, ]+)$", text, re.MULTILINE
+        ):
             for name in names.split(", "):
                 assert hasattr(import_module(module), name), (module, name)
 
     each(is_there, PAGES)
-    for path in re.findall(r"`([\w.]+/[\w./-]*)`", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")):
+    for path in re.findall(
+        r"`([\w.]+/[\w./-]*)`", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    ):
         if not path.startswith(("results/", "docs/_build/")):
             assert (ROOT / path).exists() or (ROOT / "src/jointgap" / path).exists(), path
 
 
 def test_every_test_that_a_script_or_a_page_names_is_there():
-    files = [ROOT / "Makefile", *(ROOT / "scripts").iterdir(), *(page for page in PAGES if page.stem != "changelog")]
+    files = [
+        ROOT / "Makefile",
+        *(ROOT / "scripts").iterdir(),
+        *(page for page in PAGES if page.stem != "changelog"),
+    ]
     text = "\n".join(file.read_text(encoding="utf-8") for file in files)
     named = {path.rstrip(".") for path in re.findall(r"\btests/[\w./{},-]+", text)}
     paths = run(ROOT, "bash", "-c", f"printf '%s\n' {' '.join(sorted(named))}").stdout.split()

@@ -16,18 +16,33 @@ JOINTS = {"none": IDEAL, "one": IDEAL | PIVOT, "two": {}, "three": PIVOT}
 
 def planned(tmp_path, *names):
     """Jobs by rule in a dry run of scenarios with these joints."""
-    configuration = yaml.safe_load((ROOT / "config/config.yaml").read_text()) | {"run": list(names), "campaigns": []}
+    configuration = yaml.safe_load((ROOT / "config/config.yaml").read_text()) | {
+        "run": list(names),
+        "campaigns": [],
+    }
     configuration["scenarios"] = {
-        name: {"mechanism": {"base": configuration["mechanism"], "joints": JOINTS[name]}} for name in names
+        name: {"mechanism": {"base": configuration["mechanism"], "joints": JOINTS[name]}}
+        for name in names
     }
     (tmp_path / "config.yaml").write_text(yaml.safe_dump(configuration))
-    options = ["--configfile", str(tmp_path / "config.yaml"), "--dry-run", "--forceall", "--quiet", "rules"]
+    options = [
+        "--configfile",
+        str(tmp_path / "config.yaml"),
+        "--dry-run",
+        "--forceall",
+        "--quiet",
+        "rules",
+    ]
     done = run(ROOT, "snakemake", *options, "--cores", "1")
     assert done.returncode == 0, done.stderr
-    return {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", done.stdout, re.MULTILINE)}
+    return {
+        rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", done.stdout, re.MULTILINE)
+    }
 
 
-def test_there_is_a_network_for_each_output_of_each_loose_joint_and_without_any_a_motion_alone(tmp_path):
+def test_there_is_a_network_for_each_output_of_each_loose_joint_and_without_any_a_motion_alone(
+    tmp_path,
+):
     alone = planned(tmp_path, "none")
     assert alone["simulate"] == alone["animate"] == 1
     assert set(alone) <= {"simulate", "animate", "everything", "total"}

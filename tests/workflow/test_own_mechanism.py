@@ -1,4 +1,5 @@
-"""`make run CONFIG=mine.yaml`: somebody's own mechanism, with networks and the paper only where they are asked for."""
+"""`make run CONFIG=mine.yaml`: somebody's own mechanism, with networks and the paper only where
+they are asked for."""
 
 import json
 import re
@@ -12,7 +13,12 @@ pytestmark = pytest.mark.integration
 
 OWN = {
     "mechanism": str(ROOT / "config/mechanisms/compressor.yaml"),
-    "simulate": {"speed": "1450 rpm", "revolutions": 2, "samples_per_revolution": 1800, "tolerance": "1e-9 m"},
+    "simulate": {
+        "speed": "1450 rpm",
+        "revolutions": 2,
+        "samples_per_revolution": 1800,
+        "tolerance": "1e-9 m",
+    },
     "optimise": {
         "genetic": {"population": 8, "generations": 3},
         "ensemble": {"members": 3, "settled_revolution": 2},
@@ -28,12 +34,16 @@ def make(project, *options, **keys):
     return done.stdout
 
 
-def test_an_own_mechanism_is_optimised_without_networks_and_the_paper_until_they_are_asked_for(fresh_project):
+def test_an_own_mechanism_is_optimised_without_networks_and_the_paper_until_they_are_asked_for(
+    fresh_project,
+):
     make(fresh_project)
     results = fresh_project / "results/mine"
     known = json.loads((results / "summary.json").read_text())
     assert known["headline"].startswith("Crank 25.0 mm")
-    assert (results / "optimise/resimulated.parquet").is_file() and (results / "figures/valley.png").is_file()
+    assert (results / "optimise/resimulated.parquet").is_file() and (
+        results / "figures/valley.png"
+    ).is_file()
     assert not (results / "surrogate").exists() and not list(results.glob("comparison*"))
     planned = make(fresh_project, "ARGS=--dry-run", networks=True, paper=True)
     counts = dict(re.findall(r"^(\w+) +(\d+)$", planned, re.MULTILINE))

@@ -1,4 +1,5 @@
-"""The script between make and Snakemake, with a stand-in for Snakemake that says what it was asked."""
+"""The script between make and Snakemake, with a stand-in for Snakemake that says what it was
+asked."""
 
 import os
 import select
@@ -18,7 +19,8 @@ SCRIPT, IN_VENV = ROOT / "scripts" / "run-workflow", ROOT / "scripts" / "in-venv
 RULES = ROOT / "workflow" / "rules"
 BEFORE_ANY_JOB = f"include: {str(RULES / 'before_any_job.smk')!r}\n"
 TERMINAL = f"include: {str(RULES / 'terminal.smk')!r}\n"
-PATIENCE = 600  # seconds until something that has to happen is given up: a machine may be busy with other things
+# seconds until something that has to happen is given up: a machine may be busy with other things
+PATIENCE = 600
 
 
 def stand_in(place: Path) -> None:
@@ -35,12 +37,21 @@ def run_workflow(tmp_path):
 
     def called(*options: str) -> subprocess.CompletedProcess:
         command = [SCRIPT, "report.html", "--nolock", *options, "--dry-run"]
-        return subprocess.run(command, cwd=tmp_path, env=os.environ | path, capture_output=True, text=True, check=False)
+        return subprocess.run(
+            command,
+            cwd=tmp_path,
+            env=os.environ | path,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
 
     return called
 
 
-def test_a_users_options_and_files_go_to_snakemake_with_what_the_makefile_says(run_workflow, tmp_path):
+def test_a_users_options_and_files_go_to_snakemake_with_what_the_makefile_says(
+    run_workflow, tmp_path
+):
     for name in ("mine", "more"):
         (tmp_path / f"{name}.yaml").write_text("figures: {magnification: 1}\n")
 
@@ -55,9 +66,23 @@ def test_a_users_options_and_files_go_to_snakemake_with_what_the_makefile_says(r
     files = ["--configfile", "mine.yaml", "--cores", "2", "--configfile=more.yaml", "results/x.png"]
     cases = [
         (["--cores", "2"], ["--cores", "2", "--dry-run"]),
-        (both, ["campaigned", "--cores", "2", "-k", "--dry-run", "--config", "fit_parts=4", campaign]),
+        (
+            both,
+            ["campaigned", "--cores", "2", "-k", "--dry-run", "--config", "fit_parts=4", campaign],
+        ),
         (["--config=a=4", "results/x.png"], ["results/x.png", "--dry-run", "--config", "a=4"]),
-        (files, ["--cores", "2", "results/x.png", "--dry-run", "--configfile", "mine.yaml", "more.yaml"]),
+        (
+            files,
+            [
+                "--cores",
+                "2",
+                "results/x.png",
+                "--dry-run",
+                "--configfile",
+                "mine.yaml",
+                "more.yaml",
+            ],
+        ),
     ]
     for words in (["--config=a=4"], ["-Ca=4"], ["-C", "a=4"]):
         more = [*words, "--quiet", "--config", "campaigns=[1]"]
@@ -72,7 +97,9 @@ def test_no_target_of_the_makefile_is_taken_for_a_users_configuration():
         assert 0 < said.index(f"report.html {asked} ") < said.index("--config a=b")
 
 
-def test_a_configuration_that_cannot_be_read_is_refused_before_snakemake_sees_it(run_workflow, tmp_path):
+def test_a_configuration_that_cannot_be_read_is_refused_before_snakemake_sees_it(
+    run_workflow, tmp_path
+):
     good, file = tmp_path / "good.yaml", tmp_path / "mine.yaml"
     good.write_text("figures: {magnification: 1}\n")
     for content in (None, "figures: {magnification: 1}\nfigures: {magnification: 2}\n"):
@@ -88,27 +115,56 @@ def test_a_configuration_that_cannot_be_read_is_refused_before_snakemake_sees_it
 def test_snakemake_itself_takes_no_configuration_that_is_wrong_in_silence(tmp_path):
     (tmp_path / "mine.yaml").write_text("simulate: {revolutions: 010}\n")
     for more in ((), ("--snakefile", "workflow/blind/Snakefile")):
-        given = ["--configfile", str(tmp_path / "mine.yaml"), "--dry-run", "--quiet", "--cores", "1"]
+        given = [
+            "--configfile",
+            str(tmp_path / "mine.yaml"),
+            "--dry-run",
+            "--quiet",
+            "--cores",
+            "1",
+        ]
         done = run(ROOT, "snakemake", *more, *given)
         said = done.stdout + done.stderr
         assert done.returncode == 1 and "Traceback" not in said
-        assert f"{tmp_path / 'mine.yaml'}, line 1, column 25: 010 differs between YAML versions" in said
+        assert (
+            f"{tmp_path / 'mine.yaml'}, line 1, column 25: 010 differs between YAML versions"
+            in said
+        )
 
 
-SETPRIV = ("setpriv", "--clear-groups", "--inh-caps=+dac_read_search", "--ambient-caps=+dac_read_search")
-as_root = pytest.mark.skipif(os.geteuid() != 0 or shutil.which("setpriv") is None, reason="needs root and setpriv")
+SETPRIV = (
+    "setpriv",
+    "--clear-groups",
+    "--inh-caps=+dac_read_search",
+    "--ambient-caps=+dac_read_search",
+)
+as_root = pytest.mark.skipif(
+    os.geteuid() != 0 or shutil.which("setpriv") is None, reason="needs root and setpriv"
+)
 
 
-def as_user(number: int, folder: Path, *command: str | Path, **environment: str) -> subprocess.CompletedProcess:
-    """Run a command as a user number without a name, which may read all but write only what is its own."""
+def as_user(
+    number: int, folder: Path, *command: str | Path, **environment: str
+) -> subprocess.CompletedProcess:
+    """Run a command as a user number without a name, which may read all but write only what is its
+    own."""
     own = {"HOME": "/", "PATH": os.environ["PATH"]} | environment
     given = [*SETPRIV, f"--reuid={number}", "--regid=3000", *map(str, command)]
     return subprocess.run(given, cwd=folder, env=own, capture_output=True, text=True, check=False)
 
 
-def test_a_module_systems_packages_are_no_packages_of_the_project_and_the_users_name_stays(tmp_path):
-    known = {"USER": "mine", "LOGNAME": "mine", "PYTHONPATH": str(tmp_path), "PYTHONHOME": str(tmp_path)}
-    done = subprocess.run([IN_VENV, "env"], env=os.environ | known, capture_output=True, text=True, check=True)
+def test_a_module_systems_packages_are_no_packages_of_the_project_and_the_users_name_stays(
+    tmp_path,
+):
+    known = {
+        "USER": "mine",
+        "LOGNAME": "mine",
+        "PYTHONPATH": str(tmp_path),
+        "PYTHONHOME": str(tmp_path),
+    }
+    done = subprocess.run(
+        [IN_VENV, "env"], env=os.environ | known, capture_output=True, text=True, check=True
+    )
     lines = done.stdout.splitlines()
     assert {"USER=mine", "LOGNAME=mine"} <= set(lines)
     assert not [line for line in lines if line.startswith(("PYTHONPATH=", "PYTHONHOME="))]
@@ -162,9 +218,13 @@ def test_the_path_of_a_campaign_reaches_the_configuration_as_it_is_written(tmp_p
     def reaches(path, said_by):
         given, more = (["CAMPAIGN=" + path], {}) if said_by == "make" else ([], {"CAMPAIGN": path})
         command = ["make", "--old-file=set-up", "campaign", "ARGS=--dry-run", *given]
-        subprocess.run(command, cwd=tmp_path, env=os.environ | more, check=True, capture_output=True)
+        subprocess.run(
+            command, cwd=tmp_path, env=os.environ | more, check=True, capture_output=True
+        )
         asked = (tmp_path / "asked.txt").read_text().splitlines()
-        assert parse_config([one for one in asked if one.startswith("campaigns=")]) == {"campaigns": [path]}
+        assert parse_config([one for one in asked if one.startswith("campaigns=")]) == {
+            "campaigns": [path]
+        }
         assert not (tmp_path / "made").exists()
 
     each(reaches, [(path, said_by) for path in PATHS for said_by in ("environment", "make")])
@@ -175,7 +235,8 @@ BY_MAKE, BY_ITSELF = (str(SCRIPT), "report.html"), ("snakemake", "--nolock")
 
 @pytest.fixture
 def slow_workflow(tmp_path) -> Path:
-    """A folder with a workflow of one job that tells when it begins and ends, by pipes that wait for who reads them."""
+    """A folder with a workflow of one job that tells when it begins and ends, by pipes that wait
+    for who reads them."""
     job = "echo begins > told; read line < go_on; echo ends >> noted; touch {output}"
     rule = f"rule slow:\n    output: 'report.html'\n    log: 'slow.log'\n    shell: {job!r}\n"
     (tmp_path / "Snakefile").write_text(BEFORE_ANY_JOB + TERMINAL + rule)
@@ -186,9 +247,17 @@ def slow_workflow(tmp_path) -> Path:
 
 def started(folder: Path, *command: str, quiet: str = "all") -> subprocess.Popen:
     """A run in `folder`."""
-    piped = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "start_new_session": True}
+    piped = {
+        "stdout": subprocess.PIPE,
+        "stderr": subprocess.STDOUT,
+        "text": True,
+        "start_new_session": True,
+    }
     return subprocess.Popen(
-        [*command, "--cores", "1", "--forceall", "--quiet", quiet], cwd=folder, env=environment(), **piped
+        [*command, "--cores", "1", "--forceall", "--quiet", quiet],
+        cwd=folder,
+        env=environment(),
+        **piped,
     )
 
 
@@ -201,8 +270,14 @@ def begins(folder: Path) -> None:
 
 @pytest.mark.integration
 def test_a_run_stopped_by_ctrl_c_or_a_limit_says_so_in_one_line_before_it_ends(slow_workflow):
-    (slow_workflow / "slow.log").write_text("jointgap: compiling the simulation for this machine, once\n")
-    for stop, number in ((os.killpg, signal.SIGINT), (os.killpg, signal.SIGTERM), (os.kill, signal.SIGTERM)):
+    (slow_workflow / "slow.log").write_text(
+        "jointgap: compiling the simulation for this machine, once\n"
+    )
+    for stop, number in (
+        (os.killpg, signal.SIGINT),
+        (os.killpg, signal.SIGTERM),
+        (os.kill, signal.SIGTERM),
+    ):
         working = started(slow_workflow, *BY_MAKE, quiet="reason")
         begins(slow_workflow)
         time.sleep(2.0)  # while Snakemake starts a job it can fail to stop
@@ -210,12 +285,16 @@ def test_a_run_stopped_by_ctrl_c_or_a_limit_says_so_in_one_line_before_it_ends(s
         if stop is os.kill:  # Snakemake waits for jobs that nobody stops
             (slow_workflow / "go_on").write_text("\n")
         said = working.communicate(timeout=PATIENCE)[0]
-        assert working.returncode != 0 and said.count("interrupted; the same command resumes\n") == 1, said
+        assert (
+            working.returncode != 0 and said.count("interrupted; the same command resumes\n") == 1
+        ), said
         assert "failed" not in said and "compiling" not in said and "report: " not in said
 
 
 @pytest.mark.integration
-def test_of_two_runs_in_a_folder_snakemake_refuses_make_waits_and_a_killed_one_holds_up_no_other(slow_workflow):
+def test_of_two_runs_in_a_folder_snakemake_refuses_make_waits_and_a_killed_one_holds_up_no_other(
+    slow_workflow,
+):
     def goes_on(process):
         (slow_workflow / "go_on").write_text("\n")
         said = process.communicate(timeout=PATIENCE)[0]
@@ -247,13 +326,22 @@ def test_of_two_runs_in_a_folder_snakemake_refuses_make_waits_and_a_killed_one_h
 @pytest.mark.integration
 def test_a_store_that_does_not_answer_ends_a_run_before_its_first_job(tmp_path):
     (tmp_path / "Snakefile").write_text(
-        BEFORE_ANY_JOB + "rule track:\n    input: 'table'\n    output: 'published'\n    resources: mlflow_store=1\n"
-        "    shell: 'touch {output}'\n"
-        "rule simulate:\n    output: 'table'\n    resources: mlflow_store=0\n    shell: 'touch {output}'\n"
+        BEFORE_ANY_JOB + "rule track:\n    input: 'table'\n    output: 'published'\n    resources:"
+        " mlflow_store=1\n    shell: 'touch {output}'\nrule simulate:\n    output: 'table'\n   "
+        " resources: mlflow_store=0\n    shell: 'touch {output}'\n"
     )
-    asked = {"cwd": tmp_path, "env": environment() | {"MLFLOW_TRACKING_URI": "nowhere://x"}, "check": False}
+    asked = {
+        "cwd": tmp_path,
+        "env": environment() | {"MLFLOW_TRACKING_URI": "nowhere://x"},
+        "check": False,
+    }
     refused = subprocess.run(["snakemake", "--cores", "1"], capture_output=True, text=True, **asked)
     assert refused.returncode != 0 and "jointgap: error: MLflow store" in refused.stderr
     assert "unset MLFLOW_TRACKING_URI" in refused.stderr and not (tmp_path / "table").exists()
     # who publishes nothing needs no store
-    assert subprocess.run(["snakemake", "table", "--cores", "1"], capture_output=True, **asked).returncode == 0
+    assert (
+        subprocess.run(
+            ["snakemake", "table", "--cores", "1"], capture_output=True, **asked
+        ).returncode
+        == 0
+    )

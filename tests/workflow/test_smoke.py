@@ -15,7 +15,7 @@ from jointgap.core.page import to_html
 from jointgap.scenario.figures import FIGURES
 from jointgap.scenario.results import ScenarioResults
 from tests.catalogue import each
-from tests.track.conftest import client_of, runs_of
+from tests.scenario.mlflow_store import client_of, runs_of
 from tests.workflow.conftest import tables
 
 pytestmark = pytest.mark.integration
@@ -25,7 +25,9 @@ STILL = [FIGURES[name] for name in FIGURES.still]
 
 def text_of(page: str) -> str:
     """What a browser's search finds on a page."""
-    return " ".join(re.sub("<[^>]*>", "", page.partition("</style>")[2]).replace("&#39;", "'").split())
+    return " ".join(
+        re.sub("<[^>]*>", "", page.partition("</style>")[2]).replace("&#39;", "'").split()
+    )
 
 
 def jobs(done) -> set[str]:
@@ -42,29 +44,40 @@ def dry_run(folder, config="config/smoke.yaml", *options: str):
 def test_a_killed_run_goes_on_to_its_end_in_a_path_with_a_space_and_without_a_home(smoke):
     results = smoke.folder / "results"
     assert 0 < smoke.left < len(tables(smoke.folder))
-    assert (results / "smoke/comparison.md").stat().st_size > 0 and (smoke.folder / SMOKE_REPORT).stat().st_size > 0
+    assert (results / "smoke/comparison.md").stat().st_size > 0 and (
+        smoke.folder / SMOKE_REPORT
+    ).stat().st_size > 0
     told = json.loads((results / "smoke/summary.json").read_text(encoding="utf-8"))
     said = smoke.last.stdout + smoke.last.stderr
-    assert "page of smoke: results/smoke/summary.html" in said and all(remark in said for remark in told["remarks"])
+    assert "page of smoke: results/smoke/summary.html" in said and all(
+        remark in said for remark in told["remarks"]
+    )
     for stage in ("simulate", "surrogate", "kinematics", "optimise"):
         assert list((results / "smoke" / stage).rglob("*.parquet")), stage
 
 
 def test_it_ends_with_the_bytes_of_a_run_on_one_core_that_nothing_disturbed(smoke, fresh_project):
     targets = [f"results/smoke/surrogate/{output}/history.parquet" for output in ("r2", "gamma3")]
-    done = run(fresh_project, "snakemake", *targets, "--configfile", "config/smoke.yaml", "--cores", "1")
+    done = run(
+        fresh_project, "snakemake", *targets, "--configfile", "config/smoke.yaml", "--cores", "1"
+    )
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
     wanted, found = tables(smoke.folder), tables(fresh_project)
     assert len(found) > 4 and {name: wanted[name] for name in found} == found
 
 
-def test_the_report_is_one_small_file_with_what_came_out_and_every_figure_in_the_order_of_its_category(smoke):
+def test_the_report_is_one_small_file_with_what_came_out_and_every_figure_in_the_order_of_its_category(
+    smoke,
+):
     report = (smoke.folder / SMOKE_REPORT).read_text(encoding="utf-8")
     assert len(report) < 10e6 and "name='viewport'" in report  # fits a phone
     assert not re.search(r"<(script|link|iframe)\b", report)
     assert set(re.findall(r"<img [^>]*src='([^:]*:)", report)) == {"data:"}
     headline = report.partition("<h1>")[2].partition("</h1>")[0]
-    assert re.match(r"Crank [\d.]+\smm, rod [\d.]+\smm: error of the transmission angle [\d.]+\s% smaller$", headline)
+    assert re.match(
+        r"Crank [\d.]+\smm, rod [\d.]+\smm: error of the transmission angle [\d.]+\s% smaller$",
+        headline,
+    )
     assert report.index("<h1>") < report.index("<img") < report.index("<h2")
     text = text_of(report)
     places = [text.index(f". {spec.title}. {spec.caption}") for spec in STILL]
@@ -73,20 +86,29 @@ def test_the_report_is_one_small_file_with_what_came_out_and_every_figure_in_the
     assert [place for _, place in by_category] == sorted(places)
 
 
-def test_a_report_that_would_be_too_large_shows_some_figures_and_links_the_others(smoke, monkeypatch):
-    config = read_yaml(smoke.folder / "config/config.yaml") | read_yaml(smoke.folder / "config/smoke.yaml")
+def test_a_report_that_would_be_too_large_shows_some_figures_and_links_the_others(
+    smoke, monkeypatch
+):
+    config = read_yaml(smoke.folder / "config/config.yaml") | read_yaml(
+        smoke.folder / "config/smoke.yaml"
+    )
     scenario = resolve(config, (smoke.folder,))["smoke"]
     folder = smoke.folder / "results"
     monkeypatch.setattr(report_page, "MOST_BYTES", 0)
-    page = to_html(report_page.page({"smoke": ScenarioResults(folder / "smoke", scenario)}, [], folder), folder)
+    page = to_html(
+        report_page.page({"smoke": ScenarioResults(folder / "smoke", scenario)}, [], folder), folder
+    )
     assert page.count("<img") == 5
     linked = set(re.findall(r"href='\./(smoke/figures/[^']*\.png)'", page))
-    assert len(linked) == len(FIGURES.still) - 4 and all((folder / path).is_file() for path in linked)
+    assert len(linked) == len(FIGURES.still) - 4 and all(
+        (folder / path).is_file() for path in linked
+    )
     assert all(spec.caption in text_of(page) for spec in STILL)
 
 
 def test_the_runs_in_mlflow_are_those_of_the_golden_list(smoke):
-    """Names, parents, metrics, lengths of curves and artifacts, as they were before the package was halved."""
+    """Names, parents, metrics, lengths of curves and artifacts, as they were before the package was
+    halved."""
     wanted = {
         name: {key: value for key, value in group.items() if key != "runs"}
         for group in json.loads((ROOT / "tests/golden/smoke_runs.json").read_text())
@@ -98,14 +120,25 @@ def test_the_runs_in_mlflow_are_those_of_the_golden_list(smoke):
 
     def artifacts(run_id: str, folder: str | None = None) -> list[str]:
         listed = client.list_artifacts(run_id, folder)
-        return [path for file in listed for path in (artifacts(run_id, file.path) if file.is_dir else [file.path])]
+        return [
+            path
+            for file in listed
+            for path in (artifacts(run_id, file.path) if file.is_dir else [file.path])
+        ]
 
     assert runs.keys() == wanted.keys()
     for name, one in runs.items():
         own = wanted[name]
-        lengths = {metric: len(client.get_metric_history(one.info.run_id, metric)) for metric in one.data.metrics}
+        lengths = {
+            metric: len(client.get_metric_history(one.info.run_id, metric))
+            for metric in one.data.metrics
+        }
         if "optimise" in name:  # which of several starts is the best may hang on the last bits
-            lengths |= {metric: length for metric, length in own["curves"].items() if lengths.get(metric, 0) > 1}
+            lengths |= {
+                metric: length
+                for metric, length in own["curves"].items()
+                if lengths.get(metric, 0) > 1
+            }
         assert own == {
             "parent": names.get(one.data.tags.get("mlflow.parentRunId")),
             "metrics": sorted(metric for metric, length in lengths.items() if length == 1),
@@ -119,7 +152,9 @@ def test_a_dry_run_writes_no_report_and_a_folder_that_snakemake_cannot_take_says
     assert done.returncode == 0, done.stderr
     assert "This was a dry-run" in done.stdout + done.stderr
     assert not tables(fresh_project) and not (fresh_project / SMOKE_REPORT).exists()
-    done = run(copy_project(fresh_project.parent / "a {b}"), "snakemake", "--cores", "1", "--dry-run")
+    done = run(
+        copy_project(fresh_project.parent / "a {b}"), "snakemake", "--cores", "1", "--dry-run"
+    )
     said = done.stdout + done.stderr
     assert done.returncode == 1 and "a {b} has a brace in its path" in said and "rename it" in said
     assert "Traceback" not in said
@@ -127,9 +162,15 @@ def test_a_dry_run_writes_no_report_and_a_folder_that_snakemake_cannot_take_says
 
 def test_a_second_run_has_nothing_to_do(smoke):
     def written():
-        return {path: path.stat().st_mtime_ns for path in (smoke.folder / "results").rglob("*") if path.is_file()}
+        return {
+            path: path.stat().st_mtime_ns
+            for path in (smoke.folder / "results").rglob("*")
+            if path.is_file()
+        }
 
-    (smoke.folder / "results/bench.json").write_text("{}")  # what `make bench` and the dashboard write
+    (smoke.folder / "results/bench.json").write_text(
+        "{}"
+    )  # what `make bench` and the dashboard write
     os.utime(smoke.folder / "results/mlflow.db")
     before = written()
     again = run(smoke.folder, *smoke_command("--cores", "2"))
@@ -144,7 +185,9 @@ def test_a_lost_file_is_made_again_though_all_that_was_made_of_it_is_there(smoke
         for number, place in enumerate(places):
             shutil.move(place, tmp_path / str(number))
         try:
-            planned = jobs(run(smoke.folder, *smoke_command("--cores", "1", "--dry-run", "--quiet", "rules")))
+            planned = jobs(
+                run(smoke.folder, *smoke_command("--cores", "1", "--dry-run", "--quiet", "rules"))
+            )
         finally:
             for number, place in enumerate(places):
                 shutil.move(tmp_path / str(number), place)
@@ -152,8 +195,16 @@ def test_a_lost_file_is_made_again_though_all_that_was_made_of_it_is_there(smoke
 
     pages = ["kinematics/contradictions.parquet", "figures/contact_forces.png", "comparison.html"]
     cases = [
-        (["simulate/trajectory.parquet"], {"simulate", "surrogate", "compare", "figures", "track"}, set()),
-        (pages, {"kinematics", "figures", "summarise", "compare", "track"}, {"simulate", "surrogate", "optimise"}),
+        (
+            ["simulate/trajectory.parquet"],
+            {"simulate", "surrogate", "compare", "figures", "track"},
+            set(),
+        ),
+        (
+            pages,
+            {"kinematics", "figures", "summarise", "compare", "track"},
+            {"simulate", "surrogate", "optimise"},
+        ),
     ]
     each(made_again, cases)
 

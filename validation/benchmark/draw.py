@@ -1,4 +1,5 @@
-"""The campaigns of the benchmark as plain files, their truth in an archive; and answers from what methods found."""
+"""The campaigns of the benchmark as plain files, their truth in an archive; and answers from what
+methods found."""
 
 import json
 import multiprocessing
@@ -19,7 +20,8 @@ _DATE = (2026, 1, 1, 0, 0, 0)  # of all entries of the archive
 
 
 def draw(folder: Path, count: int = 100, cores: int = 2, sets: str = "config/blind.yaml") -> None:
-    """Draw the first trials of the set `published`, a random part, into ``campaigns/{id}/`` and ``truth.zip``.
+    """Draw the first trials of the set `published`, a random part, into ``campaigns/{id}/`` and
+    ``truth.zip``.
 
     Goes on where it was stopped.
     """
@@ -36,7 +38,9 @@ def draw(folder: Path, count: int = 100, cores: int = 2, sets: str = "config/bli
             if truth["id"] not in known:
                 with zipfile.ZipFile(folder / "truth.zip", "a", zipfile.ZIP_DEFLATED) as archive:
                     entry = zipfile.ZipInfo(f"{truth['id']}.json", _DATE)
-                    archive.writestr(entry, json.dumps(truth, indent=1, allow_nan=False), zipfile.ZIP_DEFLATED)
+                    archive.writestr(
+                        entry, json.dumps(truth, indent=1, allow_nan=False), zipfile.ZIP_DEFLATED
+                    )
             print(f"{number} of {len(due)}: {truth['id']}", flush=True)
 
 
@@ -47,13 +51,17 @@ def _drawn(seed: int, campaigns: Path, plan: Trial) -> dict[str, Any]:
 
 
 def answers(records: Path, method: str = "verdict") -> dict[str, Any]:
-    """Answers by trial from the files ``{trial}.json`` in a folder: of what ``analyse`` wrote the `method` verdict,
-    greedy or sparse, of what ``peer`` wrote the peer's name."""
+    """Answers by trial from the files ``{trial}.json`` in a folder: of what ``analyse`` wrote the
+    `method` verdict, greedy or sparse, of what ``peer`` wrote the peer's name."""
     found = {path.stem: json.loads(path.read_bytes()) for path in sorted(records.glob("*.json"))}
     if not found:
         raise InputError(f"{records}: has no file {{trial}}.json")
     verdicts = {trial: _of_verdict(record.get("verdict")) for trial, record in found.items()}
-    return verdicts if method == "verdict" else {trial: record.get(method) for trial, record in found.items()}
+    return (
+        verdicts
+        if method == "verdict"
+        else {trial: record.get(method) for trial, record in found.items()}
+    )
 
 
 def _of_verdict(verdict: Mapping[str, Any] | None) -> Any:
@@ -61,6 +69,13 @@ def _of_verdict(verdict: Mapping[str, Any] | None) -> Any:
     if verdict is None or verdict["verdict"] not in NAMED:
         return [] if verdict and verdict["verdict"] in NOTHING_NAMED else None
     effects = verdict["effects"]
-    size = {effect_label(one): {key: own["value"] for key, own in one["parameters"].items()} for one in effects}
-    size |= {name_stated(one): {"shape": family["interval_99"]} for one in effects for family in families_named(one)}
+    size = {
+        effect_label(one): {key: own["value"] for key, own in one["parameters"].items()}
+        for one in effects
+    }
+    size |= {
+        name_stated(one): {"shape": family["interval_99"]}
+        for one in effects
+        for family in families_named(one)
+    }
     return {"named": sorted(map(name_stated, effects)), "size": size}

@@ -23,10 +23,17 @@ def score(answers_file: Path, truth_file: Path, folder: Path) -> str:
     """Write trials.csv and rates.csv to `folder`; the rates as text."""
     answers = read_answers(answers_file)
     with zipfile.ZipFile(truth_file) as archive:
-        truths = {name.removesuffix(".json"): json.loads(archive.read(name)) for name in archive.namelist()}
+        truths = {
+            name.removesuffix(".json"): json.loads(archive.read(name))
+            for name in archive.namelist()
+        }
     if unknown := sorted(answers.keys() - truths.keys()):
-        raise InputError(f"{answers_file}: {unknown[0]} is no trial; {did_you_mean(unknown[0], truths)}")
-    trials = pd.DataFrame([score_answer(truth, answers.get(name, Answer())) for name, truth in sorted(truths.items())])
+        raise InputError(
+            f"{answers_file}: {unknown[0]} is no trial; {did_you_mean(unknown[0], truths)}"
+        )
+    trials = pd.DataFrame(
+        [score_answer(truth, answers.get(name, Answer())) for name, truth in sorted(truths.items())]
+    )
     table = rates(trials)
     folder.mkdir(parents=True, exist_ok=True)
     for name, frame in {"trials": trials, "rates": table}.items():
@@ -49,8 +56,13 @@ def read_answers(path: Path) -> dict[str, Answer]:
     try:
         content = TypeAdapter(dict[str, Answer | list[str] | None]).validate_json(path.read_bytes())
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: give a list of labels, null, or named and size by trial id: {error}") from error
-    return {trial: own if isinstance(own, Answer) else Answer(named=own) for trial, own in content.items()}
+        raise InputError(
+            f"{path}: give a list of labels, null, or named and size by trial id: {error}"
+        ) from error
+    return {
+        trial: own if isinstance(own, Answer) else Answer(named=own)
+        for trial, own in content.items()
+    }
 
 
 def score_answer(truth: Mapping[str, Any], answer: Answer) -> dict[str, Any]:
@@ -60,8 +72,18 @@ def score_answer(truth: Mapping[str, Any], answer: Answer) -> dict[str, Any]:
     named = frozenset(_hidden_shape(label, size.get(label, {}), hidden) for label in said or ())
     channels = truth["damage"]["channels"] if "damage" in truth else ()
     encoder = "encoder_" if "crank_angle" in channels else "-"
-    named -= {one for one in named if one.partition(":")[2] in channels or one.startswith(encoder)}  # told, not wrong
-    outcome = "right" if named == hidden else "missed" if not named else "partly" if named < hidden else "wrong"
+    named -= {
+        one for one in named if one.partition(":")[2] in channels or one.startswith(encoder)
+    }  # told, not wrong
+    outcome = (
+        "right"
+        if named == hidden
+        else "missed"
+        if not named
+        else "partly"
+        if named < hidden
+        else "wrong"
+    )
     outcome = "abstained" if said is None else outcome
     return {
         **{key: truth[key] for key in ("id", "kind", "base", "drive")},
@@ -76,33 +98,56 @@ def score_answer(truth: Mapping[str, Any], answer: Answer) -> dict[str, Any]:
 
 
 def _hidden_shape(label: str, values: Mapping[str, Any], hidden: frozenset[str]) -> str:
-    """The hidden effect that a law named is at the shape stated, a number or [low, high]; else the label."""
+    """The hidden effect that a law named is at the shape stated, a number or [low, high]; else the
+    label."""
     shape, (law, _, site) = values.get("shape"), label.partition(":")
     if law not in SHAPES or shape is None:
         return label
-    low, high = shape if isinstance(shape, list) else sorted((shape * (1 - _REACH), shape * (1 + _REACH)))
-    members = {one: SHAPES[law].get(one.partition(":")[0]) for one in hidden if one.partition(":")[2] == site}
+    low, high = (
+        shape if isinstance(shape, list) else sorted((shape * (1 - _REACH), shape * (1 + _REACH)))
+    )
+    members = {
+        one: SHAPES[law].get(one.partition(":")[0])
+        for one in hidden
+        if one.partition(":")[2] == site
+    }
     inside = [one for one, own in members.items() if own is not None and low <= own <= high]
     return min(inside, default=label)
 
 
 def _size_error(truth: Mapping[str, Any], size: Mapping[str, Any]) -> float:
-    """Largest relative error of the sizes, each the first parameter of a true effect; NaN where none is stated."""
-    pairs = [(next(iter(one["parameters"].items())), size.get(effect_label(one), {})) for one in truth["effects"]]
-    errors = [abs(own[key] / true - 1) for (key, true), own in pairs if isinstance(own.get(key), int | float) and true]
+    """Largest relative error of the sizes, each the first parameter of a true effect; NaN where
+    none is stated."""
+    pairs = [
+        (next(iter(one["parameters"].items())), size.get(effect_label(one), {}))
+        for one in truth["effects"]
+    ]
+    errors = [
+        abs(own[key] / true - 1)
+        for (key, true), own in pairs
+        if isinstance(own.get(key), int | float) and true
+    ]
     return max(errors, default=math.nan)
 
 
 def rates(trials: pd.DataFrame) -> pd.DataFrame:
-    """Shares of the outcomes by kind and base, false alarms, sizes, and precision, recall and F1 of names: what, group,
-    count, value, low, high."""
+    """Shares of the outcomes by kind and base, false alarms, sizes, and precision, recall and F1 of
+    names: what, group, count, value, low, high."""
     groups = [("all", trials), *trials.groupby("kind"), *trials.groupby("base")]
     empty = trials.query("hidden == 'nothing' and kind != 'wiring'")
-    shares = {(what, group): (part["outcome"] == what).to_numpy() for group, part in groups for what in OUTCOMES}
+    shares = {
+        (what, group): (part["outcome"] == what).to_numpy()
+        for group, part in groups
+        for what in OUTCOMES
+    }
     shares["false alarm, nothing hidden", "all"] = (empty["outcome"] == "wrong").to_numpy()
     shares["size within 10 %", "all"] = (trials["size_error"].dropna() <= _REACH).to_numpy()
     rows = [
-        {"what": what, "group": group, **share_row(hits.sum(), hits.size)} for (what, group), hits in shares.items()
+        {"what": what, "group": group, **share_row(hits.sum(), hits.size)}
+        for (what, group), hits in shares.items()
     ]
-    rows += [{"what": of, "group": "all", **ratio_row(trials, "names", of)} for of in ("precision", "recall", "F1")]
+    rows += [
+        {"what": of, "group": "all", **ratio_row(trials, "names", of)}
+        for of in ("precision", "recall", "F1")
+    ]
     return pd.DataFrame([row for row in rows if row["count"]])

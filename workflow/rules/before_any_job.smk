@@ -47,7 +47,9 @@ def hold_run_lock():
     try:
         fcntl.flock(run_lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        refuse("another run works in this folder; try again when it has ended, or use `make`, which waits")
+        refuse(
+            "another run works in this folder; try again when it has ended, or use `make`, which waits"
+        )
 
 
 def scontrol(*question):
@@ -82,7 +84,8 @@ def check_slurm():
             )
     jobs = list(workflow.dag.needrun_jobs())
     cores = max(
-        map(int, re.findall(r"CPUTot=(\d+)", scontrol("show", "nodes", "--oneliner")[0])), default=None
+        map(int, re.findall(r"CPUTot=(\d+)", scontrol("show", "nodes", "--oneliner")[0])),
+        default=None,
     )
     for job in jobs:
         if cores is not None and job.threads > cores:
@@ -97,7 +100,9 @@ def check_slurm():
         "MaxArraySize of SLURM": int(most[1]) - 1 if most else float("inf"),
     }
     in_arrays = re.split(r"\s*,\s*", workflow.executor_settings.array_jobs or "")
-    for name, number in Counter(job.rule.name for job in jobs if job.rule.name in in_arrays).items():
+    for name, number in Counter(
+        job.rule.name for job in jobs if job.rule.name in in_arrays
+    ).items():
         for what, limit in limits.items():
             if number > limit:
                 refuse(

@@ -66,7 +66,9 @@ wildcard_constraints:
 
 def kept_options(scenario, text):
     """`text`, JSON, as a file: its name changes with what it holds, and with nothing else."""
-    path = Path(".snakemake", "options", f"{scenario}-{sha256(text.encode()).hexdigest()[:12]}.json")
+    path = Path(
+        ".snakemake", "options", f"{scenario}-{sha256(text.encode()).hexdigest()[:12]}.json"
+    )
     if not path.is_file():
         write_text(path, text)
     return str(path)
@@ -120,7 +122,9 @@ def read_by_scenario(stage):
     """For input: what a stage of a scenario reads, of the stages that the scenario goes through."""
     if stage.name in DESIGN_STAGES:
         read = (
-            made_of_designs if stage.publishes else datasets if "sweep" in stage.sections else lambda name: []
+            made_of_designs
+            if stage.publishes
+            else datasets if "sweep" in stage.sections else lambda name: []
         )
         return lambda wildcards: read(wildcards.scenario)
 
@@ -131,7 +135,10 @@ def read_by_scenario(stage):
         read = [path for table in stage.reads if (path := f"{SCENARIO}/{table.path}") in made]
         read += made_by([one for one in gone_through if one.name in stage.after], SCENARIO)
         beside = siblings(name) if stage.name == "compare" else ()
-        return [*of_scenario(name, read), *(f"results/{other}/{RESIMULATED.path}" for other in beside)]
+        return [
+            *of_scenario(name, read),
+            *(f"results/{other}/{RESIMULATED.path}" for other in beside),
+        ]
 
     return files
 
@@ -162,12 +169,16 @@ def command_of_scenario(stage):
 
     def command(wildcards):
         scenario = wildcards.scenario
-        options = published_options(scenario) if name == "track-sweep" else options_file(scenario, name)
+        options = (
+            published_options(scenario) if name == "track-sweep" else options_file(scenario, name)
+        )
         more = ["--results", f"results/{scenario}"]
         if "folder" in stage.command_options:
             more = ["--folder", f"results/{scenario}/{name.replace('-', '_')}"]
         more += (
-            ["--designs", f"results/{scenario}/sweep/designs"] if "designs" in stage.command_options else []
+            ["--designs", f"results/{scenario}/sweep/designs"]
+            if "designs" in stage.command_options
+            else []
         )
         more += ["--output-name", wildcards.output] if name == "surrogate" else []
         more += ["--workers", stage.threads] if stage.threads > 1 else []
@@ -188,7 +199,13 @@ def command_of_campaign(stages):
         more += ["--parts", campaign.parts] if name in ("fit", "pair", "decide") else []
         more += ["--anyway"] if name == "noise" and config.get("anyway") else []
         more += [text for one in further for text in ("--then", one)]
-        return [name, campaign.plan[0], "--folder", f"results/campaigns/{wildcards.campaign}", *more]
+        return [
+            name,
+            campaign.plan[0],
+            "--folder",
+            f"results/campaigns/{wildcards.campaign}",
+            *more,
+        ]
 
     return command
 
@@ -201,7 +218,9 @@ def every_scenario(wildcards=None):
             check_all_sections(scenario, name)
         except InputError as error:
             refuse(error)
-        files += of_scenario(name, made_by([SCENARIO_STAGES[one] for one in stages_of(scenario)], SCENARIO))
+        files += of_scenario(
+            name, made_by([SCENARIO_STAGES[one] for one in stages_of(scenario)], SCENARIO)
+        )
     return files
 
 
@@ -228,7 +247,9 @@ def designs_of_sweep(name):
     from jointgap.designs.run import check_folder  # loads scipy
     from jointgap.designs.sampling import designs_of
 
-    check_folder(designs_of(SCENARIOS[name]), Path("results", name, "sweep/designs"), sweep.designs_per_job)
+    check_folder(
+        designs_of(SCENARIOS[name]), Path("results", name, "sweep/designs"), sweep.designs_per_job
+    )
     return parts(sweep.designs, sweep.designs_per_job)
 
 
@@ -274,6 +295,8 @@ def made_of_sweeps(wildcards):
     """Every file that the scenarios ask of many designs, and what says that it is published; one at least has to ask for some."""
     asking = [name for name in SCENARIOS if asked(name)]
     if not asking:
-        refuse("sweep.parameters: no scenario names any; give them ranges or lists, as in config/sweep.yaml")
+        refuse(
+            "sweep.parameters: no scenario names any; give them ranges or lists, as in config/sweep.yaml"
+        )
     published = [f"results/{name}/track_sweep/published.json" for name in asking]
     return [*(file for name in asking for file in made_of_designs(name)), *published]

@@ -40,7 +40,10 @@ rule whole_report:
     conda:
         "../envs/jointgap.yaml"
     params:
-        shown=lambda wildcards: [*named_options("--scenario", SCENARIOS, "compare"), *CAMPAIGNS_SHOWN],
+        shown=lambda wildcards: [
+            *named_options("--scenario", SCENARIOS, "compare"),
+            *CAMPAIGNS_SHOWN,
+        ],
         code=digest_of_report,
     message:
         "write {output}"
@@ -81,7 +84,8 @@ onsuccess:
             folder = Path("results/campaigns", name)
             lines += ["", *verdict_lines(folder)]
             failed += [
-                f"campaign {name}: {what}: {why}" for what, why in failures(ResultsFolder(folder)).items()
+                f"campaign {name}: {what}: {why}"
+                for what, why in failures(ResultsFolder(folder)).items()
             ]
     if lines:
         logger.info("\n".join(["", *lines, ""]))

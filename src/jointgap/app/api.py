@@ -15,7 +15,16 @@ from jointgap.campaign import sentences as say
 from jointgap.campaign.campaign_files import MECHANISM, VERDICT
 from jointgap.campaign.figures import FIGURES as CAMPAIGN_FIGURES
 from jointgap.campaign.state import FALSE_ALARM_RATE
-from jointgap.config import Mechanism, Optimise, Runs, Scenario, Simulate, Surrogate, load, read_yaml
+from jointgap.config import (
+    Mechanism,
+    Optimise,
+    Runs,
+    Scenario,
+    Simulate,
+    Surrogate,
+    load,
+    read_yaml,
+)
 from jointgap.config.designs import ALL_MEASURES, Sweep
 from jointgap.config.variations import change
 from jointgap.core import parquet, schema
@@ -80,8 +89,8 @@ class Result:
         Returns
         -------
         Drawing
-            Displayed in a notebook; ``.save("name.png")`` writes it (also ``.svg``), ``.figure`` is the matplotlib
-            figure, ``.data`` the table of the plotted data.
+            Displayed in a notebook; ``.save("name.png")`` writes it (also ``.svg``), ``.figure`` is
+            the matplotlib figure, ``.data`` the table of the plotted data.
 
         Raises
         ------
@@ -93,7 +102,8 @@ class Result:
             raise InputError(f"plot: there are no figures; see {type(self).__name__}.remarks")
         if name not in self.figures:
             raise InputError(
-                f"plot: no figure '{name}' of this {type(self).__name__}; {did_you_mean(name, self.figures)}"
+                f"plot: no figure '{name}' of this {type(self).__name__};"
+                f" {did_you_mean(name, self.figures)}"
             )
         return self._draw(name)
 
@@ -115,8 +125,13 @@ class Result:
         table = self._shown()
         names = table["quantity"].str.len().max()
         values = max((len(value) for value in table["value"] if len(value) <= _COLUMN), default=0)
-        lines = [f"{row.quantity:<{names}}  {row.value:>{values}} {row.unit}".rstrip() for row in table.itertuples()]
-        return "\n".join([self._HEADLINE, *lines, *(f"Remark: {remark}" for remark in self.remarks)])
+        lines = [
+            f"{row.quantity:<{names}}  {row.value:>{values}} {row.unit}".rstrip()
+            for row in table.itertuples()
+        ]
+        return "\n".join(
+            [self._HEADLINE, *lines, *(f"Remark: {remark}" for remark in self.remarks)]
+        )
 
     def _repr_html_(self) -> str:
         """A small table for a notebook."""
@@ -126,7 +141,8 @@ class Result:
             for row in self._shown().itertuples()
         )
         remarks = "".join(f"<p>Remark: {escape(remark)}</p>" for remark in self.remarks)
-        return f"<table><caption><b>{escape(self._HEADLINE)}</b></caption><tbody>{rows}</tbody></table>{remarks}"
+        caption = f"<caption><b>{escape(self._HEADLINE)}</b></caption>"
+        return f"<table>{caption}<tbody>{rows}</tbody></table>{remarks}"
 
 
 def _in_digits(value: float | int | str, unit: str) -> str:
@@ -152,8 +168,8 @@ class Motion(Result):
     options : Simulate
         Drive and sampling.
     samples : pandas.DataFrame
-        One row per sample, in SI units (``samples.attrs["units"]`` by column, or `unit`). NaN where a quantity is
-        undefined.
+        One row per sample, in SI units (``samples.attrs["units"]`` by column, or `unit`). NaN where
+        a quantity is undefined.
     events : pandas.DataFrame
         One row per beginning or end of contact; units as of `samples`.
     steps : int
@@ -205,7 +221,9 @@ class Motion(Result):
         titles = {
             name: FIGURES[_MOTION_FIGURES[name]].title.partition(" (")[0] for name in names
         }  # without the paper's figure numbers
-        return {name: title for name, title in titles.items() if loose or name not in _OF_LOOSE_JOINTS}
+        return {
+            name: title for name, title in titles.items() if loose or name not in _OF_LOOSE_JOINTS
+        }
 
     def _draw(self, name: str) -> "Drawing":
         from jointgap.scenario.kinematics import linkage_frames, motion_table
@@ -214,10 +232,14 @@ class Motion(Result):
         frames = {"trajectory": self.samples, "events": self.events}
         if "kinematics" in spec.tables:
             first = self.samples.iloc[: self.options.samples_per_revolution + 1]
-            frames["kinematics"] = motion_table(linkage_frames(mechanism, first), first["crank_angle"].to_numpy())
+            frames["kinematics"] = motion_table(
+                linkage_frames(mechanism, first), first["crank_angle"].to_numpy()
+            )
         # the figures expect a scenario: the last revolution is the settled one
         last = Optimise(ensemble={"settled_revolution": self.options.revolutions})
-        scenario = Scenario(mechanism=mechanism, simulate=self.options).model_copy(update={"optimise": last})
+        scenario = Scenario(mechanism=mechanism, simulate=self.options).model_copy(
+            update={"optimise": last}
+        )
         return FIGURES.draw(_MOTION_FIGURES[name], frames, scenario)
 
     def _rows(self) -> list[Row]:
@@ -238,18 +260,33 @@ class Motion(Result):
                 rows += [
                     (f"{words}: radial clearance", 1e3 * mechanism.clearance(joint), "mm"),
                     (f"{words}: impacts (beginnings of contact)", len(own), ""),
-                    (f"{words}: time in contact", 100 * (1 - time_shares(own, time[0], time[-1])["flight"]), "%"),
+                    (
+                        f"{words}: time in contact",
+                        100 * (1 - time_shares(own, time[0], time[-1])["flight"]),
+                        "%",
+                    ),
                 ]
             peaks = self.events.loc[self.events["joint"] == joint, "peak_force"].dropna()
-            rows.append((f"{words}: largest force, including the start", float(max([force.max(), *peaks])), "N"))
-            rows.append((f"{words}: largest force in the last revolution", float(force[last:].max()), "N"))
+            rows.append(
+                (
+                    f"{words}: largest force, including the start",
+                    float(max([force.max(), *peaks])),
+                    "N",
+                )
+            )
+            rows.append(
+                (f"{words}: largest force in the last revolution", float(force[last:].max()), "N")
+            )
         return rows
 
 
-def simulate(mechanism: Mechanism, options: Simulate | None = None, *, perturbation=None, **keys: Any) -> Motion:
+def simulate(
+    mechanism: Mechanism, options: Simulate | None = None, *, perturbation=None, **keys: Any
+) -> Motion:
     """Simulate a slider-crank with loose or ideal joints.
 
-    The motion starts with coincident joint centres and the velocities of the mechanism without clearance.
+    The motion starts with coincident joint centres and the velocities of the mechanism without
+    clearance.
 
     Parameters
     ----------
@@ -260,8 +297,9 @@ def simulate(mechanism: Mechanism, options: Simulate | None = None, *, perturbat
     perturbation : (4,) or (6,) array_like, optional
         Initial clearance vectors r2 x, r2 y, r3 x, r3 y, r1 x, r1 y [m]; zero by default.
     **keys
-        Keys of `jointgap.Simulate`, which override `options`: ``speed``, ``revolutions``, ``drive``, ``start_angle``,
-        ``samples_per_revolution``, ``tolerance``. Text with units, such as ``"600 rpm"``, or SI numbers.
+        Keys of `jointgap.Simulate`, which override `options`: ``speed``, ``revolutions``,
+        ``drive``, ``start_angle``, ``samples_per_revolution``, ``tolerance``. Text with units, such
+        as ``"600 rpm"``, or SI numbers.
 
     Returns
     -------
@@ -285,8 +323,13 @@ def simulate(mechanism: Mechanism, options: Simulate | None = None, *, perturbat
     """
     options = simulate_options(options, keys)
     run = simulated(checked_mechanism(mechanism), options, perturbation)
-    samples, events = with_units(schema.TRAJECTORY, run.samples), with_units(schema.EVENTS, run.events)
-    return Motion(mechanism, options, samples, events, run.steps, sentences(mechanism, options.highest_speed))
+    samples, events = (
+        with_units(schema.TRAJECTORY, run.samples),
+        with_units(schema.EVENTS, run.events),
+    )
+    return Motion(
+        mechanism, options, samples, events, run.steps, sentences(mechanism, options.highest_speed)
+    )
 
 
 def checked_mechanism(mechanism: Any) -> Mechanism:
@@ -298,7 +341,9 @@ def simulate_options(options: Any, keys: Mapping[str, Any]) -> Simulate:
     """The `options`, a `Simulate` or None, with the values of `keys`."""
     if options is None:
         return Simulate(**keys)
-    options = _of_kind(options, Simulate, "options", "write Simulate(speed='600 rpm') or speed='600 rpm'")
+    options = _of_kind(
+        options, Simulate, "options", "write Simulate(speed='600 rpm') or speed='600 rpm'"
+    )
     return change(options, keys) if keys else options
 
 
@@ -338,7 +383,8 @@ class Motions:
 
     @cached_property
     def samples(self) -> pd.DataFrame:
-        """One row per sample, of all runs (column ``run``); read the file in parts for large ensembles."""
+        """One row per sample, of all runs (column ``run``); read the file in parts for large
+        ensembles."""
         return read_table(self.folder / designs_ensemble.SAMPLES)
 
 
@@ -354,9 +400,11 @@ def ensemble(
     workers: int | None = None,
     **keys: Any,
 ) -> Motions:
-    """Simulate all combinations of varied values, each from several starts, and write them to Parquet.
+    """Simulate all combinations of varied values, each from several starts, and write them to
+    Parquet.
 
-    The memory is independent of the number of runs. Failed runs are listed in the table of runs; the others continue.
+    The memory is independent of the number of runs. Failed runs are listed in the table of runs;
+    the others continue.
 
     Parameters
     ----------
@@ -366,9 +414,9 @@ def ensemble(
     folder : Path or str
         Output folder of the three files.
     vary : mapping, optional
-        Lists of values by parameter: ``speed``, ``clearance``, ``friction``, ``restitution`` (of every loose joint), or
-        the path of a key such as ``mechanism.slider.mass``. ``{"from": "200 rpm", "to": "1200 rpm", "number": 6}``
-        gives equidistant values.
+        Lists of values by parameter: ``speed``, ``clearance``, ``friction``, ``restitution`` (of
+        every loose joint), or the path of a key such as ``mechanism.slider.mass``.
+        ``{"from": "200 rpm", "to": "1200 rpm", "number": 6}`` gives equidistant values.
     members : int, optional
         Starts per combination, of which the first is not perturbed; 10 by default.
     perturbation : float or str, optional
@@ -394,14 +442,16 @@ def ensemble(
     >>> import jointgap as jg
     >>> mechanism = jg.load_mechanism("erkaya2009")
     >>> sweep = jg.ensemble(
-    ...     mechanism, folder="results/sweep", vary={"clearance": ["0.1 mm", "0.5 mm"], "friction": [0, 0.1]},
-    ...     members=1, revolutions=2,
-    ... )  # fmt: skip
+    ...     mechanism, folder="results/sweep", vary={"clearance": ["0.1 mm", "0.5 mm"], "friction":
+    [0, 0.1]}, ...     members=1, revolutions=2,
+    ... )
     >>> sweep.runs[["clearance", "friction", "events"]].shape
     (4, 3)
     """
     runs = Runs(**_given(vary=vary, members=members, perturbation=perturbation, seed=seed))
-    motions = designs_ensemble.ensemble_runs(checked_mechanism(mechanism), simulate_options(options, keys), runs)
+    motions = designs_ensemble.ensemble_runs(
+        checked_mechanism(mechanism), simulate_options(options, keys), runs
+    )
     designs_ensemble.write_ensemble(motions, folder, workers)
     return Motions(Path(folder))
 
@@ -413,7 +463,8 @@ class SweptDesigns(Result):
     Attributes
     ----------
     folder : Path
-        Contains ``designs``, a dataset of Parquet files for pandas, polars and duckdb, and ``summary.html``.
+        Contains ``designs``, a dataset of Parquet files for pandas, polars and duckdb, and
+        ``summary.html``.
     """
 
     folder: Path
@@ -466,12 +517,16 @@ class SweptDesigns(Result):
     @property
     def remarks(self) -> tuple[str, ...]:
         """Reasons of failed designs."""
-        return tuple(f"{count} designs failed: {why}" for why, count in failures(self.dataset).most_common())
+        return tuple(
+            f"{count} designs failed: {why}" for why, count in failures(self.dataset).most_common()
+        )
 
     @property
     def figures(self) -> Mapping[str, str]:
         """Names for `plot`, those of the measures, with their labels; the first is the default."""
-        return {name: column.description for name, column in _MEASURES.items() if name in self._measured}
+        return {
+            name: column.description for name, column in _MEASURES.items() if name in self._measured
+        }
 
     @cached_property
     def _measured(self) -> dict[str, float]:
@@ -487,11 +542,16 @@ class SweptDesigns(Result):
         return measure_over_parameters(self.read(*(axis.key for axis in axes), name), axes, name)
 
     def _rows(self) -> Sequence[Row]:
-        rows: list[Row] = [("designs", self._drawn.number, ""), ("failed", failures(self.dataset).total(), "")]
+        rows: list[Row] = [
+            ("designs", self._drawn.number, ""),
+            ("failed", failures(self.dataset).total(), ""),
+        ]
         for axis in self._drawn.axes:
             values = self.read(axis.key)[axis.key]
             if axis.column.kind != "float":
-                rows.append((f"{axis.key}, varied", ", ".join(sorted(map(str, values.unique()))), ""))
+                rows.append(
+                    (f"{axis.key}, varied", ", ".join(sorted(map(str, values.unique()))), "")
+                )
                 continue
             unit, factor = reading_unit(axis.unit)
             rows += [
@@ -500,7 +560,13 @@ class SweptDesigns(Result):
             ]
         for name, median in self._measured.items():
             unit, factor = reading_unit(_MEASURES[name].unit)
-            rows.append((_MEASURES[name].description.partition(";")[0], factor * median, "" if unit == "1" else unit))
+            rows.append(
+                (
+                    _MEASURES[name].description.partition(";")[0],
+                    factor * median,
+                    "" if unit == "1" else unit,
+                )
+            )
         return rows
 
 
@@ -524,9 +590,9 @@ def sweep(
 ) -> SweptDesigns:
     """Simulate and measure many designs, and write them to a dataset of Parquet files.
 
-    The memory is independent of the number of designs, except for a Latin hypercube. Infeasible or failed designs are
-    rows with their reason. Existing results are kept: an interrupted sweep resumes, and a larger `number` extends a
-    Sobol sequence.
+    The memory is independent of the number of designs, except for a Latin hypercube. Infeasible or
+    failed designs are rows with their reason. Existing results are kept: an interrupted sweep
+    resumes, and a larger `number` extends a Sobol sequence.
 
     Parameters
     ----------
@@ -536,10 +602,11 @@ def sweep(
     folder : Path or str
         Output folder of the dataset ``designs`` and the summary.
     parameters : mapping
-        Varied parameters: a word (``speed``; ``clearance``, ``friction``, ``restitution`` of every loose joint;
-        ``crank_length``, ``rod_length``) or the path of a key such as ``mechanism.slider.mass``. Values: a list, or
-        ``{"from": "0.1 mm", "to": "1 mm"}`` with ``"distribution"`` ``uniform`` (default), ``log_uniform``, ``normal``
-        (with ``mean`` and ``deviation``) or ``triangular`` (with ``peak``).
+        Varied parameters: a word (``speed``; ``clearance``, ``friction``, ``restitution`` of every
+        loose joint; ``crank_length``, ``rod_length``) or the path of a key such as
+        ``mechanism.slider.mass``. Values: a list, or ``{"from": "0.1 mm", "to": "1 mm"}`` with
+        ``"distribution"`` ``uniform`` (default), ``log_uniform``, ``normal`` (with ``mean`` and
+        ``deviation``) or ``triangular`` (with ``peak``).
     design : str, optional
         ``"sobol"`` (default), ``"latin_hypercube"`` or ``"grid"``.
     number : int, optional
@@ -547,8 +614,8 @@ def sweep(
     seed : int, optional
         Of the samples; 0 by default.
     window : sequence of two, optional
-        Crank angles in the first revolution for an additional error of the transmission angle; by default the whole
-        revolution.
+        Crank angles in the first revolution for an additional error of the transmission angle; by
+        default the whole revolution.
     best_lengths : bool, optional
         Whether to compute the best lengths of each design by the paper's method; False by default.
     designs_per_job : int, optional
@@ -565,8 +632,8 @@ def sweep(
     Raises
     ------
     InputError
-        Unknown key, invalid value, or a folder that contains another sweep or is not writable; raised before any
-        simulation.
+        Unknown key, invalid value, or a folder that contains another sweep or is not writable;
+        raised before any simulation.
 
     Examples
     --------
@@ -574,8 +641,8 @@ def sweep(
     >>> mechanism = jg.load_mechanism("erkaya2009")
     >>> swept = jg.sweep(
     ...     mechanism, folder="results/sweep", number=64, revolutions=2,
-    ...     parameters={"clearance": {"from": "0.1 mm", "to": "1 mm"}, "friction": {"from": 0, "to": 0.2}},
-    ... )  # fmt: skip
+    ...     parameters={"clearance": {"from": "0.1 mm", "to": "1 mm"}, "friction": {"from": 0, "to":
+    0.2}}, ... )
     >>> swept.designs[["clearance", "friction", "piston_pin_peak_force"]].shape
     (64, 3)
     >>> swept.plot("angle_error_rms").save("error.png")
@@ -605,8 +672,8 @@ class Optimum(Result):
     original : Motion
         The motion with the original lengths.
     tables : mapping of str to pandas.DataFrame
-        Results of the search by name, in SI units (``attrs["units"]``): ``optima``, ``resimulated``, ``worth``,
-        ``loads`` and others, as in the workflow.
+        Results of the search by name, in SI units (``attrs["units"]``): ``optima``,
+        ``resimulated``, ``worth``, ``loads`` and others, as in the workflow.
     """
 
     mechanism: Mechanism
@@ -632,7 +699,8 @@ class Optimum(Result):
     def gain(self) -> float:
         """Relative reduction of the objective [1]: simulated again, median.
 
-        By default of the RMS error of the transmission angle, over a settled revolution or over the configured window.
+        By default of the RMS error of the transmission angle, over a settled revolution or over the
+        configured window.
         """
         return float(self._outcome.gain["reduction"])
 
@@ -675,10 +743,20 @@ class Optimum(Result):
             ("rod length", 1e3 * rod, "mm"),
             ("change of the rod length", 1e3 * (rod - old_rod), "mm"),
             ("active bounds", joined(found.bounds) or "none", ""),
-            *((f"{size}, {when}", value, unit) for when, value in zip(("before", "after"), found.sizes, strict=True)),
-            *((f"reduction{which}", 100.0 * float(gain[share]), "%") for which, share in shares.items()),
             *(
-                (f"change of the {format_name(name)}", 1e3 * float(after[name] - before[name]), "mm")
+                (f"{size}, {when}", value, unit)
+                for when, value in zip(("before", "after"), found.sizes, strict=True)
+            ),
+            *(
+                (f"reduction{which}", 100.0 * float(gain[share]), "%")
+                for which, share in shares.items()
+            ),
+            *(
+                (
+                    f"change of the {format_name(name)}",
+                    1e3 * float(after[name] - before[name]),
+                    "mm",
+                )
                 for name in ("stroke", "outer_dead_centre", "inner_dead_centre")
             ),
             ("largest force in a pin, before", float(found.peak_force[0]), "N"),
@@ -694,12 +772,14 @@ def optimise(
     surrogate: Surrogate | None = None,
     **keys: Any,
 ) -> Optimum:
-    """Optimise the link lengths for the smallest error of the transmission angle, or for another objective.
+    """Optimise the link lengths for the smallest error of the transmission angle, or for another
+    objective.
 
-    The mechanism is simulated. A genetic and a local optimiser search crank and rod length: with frozen joint motion,
-    or, for a force or torque, on a grid of simulations with and without clearance. The optima are simulated again from
-    several slightly perturbed starts. The result has the smallest objective over a settled revolution (for the
-    transmission angle: or over the configured window). Requires pymoo: the extra ``learn``.
+    The mechanism is simulated. A genetic and a local optimiser search crank and rod length: with
+    frozen joint motion, or, for a force or torque, on a grid of simulations with and without
+    clearance. The optima are simulated again from several slightly perturbed starts. The result has
+    the smallest objective over a settled revolution (for the transmission angle: or over the
+    configured window). Requires pymoo: the extra ``learn``.
 
     Parameters
     ----------
@@ -708,15 +788,16 @@ def optimise(
     options : Simulate, optional
         Drive and sampling; the revolution ``ensemble.settled_revolution`` (4 by default) is used.
     networks : bool
-        Whether to search also with networks trained on the motion, as in the paper (requires PyTorch: the extra
-        ``learn``). The best re-simulated lengths of all searches are returned.
+        Whether to search also with networks trained on the motion, as in the paper (requires
+        PyTorch: the extra ``learn``). The best re-simulated lengths of all searches are returned.
     surrogate : Surrogate, optional
         Training of the networks.
     **keys
-        Keys of `jointgap.Optimise`: ``objective`` (``"transmission_angle"``, ``"largest_pin_force"`` or
-        ``"torque_ripple"``), ``boxes`` (bounds of the lengths by name, the first for the result; default: 5 % around
-        the mechanism's lengths), ``constraints`` (stroke, dead centres, space, largest pin force), ``ratio_limit``,
-        ``window``, ``genetic``, ``ensemble``. Keys of `jointgap.Simulate` as `jointgap.simulate` takes them, such as
+        Keys of `jointgap.Optimise`: ``objective`` (``"transmission_angle"``,
+        ``"largest_pin_force"`` or ``"torque_ripple"``), ``boxes`` (bounds of the lengths by name,
+        the first for the result; default: 5 % around the mechanism's lengths), ``constraints``
+        (stroke, dead centres, space, largest pin force), ``ratio_limit``, ``window``, ``genetic``,
+        ``ensemble``. Keys of `jointgap.Simulate` as `jointgap.simulate` takes them, such as
         ``speed``, override `options`.
 
     Returns
@@ -726,7 +807,8 @@ def optimise(
     Raises
     ------
     InputError
-        Unknown key, invalid value, no loose joint, no lengths that satisfy the constraints, or a missing package.
+        Unknown key, invalid value, no loose joint, no lengths that satisfy the constraints, or a
+        missing package.
     SimulationError
         The simulation failed.
 
@@ -742,14 +824,19 @@ def optimise(
 
     driven = {key: keys.pop(key) for key in Simulate.model_fields if key in keys}
     simulated_so = simulate_options(options, driven)
-    sections = {"mechanism": checked_mechanism(mechanism), "simulate": simulated_so, "optimise": Optimise(**keys)}
+    sections = {
+        "mechanism": checked_mechanism(mechanism),
+        "simulate": simulated_so,
+        "optimise": Optimise(**keys),
+    }
     if networks or surrogate:
         sections |= {"surrogate": surrogate or Surrogate(), "networks": True}
     scenario = Scenario(**sections)
     applied = scenario.mechanism.applied()
     if not applied.loose:
         raise InputError(
-            "optimise: all joints are ideal, so the optimum cannot be checked with clearance; make a joint loose"
+            "optimise: all joints are ideal, so the optimum cannot be checked with clearance; make"
+            " a joint loose"
         )
     motion = simulate(mechanism, scenario.simulate)
     trained = {}
@@ -759,18 +846,27 @@ def optimise(
         for name in outputs(applied.loose):
             if "_" not in name:  # the search requires the clearance vectors only
                 trained[name] = train(motion.samples, name, scenario.surrogate)
-    fits = {"networks": {name: own[0].network.values_and_slopes for name, own in trained.items()}} if trained else {}
+    fits = (
+        {"networks": {name: own[0].network.values_and_slopes for name, own in trained.items()}}
+        if trained
+        else {}
+    )
     # without networks all samples are used: only the two ends are training points
     points = scenario.surrogate.training_points if trained else 2
     found = optimised(applied, scenario.simulate, scenario.optimise, points, motion.samples, fits)
-    tables = {table.name: getattr(found, table.name.removeprefix("optimise_")) for table in _WRITTEN}
+    tables = {
+        table.name: getattr(found, table.name.removeprefix("optimise_")) for table in _WRITTEN
+    }
     errors = [one.errors() for own in trained.values() for one in own]
     errors = pd.concat(errors) if errors else pd.DataFrame(columns=schema.FIT_ERRORS.names)
     result = outcome(tables | {"fit_errors": errors}, scenario)
     if result.status == "infeasible":
         advice = remarks(result)[0].rstrip(".")
         raise InputError(f"optimise: {headline(result)}; {advice[0].lower()}{advice[1:]}")
-    shown = {table.name.removeprefix("optimise_"): with_units(table, tables[table.name]) for table in _WRITTEN}
+    shown = {
+        table.name.removeprefix("optimise_"): with_units(table, tables[table.name])
+        for table in _WRITTEN
+    }
     return Optimum(applied.with_lengths(*result.lengths), motion, shown, result)
 
 
@@ -827,8 +923,8 @@ class Verdict(Result):
 
     @property
     def kind(self) -> str:
-        """``named``, ``named_with_remaining_misfit``, ``ambiguous``, ``unexplained``, ``no_disagreement`` or
-        ``parameters_only``.
+        """``named``, ``named_with_remaining_misfit``, ``ambiguous``, ``unexplained``,
+        ``no_disagreement`` or ``parameters_only``.
         """
         return self.document["verdict"]
 
@@ -847,7 +943,9 @@ class Verdict(Result):
                     (own["value"], say.estimate_unit(effect, parameter), own.get("sd")),
                     own.get("interval_90"),
                 )
-                found.append(Finding(words, name, site, parameter, *size, interval and tuple(interval)))
+                found.append(
+                    Finding(words, name, site, parameter, *size, interval and tuple(interval))
+                )
         return tuple(found)
 
     @property
@@ -893,22 +991,32 @@ class Verdict(Result):
 
     def _rows(self) -> list[Row]:
         rows: list[Row] = [("verdict", format_name(self.kind), "")]
-        rows += [(name, say.format_estimate(*row), "") for name, *row in say.parameter_rows(self.document["effects"])]
+        rows += [
+            (name, say.format_estimate(*row), "")
+            for name, *row in say.parameter_rows(self.document["effects"])
+        ]
         rows += [
             (f"explanation {place}", joined(map(say.format_effect, effects)), "")
             for place, effects in enumerate(self.document["equivalent"], 1)
         ]
         words = {"identify": "data used for fitting", "confirm": "held-out data"}
-        proposed = self.document["effects"] or self.document["best_known"] or self.document["equivalent"]
+        proposed = (
+            self.document["effects"] or self.document["best_known"] or self.document["equivalent"]
+        )
         for role, gap in self.document["gap"].items():
             for when, value in gap.items():
                 if value is not None and (proposed or when == "before"):
-                    rows.append((f"gap on {words[role]} {when} (1: noise alone)", rounded_gap(value), ""))
+                    rows.append(
+                        (f"gap on {words[role]} {when} (1: noise alone)", rounded_gap(value), "")
+                    )
         return rows
 
 
-def analyse(campaign: Path | str, folder: Path | str | None = None, anyway: bool = False) -> Verdict:
-    """Compare the measured runs of a campaign with its model, and identify the effect that the model lacks.
+def analyse(
+    campaign: Path | str, folder: Path | str | None = None, anyway: bool = False
+) -> Verdict:
+    """Compare the measured runs of a campaign with its model, and identify the effect that the
+    model lacks.
 
     Parameters
     ----------
@@ -916,9 +1024,11 @@ def analyse(campaign: Path | str, folder: Path | str | None = None, anyway: bool
         A campaign file (keys: config/README.md), or a folder with one.
     folder : Path or str, optional
         Output folder of all tables, the identified mechanism and ``verdict.json``; by default
-        ``results/campaigns/{name of the campaign}``. Conclusions of an earlier analysis there are removed.
+        ``results/campaigns/{name of the campaign}``. Conclusions of an earlier analysis there are
+        removed.
     anyway : bool
-        Whether to continue if channels contradict each other, for example because two columns are swapped.
+        Whether to continue if channels contradict each other, for example because two columns are
+        swapped.
 
     Returns
     -------
@@ -927,7 +1037,8 @@ def analyse(campaign: Path | str, folder: Path | str | None = None, anyway: bool
     Raises
     ------
     InputError
-        The campaign or its data are invalid, channels contradict each other, or the folder is not writable.
+        The campaign or its data are invalid, channels contradict each other, or the folder is not
+        writable.
     SimulationError
         The model could not be simulated.
 
@@ -984,11 +1095,16 @@ def campaign_file(path: Path | str) -> Path:
     if not path.is_dir():
         return path
     files = sorted(
-        file for file in path.iterdir() if file.suffix in (".yaml", ".yml", ".json") and "channels" in read_yaml(file)
+        file
+        for file in path.iterdir()
+        if file.suffix in (".yaml", ".yml", ".json") and "channels" in read_yaml(file)
     )
     if len(files) != 1:
         names = ", ".join(file.name for file in files)
-        what = f"contains {f'several campaign files ({names})' if files else 'no campaign file'}; give the path of one"
+        what = (
+            f"contains {f'several campaign files ({names})' if files else 'no campaign file'}; give"
+            " the path of one"
+        )
         raise InputError(f"{path}: {what}")
     return files[0]
 
@@ -1021,7 +1137,9 @@ class Preflight(Result):
     @property
     def remarks(self) -> tuple[str, ...]:
         """Assumed noise, where the campaign states none."""
-        return tuple(f"assumed noise: {say.names_to_labels(text)}" for text in plan.assumed(self.detectable))
+        return tuple(
+            f"assumed noise: {say.names_to_labels(text)}" for text in plan.assumed(self.detectable)
+        )
 
     @property
     def merged(self) -> list[list[str]]:
@@ -1040,25 +1158,34 @@ class Preflight(Result):
 
     def _draw(self, name: str):
         content = {"preflight": {"merged": self.merged}}
-        return CAMPAIGN_FIGURES.draw(name, {each: getattr(self, each) for each in self.figures}, content)
+        return CAMPAIGN_FIGURES.draw(
+            name, {each: getattr(self, each) for each in self.figures}, content
+        )
 
     def _rows(self) -> list[Row]:
         shown = self.detectable[self.detectable["detectable"]].itertuples()
         sizes = ((row, "shows " if row.falls else "shows from ") for row in shown)
         rows: list[Row] = [
-            (say.format_label(row.label), words + say.format_detectable(row), "") for row, words in sizes
+            (say.format_label(row.label), words + say.format_detectable(row), "")
+            for row, words in sizes
         ]
-        rows += [(say.format_label(label), "not detectable", "") for label in plan.undetectable(self.detectable)]
-        rows += [("cannot be distinguished", joined(map(say.format_label, group)), "") for group in self.merged]
+        rows += [
+            (say.format_label(label), "not detectable", "")
+            for label in plan.undetectable(self.detectable)
+        ]
+        rows += [
+            ("cannot be distinguished", joined(map(say.format_label, group)), "")
+            for group in self.merged
+        ]
         return rows
 
 
 def preflight(campaign: Path | str, advice: bool = True) -> Preflight:
     """Analyse the identifiability of a planned campaign.
 
-    The result contains the smallest detectable size of every effect, the effects that cannot be distinguished, and the
-    most useful further speed or channel. Files of runs may be missing; existing ones give the number of samples.
-    Nothing is written.
+    The result contains the smallest detectable size of every effect, the effects that cannot be
+    distinguished, and the most useful further speed or channel. Files of runs may be missing;
+    existing ones give the number of samples. Nothing is written.
 
     Parameters
     ----------
@@ -1086,4 +1213,6 @@ def preflight(campaign: Path | str, advice: bool = True) -> Preflight:
     """
     planned = load.load_campaign(campaign_file(campaign))
     frames = plan.preflight_tables(planned, FALSE_ALARM_RATE, advice=advice)
-    return Preflight(planned.name, **{name: with_units(schema.TABLES[name], own) for name, own in frames.items()})
+    return Preflight(
+        planned.name, **{name: with_units(schema.TABLES[name], own) for name, own in frames.items()}
+    )

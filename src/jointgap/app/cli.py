@@ -33,7 +33,9 @@ FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
 
 options_option = click.option(
-    "--options", required=True, help="The scenario: path of a YAML or JSON file (config/README.md), or JSON text."
+    "--options",
+    required=True,
+    help="The scenario: path of a YAML or JSON file (config/README.md), or JSON text.",
 )
 workers_option = click.option(
     "--workers", type=click.IntRange(min=1), help="Parallel runs; the number of cores by default."
@@ -41,11 +43,14 @@ workers_option = click.option(
 
 
 def need(flag: str, meaning: str, kind: click.Path = FILE) -> Callable:
-    """A required option `flag` for a file, or for a folder if `kind` is `FOLDER`; `meaning` is its help."""
+    """A required option `flag` for a file, or for a folder if `kind` is `FOLDER`; `meaning` is its
+    help."""
     return click.option(flag, type=kind, required=True, help=meaning)
 
 
-def open_results(options: str, path: Path, places: Mapping[str, Path] | None = None) -> "ScenarioResults":
+def open_results(
+    options: str, path: Path, places: Mapping[str, Path] | None = None
+) -> "ScenarioResults":
     """The results of a scenario."""
     from jointgap.config import parse_options
     from jointgap.config.yaml_files import plain_speeds
@@ -56,7 +61,9 @@ def open_results(options: str, path: Path, places: Mapping[str, Path] | None = N
     return ScenarioResults(path, parse_options(options), places)
 
 
-def add_command(stage: Stage, command: Callable[..., str | None], options: Sequence[Callable], section: str) -> None:
+def add_command(
+    stage: Stage, command: Callable[..., str | None], options: Sequence[Callable], section: str
+) -> None:
     """Add the subcommand of a stage, with `options` and those annotated in its function."""
 
     def show(**given: Any) -> None:
@@ -66,7 +73,11 @@ def add_command(stage: Stage, command: Callable[..., str | None], options: Seque
     kinds, own = {"file": FILE, "folder": FOLDER}, []
     for name, option in stage.command_options.items():
         kind = option.settings.get("type")
-        given = {} if kind is None else {"type": kinds[kind] if kind in kinds else click.IntRange(min=kind)}
+        given = (
+            {}
+            if kind is None
+            else {"type": kinds[kind] if kind in kinds else click.IntRange(min=kind)}
+        )
         own.append(click.option(*option.flags, name, **option.settings | given))
     for option in reversed([*options, *own]):
         show = option(show)
@@ -104,17 +115,23 @@ class SectionedGroup(click.Group):
         room = formatter.width - longest - 6
         for heading, names in self.sections.items():
             with formatter.section(heading):
-                rows = [(f"{name:<{longest}}", self.commands[name].get_short_help_str(room)) for name in names]
+                rows = [
+                    (f"{name:<{longest}}", self.commands[name].get_short_help_str(room))
+                    for name in names
+                ]
                 formatter.write_dl(rows)
 
 
-@click.group(cls=SectionedGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.group(
+    cls=SectionedGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+)
 @click.version_option(package_name="jointgap")
 def cli() -> None:
     """Slider-cranks with loose joints: simulate, optimise, identify missing effects.
 
-    `make run` and `make campaign` run all stages of the workflow. Stages read and write Parquet files with units;
-    `jointgap describe FILE` shows them.
+    `make run` and `make campaign` run all stages of the workflow. Stages read and write Parquet
+    files with units; `jointgap describe FILE` shows them.
     """
 
 
@@ -142,14 +159,20 @@ cli.sections = {
 
 _campaign = click.argument("campaign", type=FILE)
 _folder = click.option(
-    "--folder", type=FOLDER, help="Folder of the campaign's results; default: results/campaigns/NAME."
+    "--folder",
+    type=FOLDER,
+    help="Folder of the campaign's results; default: results/campaigns/NAME.",
 )
 _go_on = click.option(
-    "--go-on", is_flag=True, help="Continue if an optional stage fails; the verdict lists what is missing."
+    "--go-on",
+    is_flag=True,
+    help="Continue if an optional stage fails; the verdict lists what is missing.",
 )
 _then = click.option(
     "--then",
-    type=click.Choice([name for name, stage in CAMPAIGN_STAGES.items() if not stage.command_options]),
+    type=click.Choice(
+        [name for name, stage in CAMPAIGN_STAGES.items() if not stage.command_options]
+    ),
     metavar="STAGE",
     multiple=True,
     help="Further stage to run in the same process, without options of its own; repeatable.",
@@ -162,28 +185,40 @@ def _end_if_something_failed(state: "CampaignState") -> None:
 
     failed = failures(state.folder)
     for what, why in failed.items():
-        click.echo(f"jointgap: failed: {what}: {why} (more: {state.folder.path / 'failed' / what}.txt)", err=True)
+        click.echo(
+            f"jointgap: failed: {what}: {why} (more: {state.folder.path / 'failed' / what}.txt)",
+            err=True,
+        )
     if failed:
         raise SystemExit(3)
 
 
 def _campaign_command(name: str) -> None:
-    def command(campaign: Path, folder: Path | None, then: tuple[str, ...], go_on: bool, **given: Any) -> str:
+    def command(
+        campaign: Path, folder: Path | None, then: tuple[str, ...], go_on: bool, **given: Any
+    ) -> str:
         from jointgap.campaign.state import CampaignState
         from jointgap.core.errors import InputError
 
         part, parts = given.get("part", 0), given.get("parts", 1)
         if part >= parts:
             raise InputError(
-                f"--part {part}: must be 0 to {parts - 1} with --parts {parts}; give a smaller part, or more --parts"
+                f"--part {part}: must be 0 to {parts - 1} with --parts {parts}; give a smaller"
+                " part, or more --parts"
             )
         state = CampaignState(campaign, folder)
         stages = [CAMPAIGN_STAGES[each] for each in (name, *then)]
         state.folder.check_writable(*(path for each in stages for path in each.outputs(part)))
-        adding = set(CAMPAIGN_STAGES) - {*CAMPAIGN_STAGES.needed_for("confirm"), "conclude"} if go_on else ()
+        adding = (
+            set(CAMPAIGN_STAGES) - {*CAMPAIGN_STAGES.needed_for("confirm"), "conclude"}
+            if go_on
+            else ()
+        )
         shown = []
         for each in stages:
-            shown.append(run_stage(each, state, each.name in adding, **(given if each.name == name else {})))
+            shown.append(
+                run_stage(each, state, each.name in adding, **(given if each.name == name else {}))
+            )
         if name == "conclude" and not go_on:
             _end_if_something_failed(state)
         return "\n".join(filter(None, shown))
@@ -200,9 +235,11 @@ for _name in CAMPAIGN_STAGES:
 @_folder
 @click.option("--anyway", is_flag=True, help="Go on where channels contradict each other.")
 def analyse(campaign: Path, folder: Path | None, anyway: bool) -> None:
-    """Identify the effect that the model of CAMPAIGN lacks: all stages, up to verdict.json, summary and figures.
+    """Identify the effect that the model of CAMPAIGN lacks: all stages, up to verdict.json, summary
+    and figures.
 
-    `make campaign` does the same with parallel stages, resumes interrupted runs, and optimises again.
+    `make campaign` does the same with parallel stages, resumes interrupted runs, and optimises
+    again.
     """
     from jointgap.app.report import verdict_lines
     from jointgap.campaign.analyse import analyse as analyse_campaign
@@ -218,17 +255,20 @@ def analyse(campaign: Path, folder: Path | None, anyway: bool) -> None:
 
 @cli.group()
 def new() -> None:
-    """Write a campaign file or a mechanism file to start from; files that exist are not replaced."""
+    """Write a campaign file or a mechanism file to start from; files that exist are not
+    replaced."""
 
 
 @new.command()
 @click.argument("files", metavar="FILE...", type=FILE, nargs=-1, required=True)
-@click.option("--name", default="rig", show_default=True, help="Name of the campaign and of its two files.")
+@click.option(
+    "--name", default="rig", show_default=True, help="Name of the campaign and of its two files."
+)
 def rig(files: tuple[Path, ...], name: str) -> None:
     """Write NAME.yaml and NAME_mechanism.yaml for measured FILEs, one of each run.
 
-    Columns, units and speeds are guessed from headings and values, with the reason of each guess as a comment.
-    FILL_IN marks what the files do not contain, such as masses.
+    Columns, units and speeds are guessed from headings and values, with the reason of each guess as
+    a comment. FILL_IN marks what the files do not contain, such as masses.
 
     \b
     Example:
@@ -242,7 +282,9 @@ def rig(files: tuple[Path, ...], name: str) -> None:
 
 
 @new.command()
-@click.option("--name", default="mechanism", show_default=True, help="Name of the file, without .yaml.")
+@click.option(
+    "--name", default="mechanism", show_default=True, help="Name of the file, without .yaml."
+)
 def mechanism(name: str) -> None:
     """Write the mechanism file NAME.yaml with comments; FILL_IN marks the values to fill in."""
     from jointgap.rig.guess import new_mechanism
@@ -260,10 +302,15 @@ def mechanism(name: str) -> None:
     help="Folder of the campaigns' results, each in a folder of its name.",
 )
 @click.option(
-    "--folder", type=FOLDER, default=Path("results/trend"), show_default=True, help="Output folder of the trend."
+    "--folder",
+    type=FOLDER,
+    default=Path("results/trend"),
+    show_default=True,
+    help="Output folder of the trend.",
 )
 def trend(campaigns: tuple[Path, ...], results: Path, folder: Path) -> None:
-    """Show the growth over time of clearances and other effects, from analysed campaigns of one rig.
+    """Show the growth over time of clearances and other effects, from analysed campaigns of one
+    rig.
 
     Each campaign file has its `date`; run `make campaign` or `jointgap analyse` first.
     """
@@ -274,12 +321,15 @@ def trend(campaigns: tuple[Path, ...], results: Path, folder: Path) -> None:
 
 @cli.command()
 @click.argument("mechanism")
-@click.option("--speed", "speeds", multiple=True, help="Crank speed, such as '240 rpm'; repeatable.")
+@click.option(
+    "--speed", "speeds", multiple=True, help="Crank speed, such as '240 rpm'; repeatable."
+)
 def look(mechanism: str, speeds: tuple[str, ...]) -> None:
-    """Show motion and joint forces of a MECHANISM, a file or a shipped name, at one or several speeds, on one page.
+    """Show motion and joint forces of a MECHANISM, a file or a shipped name, at one or several
+    speeds, on one page.
 
-    Writes look_NAME.html to the current folder: slider, crank torque, and the force in each joint, with peaks and
-    their crank angles.
+    Writes look_NAME.html to the current folder: slider, crank torque, and the force in each joint,
+    with peaks and their crank angles.
 
     \b
     Example:
@@ -295,7 +345,9 @@ def look(mechanism: str, speeds: tuple[str, ...]) -> None:
     path = Path(f"look_{name}.html")
     values = [_quantity("--speed", speed, "rad/s") for speed in speeds]
     if 0.0 in values:
-        raise InputError(f"--speed '{speeds[values.index(0.0)]}': must not be 0; give a speed such as '240 rpm'")
+        raise InputError(
+            f"--speed '{speeds[values.index(0.0)]}': must not be 0; give a speed such as '240 rpm'"
+        )
     check_writable(path)
     write_look(load_mechanism(mechanism), values, name, path)
     click.echo(path)
@@ -307,8 +359,8 @@ WIDTH = 100  # columns, also without a terminal
 @cli.command()
 @click.argument("name", required=False)
 def effects(name: str | None) -> None:
-    """List the physical effects for mechanism files (law, parameters with units and bounds, reference), and the sensor
-    faults that a campaign checks.
+    """List the physical effects for mechanism files (law, parameters with units and bounds,
+    reference), and the sensor faults that a campaign checks.
 
     With NAME, show this effect in full, with an example for the mechanism file.
     """
@@ -320,10 +372,14 @@ def effects(name: str | None) -> None:
     from jointgap.rig.sensors import FAULTS
 
     if name is not None and name not in EFFECTS and name not in FAULTS:
-        raise InputError(f"effect '{name}': no such effect; {did_you_mean(name, [*EFFECTS, *FAULTS])}")
+        raise InputError(
+            f"effect '{name}': no such effect; {did_you_mean(name, [*EFFECTS, *FAULTS])}"
+        )
     if name in EFFECTS:
         click.echo(_in_lines(name, EFFECTS[name], inspect.cleandoc(EFFECTS[name].__doc__)))
-        snippet = yaml.safe_dump({"effects": [example(EFFECTS[name])]}, sort_keys=False, width=WIDTH)
+        snippet = yaml.safe_dump(
+            {"effects": [example(EFFECTS[name])]}, sort_keys=False, width=WIDTH
+        )
         click.echo("\nin the mechanism file:\n\n    " + snippet.rstrip().replace("\n", "\n    "))
         return
     if name is None:
@@ -348,11 +404,20 @@ def _in_lines(name: str, effect: Any, meaning: str = "") -> str:
     """An effect with its law and parameters; with a `meaning`, in full."""
     from jointgap.effects.base import parameters_of
 
-    texts = {"": meaning, "site: ": effect.SITE, "law: ": effect.LAW, "reference: ": effect.REFERENCE}
+    texts = {
+        "": meaning,
+        "site: ": effect.SITE,
+        "law: ": effect.LAW,
+        "reference: ": effect.REFERENCE,
+    }
     lines = [label + " ".join(text.split()) for label, text in texts.items() if text]
     lines.append("parameters:")
     for row in parameters_of(effect):
-        limits = f" [{row.bounds or 'any'} {row.unit.removeprefix('1')}]".replace(" ]", "]") if row.unit else ""
+        limits = (
+            f" [{row.bounds or 'any'} {row.unit.removeprefix('1')}]".replace(" ]", "]")
+            if row.unit
+            else ""
+        )
         default = f", default {row.default}" if row.default else ""
         lines.append(f"  {row.name}{limits}{default}" + (f": {row.meaning}" if meaning else ""))
     return "\n".join([click.style(name, bold=True), *map(_wrapped, lines)])
@@ -360,7 +425,10 @@ def _in_lines(name: str, effect: Any, meaning: str = "") -> str:
 
 def _aligned(rows: Sequence[Sequence[str]]) -> str:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = ("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)) for row in rows)
+    lines = (
+        "  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True))
+        for row in rows
+    )
     return "\n".join(line.rstrip() for line in lines)
 
 
@@ -371,8 +439,9 @@ def _aligned(rows: Sequence[Sequence[str]]) -> str:
 def ensemble(options: str, folder: Path, workers: int | None) -> None:
     """Simulate an ensemble: all combinations of varied values, each from several starts.
 
-    The scenario's section `ensemble` lists what varies: speed, clearance, friction and restitution (of all loose
-    joints), or any key by its path. Failed runs are listed in runs.parquet with their reason; the others continue.
+    The scenario's section `ensemble` lists what varies: speed, clearance, friction and restitution
+    (of all loose joints), or any key by its path. Failed runs are listed in runs.parquet with their
+    reason; the others continue.
 
     \b
     Example:
@@ -394,7 +463,9 @@ def ensemble(options: str, folder: Path, workers: int | None) -> None:
     scenario = parse_options(options)
     varied = scenario.ensemble
     total = math.prod(map(len, varied.vary.values())) * varied.members
-    runs = write_ensemble(ensemble_runs(scenario.mechanism, scenario.simulate, varied), folder, workers, total)
+    runs = write_ensemble(
+        ensemble_runs(scenario.mechanism, scenario.simulate, varied), folder, workers, total
+    )
     failed = runs.dropna(subset="reason")
     for run, reason in zip(failed["run"], failed["reason"], strict=True):
         click.echo(f"jointgap: run {run} failed: {reason}", err=True)
@@ -405,13 +476,16 @@ def ensemble(options: str, folder: Path, workers: int | None) -> None:
 @cli.command()
 @options_option
 @need("--growth", "Parquet file to write: growth of the change over the crank angle.")
-@click.option("--change", default="1e-11 m", show_default=True, help="Size of the change of the start.")
+@click.option(
+    "--change", default="1e-11 m", show_default=True, help="Size of the change of the start."
+)
 @workers_option
 def growth(options: str, growth: Path, change: str, workers: int | None) -> None:
     """Estimate how long samples of a motion are reproducible (growth of small perturbations).
 
-    Simulates the motion from slightly perturbed starts and prints the growth of the difference. If the motion is
-    chaotic, other codes or machines give other samples beyond the printed angle; compare only statistics there.
+    Simulates the motion from slightly perturbed starts and prints the growth of the difference. If
+    the motion is chaotic, other codes or machines give other samples beyond the printed angle;
+    compare only statistics there.
     """
     from jointgap.config import parse_options
     from jointgap.core.errors import InputError
@@ -433,10 +507,13 @@ def growth(options: str, growth: Path, change: str, workers: int | None) -> None
 @need("--events", "Parquet file to read: its events.")
 @need(
     "--folder",
-    "Output folder of section.parquet, revolutions.parquet, impacts.parquet and eccentricity.parquet.",
+    "Output folder of section.parquet, revolutions.parquet, impacts.parquet and"
+    " eccentricity.parquet.",
     FOLDER,
 )
-@click.option("--angle", default="0 deg", show_default=True, help="Crank angle of the Poincare section.")
+@click.option(
+    "--angle", default="0 deg", show_default=True, help="Crank angle of the Poincare section."
+)
 @click.option(
     "--first-revolution",
     type=click.IntRange(min=1),
@@ -444,19 +521,32 @@ def growth(options: str, growth: Path, change: str, workers: int | None) -> None
     show_default=True,
     help="First settled revolution.",
 )
-def cycles(options: str, trajectory: Path, events: Path, folder: Path, angle: str, first_revolution: int) -> None:
-    """Compute statistics over revolutions: contact, impacts, orbits, Poincaré section, periodicity."""
+def cycles(
+    options: str, trajectory: Path, events: Path, folder: Path, angle: str, first_revolution: int
+) -> None:
+    """Compute statistics over revolutions: contact, impacts, orbits, Poincaré section,
+    periodicity."""
     from jointgap.config import parse_options
     from jointgap.core.parquet import read, write
     from jointgap.designs.statistics import cycles
     from jointgap.scenario.results import read_trajectory
 
     scenario, turned = parse_options(options), _quantity("--angle", angle, "rad")
-    places = {name: folder / f"{name}.parquet" for name in ("section", "revolutions", "impacts", "eccentricity")}
+    places = {
+        name: folder / f"{name}.parquet"
+        for name in ("section", "revolutions", "impacts", "eccentricity")
+    }
     check_writable(*places.values())
     samples, rows = read_trajectory(trajectory, scenario), read(known.EVENTS, events)
-    statistics = cycles(samples, rows, scenario.mechanism, scenario.simulate, first_revolution, turned)
-    tables = (known.POINCARE_SECTION, known.JOINT_REVOLUTIONS, known.IMPACT_DISTRIBUTION, known.ECCENTRICITY)
+    statistics = cycles(
+        samples, rows, scenario.mechanism, scenario.simulate, first_revolution, turned
+    )
+    tables = (
+        known.POINCARE_SECTION,
+        known.JOINT_REVOLUTIONS,
+        known.IMPACT_DISTRIBUTION,
+        known.ECCENTRICITY,
+    )
     for table, (name, place) in zip(tables, places.items(), strict=True):
         write(table, getattr(statistics, name), place)
     click.echo(statistics.summary)
@@ -475,7 +565,9 @@ def _quantity(option: str, text: str, unit: str) -> float:
 def _flagged(stage: Stage) -> dict[str, Table]:
     """Tables of a stage with an option of their own for the file, by its name."""
     named = stage.writes and set(stage.reads) <= {known.TRAJECTORY}
-    return {Path(table.path).stem: table for table in (*stage.reads, *stage.writes)} if named else {}
+    return (
+        {Path(table.path).stem: table for table in (*stage.reads, *stage.writes)} if named else {}
+    )
 
 
 def _results_command(stage: Stage) -> None:
@@ -489,14 +581,21 @@ def _results_command(stage: Stage) -> None:
         places = {flagged[flag].name: file for flag, file in files.items() if file is not None}
         stored = open_results(options, results or Path(), places)
         if "siblings" in given:
-            given["siblings"] = {name: open_results(more, results.parent / name) for name, more in given["siblings"]}
+            given["siblings"] = {
+                name: open_results(more, results.parent / name) for name, more in given["siblings"]
+            }
         if stage.writes:
             written = [stored.place(table, given.get("output", "")) for table in stage.writes]
             check_writable(*written, *(stored.path / file for file in stage.files))
         return stage.function(stored, **given)
 
-    meaning = "The scenario's results folder, from which tables are read and to which they are written."
-    own = [options_option, click.option("--results", type=FOLDER, required=not flagged, help=meaning)]
+    meaning = (
+        "The scenario's results folder, from which tables are read and to which they are written."
+    )
+    own = [
+        options_option,
+        click.option("--results", type=FOLDER, required=not flagged, help=meaning),
+    ]
     for flag, table in flagged.items():
         meaning = f"{table.description[0].lower()}{table.description[1:]}"
         verb = "read" if table in stage.reads else "write"
@@ -524,7 +623,9 @@ def _scenario_command(stage: Stage) -> None:
 def _overview(results: Path, scenarios: tuple[tuple[str, str], ...]) -> None:
     stage = SCENARIO_STAGES["overview"]
     check_writable(*(results / path for path in stage.outputs()))
-    stage.function({name: open_results(options, results / name) for name, options in scenarios}, results)
+    stage.function(
+        {name: open_results(options, results / name) for name, options in scenarios}, results
+    )
 
 
 _scenarios = {"nargs": 2, "multiple": True, "help": "Name and options of a scenario, repeatable."}
@@ -532,7 +633,9 @@ _scenarios = {"nargs": 2, "multiple": True, "help": "Name and options of a scena
 for _stage in (*SCENARIO_STAGES.values(), *DESIGN_STAGES.values()):
     if _stage.name == "overview":
         _where = need(
-            "--results", "Folder of the scenarios' folders; receives overview.md, .html and .parquet.", FOLDER
+            "--results",
+            "Folder of the scenarios' folders; receives overview.md, .html and .parquet.",
+            FOLDER,
         )
         _given = click.option("--scenario", "scenarios", required=True, **_scenarios)
         add_command(_stage, _overview, [_where, _given], OF_SCENARIO)
@@ -547,8 +650,11 @@ for _stage in (*SCENARIO_STAGES.values(), *DESIGN_STAGES.values()):
 @need("--report", "HTML file to write; its links hold where it lies in that folder.")
 @click.option("--scenario", "scenarios", **_scenarios)
 @click.option("--campaign", "campaigns", multiple=True, help="Name of a campaign, repeatable.")
-def report(results: Path, report: Path, scenarios: tuple[tuple[str, str], ...], campaigns: tuple[str, ...]) -> None:
-    """Write the report: the results of all scenarios and campaigns of a run, with figures, in one HTML file."""
+def report(
+    results: Path, report: Path, scenarios: tuple[tuple[str, str], ...], campaigns: tuple[str, ...]
+) -> None:
+    """Write the report: the results of all scenarios and campaigns of a run, with figures, in one
+    HTML file."""
     from jointgap.app.report import write_report
 
     check_writable(report)
@@ -557,9 +663,26 @@ def report(results: Path, report: Path, scenarios: tuple[tuple[str, str], ...], 
 
 
 @cli.command()
-@click.option("--results", type=FOLDER, default=Path("results"), show_default=True, help="Folder of the default store.")
-@click.option("--port", type=click.IntRange(1, 65535), default=5000, show_default=True, help="First port to try.")
-@click.option("--browser/--no-browser", default=True, show_default=True, help="Open the comparison in the browser.")
+@click.option(
+    "--results",
+    type=FOLDER,
+    default=Path("results"),
+    show_default=True,
+    help="Folder of the default store.",
+)
+@click.option(
+    "--port",
+    type=click.IntRange(1, 65535),
+    default=5000,
+    show_default=True,
+    help="First port to try.",
+)
+@click.option(
+    "--browser/--no-browser",
+    default=True,
+    show_default=True,
+    help="Open the comparison in the browser.",
+)
 def dashboard(results: Path, port: int, browser: bool) -> None:
     """Serve MLflow's pages locally, and open the comparison of the scenarios."""
     from jointgap.app.dashboard import dashboard
@@ -573,12 +696,16 @@ def describe(file: Path) -> None:
     """Show the columns of a Parquet FILE with units and descriptions."""
     from jointgap.core.parquet import describe
 
-    click.echo(f"{file}\n" + _aligned([("column", "unit", "description"), *describe(file).to_numpy()]))
+    click.echo(
+        f"{file}\n" + _aligned([("column", "unit", "description"), *describe(file).to_numpy()])
+    )
 
 
 @cli.command()
 @click.argument("source", metavar="FILE_OR_FOLDER", type=click.Path(exists=True, path_type=Path))
-@click.option("--to", type=FOLDER, help="Folder to write into; beside each Parquet file when absent.")
+@click.option(
+    "--to", type=FOLDER, help="Folder to write into; beside each Parquet file when absent."
+)
 @click.option(
     "--unit",
     "units",
@@ -587,7 +714,8 @@ def describe(file: Path) -> None:
 )
 @click.option("--force", is_flag=True, help="Write over files that are there.")
 def export(source: Path, to: Path | None, units: tuple[str, ...], force: bool) -> None:
-    """Convert a Parquet FILE, or all in a FOLDER, to CSV with units in the column names, for spreadsheets and MATLAB.
+    """Convert a Parquet FILE, or all in a FOLDER, to CSV with units in the column names, for
+    spreadsheets and MATLAB.
 
     \b
     Example:
@@ -602,10 +730,15 @@ def export(source: Path, to: Path | None, units: tuple[str, ...], force: bool) -
 @cli.command()
 @click.argument("files", type=FILE, nargs=-1, required=True)
 @click.option("--scenario", help="Name of the scenario; the first one of `run` when absent.")
-@click.option("--sources", is_flag=True, help="Print a table instead: each key, its value as written, and its file.")
+@click.option(
+    "--sources",
+    is_flag=True,
+    help="Print a table instead: each key, its value as written, and its file.",
+)
 def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None:
-    """Check configuration FILES, each overriding those before it, and print one scenario, with all keys in SI, as JSON
-    for --options. Warnings, such as of an implausible mass, go to the standard error output.
+    """Check configuration FILES, each overriding those before it, and print one scenario, with all
+    keys in SI, as JSON for --options. Warnings, such as of an implausible mass, go to the standard
+    error output.
     """
     from jointgap.config import load, read_yaml
     from jointgap.config.yaml_files import Layer, merged, plain_speeds
@@ -616,13 +749,18 @@ def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None
     for remark in (remark for file in files for remark in plain_speeds(file)):
         click.echo(f"jointgap: {remark}", err=True)
     layers = [Layer(str(file), read_yaml(file)) for file in files]
-    folders = (Path(), *(folder for file in reversed(files) for folder in (file.parent, file.parent.parent)))
+    folders = (
+        Path(),
+        *(folder for file in reversed(files) for folder in (file.parent, file.parent.parent)),
+    )
     source = " with ".join(map(str, files))
     scenarios = load.resolve(merged(layers), folders, source)
     check_constraints(scenarios, source)
     name = scenario or next(iter(scenarios))
     if name not in scenarios:
-        raise InputError(f"{source}: run lists no scenario '{name}'; {did_you_mean(name, scenarios)}")
+        raise InputError(
+            f"{source}: run lists no scenario '{name}'; {did_you_mean(name, scenarios)}"
+        )
     for remark in remarks(scenarios[name].mechanism, scenarios[name].simulate.highest_speed):
         click.echo(f"jointgap: {remark}", err=True)
     if not sources:
@@ -636,10 +774,16 @@ def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None
 @click.option("--write", "path", type=FILE, help="File to write; printed when absent.")
 @click.option("--campaign", is_flag=True, help="Of a campaign file, not of a configuration.")
 def schema(path: Path | None, campaign: bool) -> None:
-    """Print the JSON schema of a configuration or a campaign, for editors that complete and check YAML."""
+    """Print the JSON schema of a configuration or a campaign, for editors that complete and check
+    YAML."""
     from jointgap.config.load import campaign_json_schema, json_schema
 
-    text = json.dumps(campaign_json_schema() if campaign else json_schema(), indent=2, ensure_ascii=False) + "\n"
+    text = (
+        json.dumps(
+            campaign_json_schema() if campaign else json_schema(), indent=2, ensure_ascii=False
+        )
+        + "\n"
+    )
     if path is None:
         click.echo(text, nl=False)
     else:
@@ -652,7 +796,8 @@ _SECONDS_BETWEEN_LINES = 60.0
 
 @contextmanager
 def progress_shown() -> Iterator[None]:
-    """Show the progress of long computations: bars on a terminal, otherwise a line from time to time."""
+    """Show the progress of long computations: bars on a terminal, otherwise a line from time to
+    time."""
     terminal = sys.stderr.isatty() and os.environ.get("TERM", "dumb") != "dumb"
     last, bars, tasks = time.monotonic(), None, {}
 
@@ -661,7 +806,11 @@ def progress_shown() -> Iterator[None]:
         now = time.monotonic()
         if not terminal and now - last >= _SECONDS_BETWEEN_LINES:
             last = now
-            print(f"jointgap: {what}: {done}{f' of {total}' if total else ''}", file=sys.stderr, flush=True)
+            print(
+                f"jointgap: {what}: {done}{f' of {total}' if total else ''}",
+                file=sys.stderr,
+                flush=True,
+            )
         elif terminal and now - last >= _SECONDS_OF_SILENCE:
             bars = bars or _started()
             if what not in tasks:
@@ -680,19 +829,27 @@ def _started() -> Any:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
     # the command's output may be redirected; the bars stay on the terminal
-    bars = Progress(*columns, transient=True, console=Console(stderr=True), redirect_stdout=sys.stdout.isatty())
+    bars = Progress(
+        *columns, transient=True, console=Console(stderr=True), redirect_stdout=sys.stdout.isatty()
+    )
     bars.start()
     return bars
 
 
 def main() -> None:
-    """Run the command line; an InputError ends with its message and exit code 2, without a traceback."""
+    """Run the command line; an InputError ends with its message and exit code 2, without a
+    traceback."""
     from jointgap.core.errors import InputError, SimulationError
 
-    # One thread, even if Snakemake allows more: for small matrices further threads cost more processor time than they
-    # save, and another order of summation changes the last bits.
+    # One thread, even if Snakemake allows more: for small matrices further threads cost more
+    # processor time than they save, and another order of summation changes the last bits.
     for library in ("OPENBLAS", "OMP", "MKL"):
         os.environ[f"{library}_NUM_THREADS"] = "1"
     try:
@@ -704,13 +861,18 @@ def main() -> None:
         if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
             raise
         where = error.filename or "the log of this command, or a temporary file"
-        message = f"{where}: cannot be written ({error.strerror}); free disk space, then run the command again"
+        message = (
+            f"{where}: cannot be written ({error.strerror}); free disk space, then run the command"
+            " again"
+        )
     else:
         return
     text = "".join(f"jointgap: error: {line}\n" for line in message.splitlines())
     try:
         click.echo(text, err=True, nl=False)
-    except OSError:  # no space for the job's log: write to the open file number of the workflow's terminal
+    except (
+        OSError
+    ):  # no space for the job's log: write to the open file number of the workflow's terminal
         if terminal := os.environ.get("JOINTGAP_TERMINAL"):
             os.write(int(terminal), text.encode())
     sys.exit(2)

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from jointgap.core.errors import InputError
-from jointgap.core.publish import EXPERIMENT, OUTPUT, artifact_folder, opened, sqlite_file, store_address
+from jointgap.core.publish import (
+    EXPERIMENT,
+    OUTPUT,
+    artifact_folder,
+    opened,
+    sqlite_file,
+    store_address,
+)
 
 if TYPE_CHECKING:  # slow imports
     from mlflow.entities import Experiment
@@ -32,10 +39,18 @@ _COMPARED: dict[str, tuple[str, tuple[str, ...]]] = {
         ),
     ),
     "surrogate": ("MSE curves of all scenarios", ()),
-    "sweep": ("all sweeps", ("metrics.designs", "metrics.failed_percent", "metrics.angle_error_rms_mdeg/median")),
+    "sweep": (
+        "all sweeps",
+        ("metrics.designs", "metrics.failed_percent", "metrics.angle_error_rms_mdeg/median"),
+    ),
     "campaign": (
         "verdicts of all campaigns",
-        ("tags.jointgap.verdict", "tags.jointgap.effects", "metrics.gap/confirm_before", "metrics.gap/confirm_after"),
+        (
+            "tags.jointgap.verdict",
+            "tags.jointgap.effects",
+            "metrics.gap/confirm_before",
+            "metrics.gap/confirm_after",
+        ),
     ),
     "blind": ("scores of all blind trials", ("metrics.right name/all", "metrics.wrong name/all")),
 }
@@ -47,7 +62,11 @@ _TRAINING = "workflowType=machine_learning"
 _VIEW = "jointgap"
 """Name of the view, stored in a tag of the experiment, that has the columns."""
 
-_WIDTH, _MARGIN, _WIDEST = 8, 40, 240  # [px] of a character, of a column's margins, of the column of names
+_WIDTH, _MARGIN, _WIDEST = (
+    8,
+    40,
+    240,
+)  # [px] of a character, of a column's margins, of the column of names
 
 _WAIT_AND_OPEN = """
 import sys, time, urllib.request, webbrowser
@@ -63,7 +82,9 @@ for _ in range(120):
 """
 
 
-def dashboard(results: Path, port: int = 5000, say: Callable[[str], object] = print, browse: bool = False) -> None:
+def dashboard(
+    results: Path, port: int = 5000, say: Callable[[str], object] = print, browse: bool = False
+) -> None:
     """Print the links, then become MLflow's server until it is interrupted."""
     address = store_address(results)
     remote, file = address.startswith("http"), sqlite_file(address)
@@ -75,7 +96,9 @@ def dashboard(results: Path, port: int = 5000, say: Callable[[str], object] = pr
         say(f"{title}: {link}")
     if not links:
         say("nothing published yet")
-    has_screen = sys.platform in ("darwin", "win32") or bool({"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys())
+    has_screen = sys.platform in ("darwin", "win32") or bool(
+        {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()
+    )
     if browse and has_screen:
         _open_when_served(next(iter(links.values()), base), base)
     if not remote:
@@ -84,14 +107,28 @@ def dashboard(results: Path, port: int = 5000, say: Callable[[str], object] = pr
 
 
 def _open_when_served(link: str, base: str) -> subprocess.Popen:
-    """Open `link` once the server answers at `base`, in another process because this one becomes the server."""
+    """Open `link` once the server answers at `base`, in another process because this one becomes
+    the server."""
     command = [sys.executable, "-c", _WAIT_AND_OPEN, base, link]
-    return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    return subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
 
 
 def _become_server(address: str, artifacts: Path, port: str) -> None:
     """Replace this process by MLflow's server command, which then receives all signals."""
-    command = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", address, "--host", HOST, "--port", port]
+    command = [
+        sys.executable,
+        "-m",
+        "mlflow",
+        "server",
+        "--backend-store-uri",
+        address,
+        "--host",
+        HOST,
+        "--port",
+        port,
+    ]
     command += ["--artifacts-destination", artifacts.as_uri(), "--workers", "1"]
     # a browser may keep its connection open; request logs would hide the links
     command += ["--uvicorn-opts", "--timeout-graceful-shutdown 1 --log-level warning"]
@@ -104,7 +141,9 @@ def free_port(first: int) -> int:
     ports = range(first, min(first + _PORTS, 65536))
     for port in ports:
         with socket.socket() as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a port just released counts as free
+            probe.setsockopt(
+                socket.SOL_SOCKET, socket.SO_REUSEADDR, 1
+            )  # a port just released counts as free
             try:
                 probe.bind((HOST, port))
             except OSError:
@@ -121,17 +160,26 @@ def addresses(store: str, base: str) -> dict[str, str]:
             experiment = client.get_experiment_by_name(EXPERIMENT + stage)
             if experiment is None or experiment.lifecycle_stage == "deleted":
                 continue
-            wanted, number = f"tags.`{OUTPUT}` = '' and attributes.status = 'FINISHED'", experiment.experiment_id
+            wanted, number = (
+                f"tags.`{OUTPUT}` = '' and attributes.status = 'FINISHED'",
+                experiment.experiment_id,
+            )
             order = ["attributes.run_name"]
             runs = client.search_runs([number], wanted, max_results=_MOST_COMPARED, order_by=order)
-            curves = sorted({name for run in runs for name in run.data.metrics if name.startswith("log10_mse/")})
+            curves = sorted(
+                {name for run in runs for name in run.data.metrics if name.startswith("log10_mse/")}
+            )
             if columns and runs:
                 _set_columns(client, experiment, columns)
-                links[title] = f"{base}/#/experiments/{number}/runs?{_TRAINING}&viewStateShareKey={_VIEW}"
+                links[title] = (
+                    f"{base}/#/experiments/{number}/runs?{_TRAINING}&viewStateShareKey={_VIEW}"
+                )
             elif curves:
                 asked = {"runs": [run.info.run_id for run in runs], "experiments": [number]}
                 asked |= {"metric": curves[0], "plot_metric_keys": curves}
-                query = "&".join(f"{key}={quote(json.dumps(value))}" for key, value in asked.items())
+                query = "&".join(
+                    f"{key}={quote(json.dumps(value))}" for key, value in asked.items()
+                )
                 links[title] = f"{base}/#/metric?{query}&x_axis=step&{_TRAINING}"
     return links
 

@@ -7,14 +7,19 @@ from pathlib import Path
 
 _OURS = "jointgap: error: "  # prefix of error messages of `jointgap.app.cli`
 _SAID_AGAIN = re.compile(
-    "Shutting down, this might take some time|Removing output files of failed job"
-    "|Exiting because a job execution failed|WorkflowError:\nAt least one job did not complete successfully"
+    "Shutting down, this might take some time|Removing output files of failed job|Exiting because a"
+    " job execution failed|WorkflowError:\nAt least one job did not complete successfully"
 )
 _STATUS = re.compile(r"returned non-zero exit status (\d+)|died with <Signals\.(\w+)")
-_STOPPING = ("Terminating processes on user request", "Will exit after finishing currently running jobs")
+_STOPPING = (
+    "Terminating processes on user request",
+    "Will exit after finishing currently running jobs",
+)
 _INTERRUPTING = ("SIGINT", "SIGTERM", "SIGHUP")
 _LIMITS = ("SIGKILL", "SIGXCPU")
-_OTHER_PROGRAMS = re.compile(r"Error: |\S*(bash|env|srun|slurmstepd): ")  # of the option parser, the shell, SLURM
+_OTHER_PROGRAMS = re.compile(
+    r"Error: |\S*(bash|env|srun|slurmstepd): "
+)  # of the option parser, the shell, SLURM
 _LONGEST = 300  # [characters] of the reason from other programs
 
 
@@ -27,7 +32,9 @@ class OneLineForAFailedJob(logging.Filter):
     def __init__(self) -> None:
         super().__init__()
         self._messages: dict[int, str] = {}
-        self._status: dict[int, str] = {}  # exit status or signal by thread: Snakemake logs it before the job's name
+        self._status: dict[
+            int, str
+        ] = {}  # exit status or signal by thread: Snakemake logs it before the job's name
         self._interrupted = False
 
     def filter(self, record: logging.LogRecord) -> bool:
@@ -57,22 +64,30 @@ class OneLineForAFailedJob(logging.Filter):
     def _rewrite(self, record: logging.LogRecord, status: str) -> None:
         job = self._messages.get(record.jobid, record.rule_name)
         logs = [Path(path) for path in record.log or ()]
-        why = next(filter(None, map(reason_in, logs)), f"ended with {status or 'an error'}, without a message")
+        why = next(
+            filter(None, map(reason_in, logs)),
+            f"ended with {status or 'an error'}, without a message",
+        )
         if status in _LIMITS:
-            why = f"ended with {status}, as when memory or a time limit is exceeded; the same command resumes"
+            why = (
+                f"ended with {status}, as when memory or a time limit is exceeded; the same command"
+                " resumes"
+            )
         where = f" (log: {', '.join(map(str, logs))})" if logs else ""
         record.msg, record.args, record.event = f"failed: {job}: {why}{where}", (), None
 
 
 def _status(code: int) -> str:
-    """Name of the signal that ended a program of a shell with exit status `code`, else the status in words."""
+    """Name of the signal that ended a program of a shell with exit status `code`, else the status
+    in words."""
     signals = {128 + each.value: each.name for each in signal.Signals}
     return signals.get(code, f"exit status {code}")
 
 
 def reason_in(log: Path) -> str:
-    """Reason of a failed job from its log: jointgap's error message, else the exception of a traceback, else the error
-    message of another program; '' if there is none: other lines (progress, remarks, results) are no reason.
+    """Reason of a failed job from its log: jointgap's error message, else the exception of a
+    traceback, else the error message of another program; '' if there is none: other lines
+    (progress, remarks, results) are no reason.
     """
     try:
         lines = log.read_text(encoding="utf-8", errors="replace").splitlines()

@@ -12,13 +12,38 @@ from jointgap.config import Mechanism, Simulate
 from jointgap.core.errors import InputError
 from jointgap.core.files import write_text
 from jointgap.core.joints import FROM_FRAME
-from jointgap.core.page import Block, Bullets, FigureBlock, Heading, Page, Paragraph, TableBlock, to_html, written_today
-from jointgap.core.plot import BULK, CRANK_ANGLE, IMPACTS_DWARF, Drawing, Quantity, Sheet, matplotlib_style
+from jointgap.core.page import (
+    Block,
+    Bullets,
+    FigureBlock,
+    Heading,
+    Page,
+    Paragraph,
+    TableBlock,
+    to_html,
+    written_today,
+)
+from jointgap.core.plot import (
+    BULK,
+    CRANK_ANGLE,
+    IMPACTS_DWARF,
+    Drawing,
+    Quantity,
+    Sheet,
+    matplotlib_style,
+)
 from jointgap.core.words import format_name, format_unit, joined, number
 from jointgap.dynamics.mechanism_warnings import sentences
 from jointgap.dynamics.simulation import simulate
 
-_COLOURS = ("simulation", "network", "second surrogate", "spline", "paper", "limit")  # one for each speed
+_COLOURS = (
+    "simulation",
+    "network",
+    "second surrogate",
+    "spline",
+    "paper",
+    "limit",
+)  # one for each speed
 _SETTLING, _SAMPLES = 5, 3600  # revolutions before the one that is shown; samples of a revolution
 _SIZE = (4.2, 2.9)  # [inches] of a figure: two side by side, or one on a phone
 
@@ -33,29 +58,42 @@ _FORCES = {f"{joint}_force": ("N", 1.0) for joint in FROM_FRAME} | {"guide_force
 
 
 def write_look(mechanism: Mechanism, speeds: Sequence[float], name: str, path: Path) -> None:
-    """Simulate a `mechanism` at crank `speeds` [rad/s] and write the page about it, called `name`, to `path`."""
+    """Simulate a `mechanism` at crank `speeds` [rad/s] and write the page about it, called `name`,
+    to `path`."""
     speeds = list(dict.fromkeys(speeds))
     if len(speeds) > len(_COLOURS):
         raise InputError(f"--speed: {len(speeds)} speeds are given; give at most {len(_COLOURS)}")
-    turns = {f"{number(speed * 30.0 / math.pi)} rpm": _settled_turn(mechanism, speed) for speed in speeds}
+    turns = {
+        f"{number(speed * 30.0 / math.pi)} rpm": _settled_turn(mechanism, speed) for speed in speeds
+    }
     with TemporaryDirectory() as folder:
         blocks = _blocks(mechanism, max(speeds, key=abs), turns, Path(folder))
-        page = Page(f"{name} at {joined(turns)}", tuple(blocks), "Motion and forces", written_today())
+        page = Page(
+            f"{name} at {joined(turns)}", tuple(blocks), "Motion and forces", written_today()
+        )
         write_text(path, to_html(page, folder))
 
 
 def _settled_turn(mechanism: Mechanism, speed: float) -> pd.DataFrame:
-    """Samples of the last simulated revolution, by rising crank angle from 0, with the sizes of the joint forces."""
+    """Samples of the last simulated revolution, by rising crank angle from 0, with the sizes of the
+    joint forces."""
     options = Simulate(speed=speed, revolutions=_SETTLING + 1, samples_per_revolution=_SAMPLES)
     turn = simulate(mechanism, options).samples.tail(_SAMPLES + 1)
-    turn = turn.assign(crank_angle=np.abs(turn["crank_angle"].to_numpy()) - 2.0 * math.pi * _SETTLING)
+    turn = turn.assign(
+        crank_angle=np.abs(turn["crank_angle"].to_numpy()) - 2.0 * math.pi * _SETTLING
+    )
     if speed < 0.0:
         turn = turn[::-1].assign(crank_angle=2.0 * math.pi - turn["crank_angle"][::-1])
-    sizes = {f"{joint}_force": np.hypot(turn[f"{joint}_force_x"], turn[f"{joint}_force_y"]) for joint in FROM_FRAME}
+    sizes = {
+        f"{joint}_force": np.hypot(turn[f"{joint}_force_x"], turn[f"{joint}_force_y"])
+        for joint in FROM_FRAME
+    }
     return turn.assign(**sizes).reset_index(drop=True)
 
 
-def peaks(turns: Mapping[str, pd.DataFrame], columns: Mapping[str, tuple[str, float]]) -> TableBlock:
+def peaks(
+    turns: Mapping[str, pd.DataFrame], columns: Mapping[str, tuple[str, float]]
+) -> TableBlock:
     """Largest magnitude of each column, with its sign, and its crank angle, by speed."""
     heads, rows = ["quantity", "unit"], []
     heads += [head for speed in turns for head in (f"peak at {speed}", "angle [deg]")]
@@ -63,18 +101,29 @@ def peaks(turns: Mapping[str, pd.DataFrame], columns: Mapping[str, tuple[str, fl
         row = [format_name(column), format_unit(unit)]
         for turn in turns.values():
             place = int(np.argmax(np.abs(turn[column])))
-            row += [number(factor * turn[column][place]), number(math.degrees(turn["crank_angle"][place]))]
+            row += [
+                number(factor * turn[column][place]),
+                number(math.degrees(turn["crank_angle"][place])),
+            ]
         rows.append(tuple(row))
     caption = "Peaks: largest magnitude, with its sign, and its crank angle."
     return TableBlock(tuple(heads), tuple(rows), "ll" + "r" * (2 * len(turns)), caption)
 
 
-def _blocks(mechanism: Mechanism, speed: float, turns: Mapping[str, pd.DataFrame], folder: Path) -> list[Block]:
+def _blocks(
+    mechanism: Mechanism, speed: float, turns: Mapping[str, pd.DataFrame], folder: Path
+) -> list[Block]:
     loose = mechanism.applied().loose
     state = "All joints are ideal."
     if loose:
-        state = f"Loose joints: {joined(map(format_name, loose))}. Impacts may differ between revolutions."
-    text = f"Revolution {_SETTLING + 1} after the start, at constant speed, with samples every {360 / _SAMPLES:g} deg."
+        state = (
+            f"Loose joints: {joined(map(format_name, loose))}. Impacts may differ between"
+            " revolutions."
+        )
+    text = (
+        f"Revolution {_SETTLING + 1} after the start, at constant speed, with samples every"
+        f" {360 / _SAMPLES:g} deg."
+    )
     blocks: list[Block] = [Paragraph(f"{text} {state}"), peaks(turns, _MOTION | _FORCES)]
     with matplotlib_style():
         for title, columns in {"Motion": _MOTION, "Forces in the joints": _FORCES}.items():
@@ -92,10 +141,16 @@ def _blocks(mechanism: Mechanism, speed: float, turns: Mapping[str, pd.DataFrame
     return blocks
 
 
-_ON = {"crank_pivot": "frame on the crank", "crank_pin": "crank on the rod", "piston_pin": "slider on the rod"}
+_ON = {
+    "crank_pivot": "frame on the crank",
+    "crank_pin": "crank on the rod",
+    "piston_pin": "slider on the rod",
+}
 
 
-def _over_angle(column: str, unit: str, factor: float, turns: Mapping[str, pd.DataFrame]) -> Drawing:
+def _over_angle(
+    column: str, unit: str, factor: float, turns: Mapping[str, pd.DataFrame]
+) -> Drawing:
     sheet = Sheet(_SIZE[1], 1, 1, _SIZE[0])
     panel = sheet.panel((0, 0), "", CRANK_ANGLE, Quantity(format_name(column), format_unit(unit)))
     for (speed, turn), colour in zip(turns.items(), _COLOURS, strict=False):

@@ -10,7 +10,13 @@ import pandas as pd
 import yaml
 
 from jointgap.campaign.fits_on_disk import Outcome, clockwise, nuisances_as_read
-from jointgap.campaign.sentences import estimate_row, format_effect, format_estimate, is_fault, parameter_rows
+from jointgap.campaign.sentences import (
+    estimate_row,
+    format_effect,
+    format_estimate,
+    is_fault,
+    parameter_rows,
+)
 from jointgap.config import Effect, Mechanism, Simulate
 from jointgap.config.campaign import Campaign
 from jointgap.config.load import validate
@@ -33,7 +39,8 @@ _SETTLES = 2  # revolutions
 
 
 def in_file_convention(new: Any, old: Any, text: Any = None, digits: int = DIGITS) -> Any:
-    """`new` content of a file with the keys and units of the `text` that contained the `old` content."""
+    """`new` content of a file with the keys and units of the `text` that contained the `old`
+    content."""
     if new == old and text is not None:
         return text
     if isinstance(new, Mapping):
@@ -64,18 +71,23 @@ def missing_force(
     clockwise: Collection[str] = (),
     loads: Mapping[str, Sequence[Effect]] | None = None,
 ) -> pd.DataFrame:
-    """Slider force and crank torque of the augmented model minus those of the base, at the same motion; `loads` are
-    those of single runs.
+    """Slider force and crank torque of the augmented model minus those of the base, at the same
+    motion; `loads` are those of single runs.
 
     Both are zero for masses, lengths, clearances and sensor faults.
     """
     parts = []
     for run, speed in speeds.items():
-        models = [one.applied().mirrored() if run in clockwise else one for one in (base, augmented)]
+        models = [
+            one.applied().mirrored() if run in clockwise else one for one in (base, augmented)
+        ]
         models = [with_loads(one, (loads or {}).get(run, ())) for one in models]
         if run in clockwise:
             part = _along(run, *models, speed).iloc[::-1]
-            turned = {"crank_angle": math.tau - part["crank_angle"], "crank_torque": -part["crank_torque"]}
+            turned = {
+                "crank_angle": math.tau - part["crank_angle"],
+                "crank_torque": -part["crank_torque"],
+            }
             parts.append(part.assign(**turned))
         else:
             parts.append(_along(run, *models, speed))
@@ -87,21 +99,28 @@ def _along(run: str, base: Mechanism, augmented: Mechanism, speed: float) -> pd.
     options = Simulate(speed=speed, tolerance=tolerance_for(augmented.applied()), **steps)
     samples = simulate(augmented, options).samples.tail(_SAMPLES + 1)
     shown = samples[["crank_angle", "slider_position", "slider_velocity"]].reset_index(drop=True)
-    places = samples[["slider_position", "slider_velocity", "crank_speed", "crank_angle", "time"]].to_numpy()
+    places = samples[
+        ["slider_position", "slider_velocity", "crank_speed", "crank_angle", "time"]
+    ].to_numpy()
     after, before = parameters(augmented, options), parameters(base, options)
     guide = samples["guide_force"]
-    pushes = [slider_force(after, n, *at) - slider_force(before, n, *at) for n, at in zip(guide, places, strict=True)]
+    pushes = [
+        slider_force(after, n, *at) - slider_force(before, n, *at)
+        for n, at in zip(guide, places, strict=True)
+    ]
     turns = [crank_losses(after, *at) - crank_losses(before, *at) for at in places]
     angle = shown["crank_angle"] - math.tau * _SETTLES
     return shown.assign(run=run, crank_angle=angle, slider_force=pushes, crank_torque=turns)
 
 
 def mechanisms(campaign: Campaign, outcome: Outcome) -> tuple[Mechanism, Mechanism]:
-    """The mechanism with re-fitted parameters, without and with the effects of the verdict; parameters that the data do
-    not determine keep the stated values.
+    """The mechanism with re-fitted parameters, without and with the effects of the verdict;
+    parameters that the data do not determine keep the stated values.
     """
     chosen = outcome.chosen
-    augmented = augmented_mechanism(campaign.mechanism, chosen.hypothesis, determined_values(chosen))
+    augmented = augmented_mechanism(
+        campaign.mechanism, chosen.hypothesis, determined_values(chosen)
+    )
     plain = outcome.base if chosen.hypothesis else chosen
     return augmented_mechanism(campaign.mechanism, (), determined_values(plain)), augmented
 
@@ -112,8 +131,8 @@ def augment(
     text: Mapping[str, Any] | None = None,
     loads: Mapping[str, Sequence[Effect]] | None = None,
 ) -> tuple[str, pd.DataFrame]:
-    """The augmented mechanism as YAML with the user's keys and units, and table `MISSING_FORCE`, under the `loads` of
-    single runs.
+    """The augmented mechanism as YAML with the user's keys and units, and table `MISSING_FORCE`,
+    under the `loads` of single runs.
     """
     plain, augmented = mechanisms(campaign, outcome)
     new, old = (mechanism.model_dump(mode="json") for mechanism in (augmented, campaign.mechanism))
@@ -132,17 +151,32 @@ def augment(
 
 def _header(campaign: Campaign, outcome: Outcome) -> list[str]:
     chosen = outcome.chosen
-    lines = [f"Augmented mechanism of campaign {campaign.name}. Verdict: {outcome.verdict.replace('_', ' ')}."]
+    lines = [
+        f"Augmented mechanism of campaign {campaign.name}. Verdict:"
+        f" {outcome.verdict.replace('_', ' ')}."
+    ]
     for p, estimate in nuisances_as_read(chosen, clockwise(campaign)):
         kept = "" if p.run or is_taken_over(estimate) else ": stated value kept"
         name, *row = estimate_row(format_nuisance(p.key), estimate, p.unit)
         lines.append(f"{name}: {format_estimate(*row)}{kept}")
     for candidate in chosen.hypothesis:
-        effect = {"name": candidate.name, "site": candidate.site, "parameters": effect_estimates(chosen, candidate)}
+        effect = {
+            "name": candidate.name,
+            "site": candidate.site,
+            "parameters": effect_estimates(chosen, candidate),
+        }
         note = " (a sensor fault, not part of the mechanism)" if is_fault(effect) else ""
         for name, *row in parameter_rows([effect]):
             lines.append(f"{format_effect(effect)}: {name}: {format_estimate(*row)}{note}")
     if campaign.own_loads:
-        lines.append("Known loads of runs, which the analysis used and which this file does not contain:")
+        lines.append(
+            "Known loads of runs, which the analysis used and which this file does not contain:"
+        )
         lines += [f"  {load}" for load in campaign.own_loads]
-    return [*lines, "Run-specific values and intervals are for information only. Numbers without a unit are in SI."]
+    return [
+        *lines,
+        (
+            "Run-specific values and intervals are for information only. Numbers without a unit are"
+            " in SI."
+        ),
+    ]

@@ -56,34 +56,44 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
     from jointgap.core.progress import MOST_PARTS
 
     if parts is not None and (type(parts) is not int or not 1 <= parts <= MOST_PARTS):
-        raise InputError(f"fit_parts = {parts!r} must be a whole number of jobs from 1 to {MOST_PARTS}")
+        raise InputError(
+            f"fit_parts = {parts!r} must be a whole number of jobs from 1 to {MOST_PARTS}"
+        )
     if not isinstance(paths, list) or not all(isinstance(path, str) for path in paths):
-        raise InputError(f"campaigns = {paths!r} must be a list of campaign files, e.g. [config/campaigns/mine.yaml]")
+        raise InputError(
+            f"campaigns = {paths!r} must be a list of campaign files, e.g."
+            " [config/campaigns/mine.yaml]"
+        )
     found: dict[str, CampaignFiles] = {}
     for path in paths:
         file = next((folder / path for folder in folders if os.path.isfile(folder / path)), None)
         if file is None:
             searched = ", ".join(dict.fromkeys(str(folder.resolve()) for folder in folders))
             raise InputError(
-                f"campaigns: no file '{path}' (looked in {searched}); give the path of a campaign file "
-                "(CAMPAIGN=... of `make campaign`)"
+                f"campaigns: no file '{path}' (looked in {searched}); give the path of a campaign"
+                " file (CAMPAIGN=... of `make campaign`)"
             )
         campaign = load_campaign(file)
         check_same_file(file, Path("results/campaigns") / campaign.name)
         if campaign.name in found:
             both = f"{found[campaign.name].campaign} and {file}"
-            raise InputError(f"campaigns: {both} have the same name '{campaign.name}'; give each its own name")
+            raise InputError(
+                f"campaigns: {both} have the same name '{campaign.name}'; give each its own name"
+            )
         for run in campaign.runs:
-            for missing in (name for name in run.files if not os.path.isfile(campaign.folder / name)):
+            for missing in (
+                name for name in run.files if not os.path.isfile(campaign.folder / name)
+            ):
                 raise InputError(
-                    f"{file}: run {run.id}: no file '{missing}' in {campaign.folder}; correct `file` or `folder`"
+                    f"{file}: run {run.id}: no file '{missing}' in {campaign.folder}; correct"
+                    " `file` or `folder`"
                 )
         planned = (*plan(file), *campaign.load_files)
         data = tuple(map(str, campaign.data_files))
         if braced := [read for read in (*planned, *data) if "}" in read.partition("{")[2]]:
             raise InputError(
-                f"{file}: the path {braced[0]} contains braces, which Snakemake reads as a wildcard; rename the folder "
-                "or file, or run `jointgap analyse`"
+                f"{file}: the path {braced[0]} contains braces, which Snakemake reads as a"
+                " wildcard; rename the folder or file, or run `jointgap analyse`"
             )
         shared = parts or (2 if campaign.mechanism.applied().loose else 1)
         found[campaign.name] = CampaignFiles(str(file), planned, data, shared)
@@ -96,12 +106,17 @@ def plan(file: Path) -> tuple[str, ...]:
     from jointgap.config.yaml_files import mechanism_file
 
     mechanism = read_yaml(file).get("mechanism")
-    named = [mechanism_file(mechanism, (file.parent,), f"{file}: mechanism")] if isinstance(mechanism, str) else []
+    named = (
+        [mechanism_file(mechanism, (file.parent,), f"{file}: mechanism")]
+        if isinstance(mechanism, str)
+        else []
+    )
     return (str(file), *map(str, named))
 
 
 ORIGIN = "campaign_file.json"
-"""The campaign file that a folder of results is of: its path from that folder, which moves with it, and its digest."""
+"""The campaign file that a folder of results is of: its path from that folder, which moves with it,
+and its digest."""
 
 
 def write_origin(file: Path, results: Path) -> None:
@@ -111,7 +126,8 @@ def write_origin(file: Path, results: Path) -> None:
 
 
 def check_same_file(file: Path, results: Path) -> None:
-    """InputError if the folder `results` is of another campaign file: its verdict would be replaced.
+    """InputError if the folder `results` is of another campaign file: its verdict would be
+    replaced.
 
     A file that was moved, but not changed, is no other.
     """
@@ -119,11 +135,13 @@ def check_same_file(file: Path, results: Path) -> None:
         return
     origin = json.loads((results / ORIGIN).read_text(encoding="utf-8"))
     earlier = Path(os.path.normpath(os.path.join(os.path.realpath(results), origin["file"])))
-    same = os.path.samefile(earlier, file) if earlier.is_file() else origin["sha256"] == _digest(file)
+    same = (
+        os.path.samefile(earlier, file) if earlier.is_file() else origin["sha256"] == _digest(file)
+    )
     if not same:
         raise InputError(
-            f"{file}: {results} contains the results of another campaign file, {earlier}; give this campaign another "
-            f"`name`, use --folder of `jointgap`, or delete {results}"
+            f"{file}: {results} contains the results of another campaign file, {earlier}; give this"
+            f" campaign another `name`, use --folder of `jointgap`, or delete {results}"
         )
 
 
@@ -133,7 +151,8 @@ def _digest(file: Path) -> str:
 
 @contextmanager
 def noted(folder: "ResultsFolder", what: str) -> Iterator[None]:
-    """Context of an optional step `what`: an error is noted in the results `folder`, and the analysis continues."""
+    """Context of an optional step `what`: an error is noted in the results `folder`, and the
+    analysis continues."""
     place = folder.path / "failed" / f"{what}.txt"
     place.unlink(missing_ok=True)
     try:
@@ -141,7 +160,9 @@ def noted(folder: "ResultsFolder", what: str) -> Iterator[None]:
     except OSError:  # such as a full disk
         raise
     except Exception as error:
-        kind = "" if isinstance(error, InputError | SimulationError) else f"{type(error).__name__}: "
+        kind = (
+            "" if isinstance(error, InputError | SimulationError) else f"{type(error).__name__}: "
+        )
         write_text(place, f"{kind}{' '.join(str(error).split())}\n\n{traceback.format_exc()}")
 
 
@@ -185,13 +206,15 @@ def config_snapshot(campaign: "Campaign") -> "pd.DataFrame":
 def check_unchanged(campaign: "Campaign", snapshot: "pd.DataFrame") -> None:
     """InputError if a campaign file has changed since its data were read."""
     now, then = (
-        dict(zip(table["key"], table["value"], strict=True)) for table in (config_snapshot(campaign), snapshot)
+        dict(zip(table["key"], table["value"], strict=True))
+        for table in (config_snapshot(campaign), snapshot)
     )
     if list(now.items()) == list(then.items()):
         return
     changed = next((key for key in {**then, **now} if now.get(key) != then.get(key)), None)
     what = f"{changed}: {then.get(changed, 'absent')} then, {now.get(changed, 'absent')} now"
     raise InputError(
-        f"campaign {campaign.name}: the file has changed since its data were read ({what if changed else 'other order'}"
-        "; SI); repeat `jointgap measure` and the later stages"
+        f"campaign {campaign.name}: the file has changed since its data were read"
+        f" ({what if changed else 'other order'}; SI); repeat `jointgap measure` and the later"
+        " stages"
     )

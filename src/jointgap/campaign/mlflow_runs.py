@@ -1,4 +1,5 @@
-"""MLflow records of a campaign: a run with verdict and gaps, and a nested run for each fitted explanation."""
+"""MLflow records of a campaign: a run with verdict and gaps, and a nested run for each fitted
+explanation."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,7 +22,11 @@ _COSTS = ("simulations", "seconds")
 def records(folder: Path) -> list[Record]:
     """The campaign's run, then its nested ones."""
     places, verdict = ResultsFolder(folder), read(folder / VERDICT)
-    metrics = {f"gap/{role}_{when}": value for role, gap in verdict["gap"].items() for when, value in gap.items()}
+    metrics = {
+        f"gap/{role}_{when}": value
+        for role, gap in verdict["gap"].items()
+        for when, value in gap.items()
+    }
     metrics |= {"windows": len(verdict["where"]), "equivalent": len(verdict["equivalent"])}
     for effect in verdict["effects"]:
         own = f"effect/{label_of(effect).replace(':', '_')}"  # some stores reject a colon
@@ -30,8 +35,14 @@ def records(folder: Path) -> list[Record]:
             if not isinstance(estimate["value"], str):
                 metrics[f"{own}_{name}"] = estimate["value"]
     named = _labels(verdict["effects"])
-    pictures = sorted(path for path in (folder / "figures").glob("*") if path.suffix in (".svg", ".png"))
-    files = {name: folder / name for name in (VERDICT, MECHANISM, *SUMMARIES) if (folder / name).is_file()}
+    pictures = sorted(
+        path for path in (folder / "figures").glob("*") if path.suffix in (".svg", ".png")
+    )
+    files = {
+        name: folder / name
+        for name in (VERDICT, MECHANISM, *SUMMARIES)
+        if (folder / name).is_file()
+    }
     campaign_run = Record(
         "campaign",
         metrics={name: value for name, value in metrics.items() if value is not None},
@@ -48,7 +59,10 @@ def records(folder: Path) -> list[Record]:
             "because": verdict["because"],
         },
     )
-    return [campaign_run, *(_fit(row) for row in places.read("ranking", "verdict").to_dict("records"))]
+    return [
+        campaign_run,
+        *(_fit(row) for row in places.read("ranking", "verdict").to_dict("records")),
+    ]
 
 
 def _labels(effects: Sequence[Mapping[str, Any]]) -> str:

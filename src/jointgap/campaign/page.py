@@ -8,10 +8,24 @@ import pandas as pd
 
 from jointgap.campaign import sentences as say
 from jointgap.campaign import verdict_json
-from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT, costs, costs_noted, failures, noted
+from jointgap.campaign.campaign_files import (
+    MECHANISM,
+    SUMMARIES,
+    VERDICT,
+    costs,
+    costs_noted,
+    failures,
+    noted,
+)
 from jointgap.campaign.figures import FIGURES, ONE_RUN, one_run_against_model
 from jointgap.campaign.fits_on_disk import JOINED
-from jointgap.campaign.plan import ADVICE, assumed, confusable_groups, preflight_tables, separated_by
+from jointgap.campaign.plan import (
+    ADVICE,
+    assumed,
+    confusable_groups,
+    preflight_tables,
+    separated_by,
+)
 from jointgap.campaign.state import CampaignState
 from jointgap.config.campaign import NUISANCES, Campaign
 from jointgap.core import page as blocks_of
@@ -31,7 +45,9 @@ _BELOW_NOISE = 0.85  # if the whole interval of a gap is below, the noise is ove
 Verdict, Tables = Mapping[str, Any], Mapping[str, pd.DataFrame | None]
 
 
-def page(verdict: Verdict, tables: Tables, warnings: Sequence[str] = (), campaign: Campaign | None = None) -> Page:
+def page(
+    verdict: Verdict, tables: Tables, warnings: Sequence[str] = (), campaign: Campaign | None = None
+) -> Page:
     """The one-page summary of a campaign."""
     tried = verdict["effects"] or verdict["best_known"] or verdict["equivalent"]
     shown = ("before", "after") if tried else ("before",)
@@ -42,7 +58,9 @@ def page(verdict: Verdict, tables: Tables, warnings: Sequence[str] = (), campaig
         "Location of the residual": _where(verdict["orders"], tables.get("map_windows")),
         "Tested explanations": _tried(verdict, tables.get("missing_force")),
         "Influence on the optimum": _optimum(verdict["effects"], tables.get("campaign_optimum")),
-        "Re-fitted parameters": _nuisances(verdict["nuisances"], NUISANCES if campaign is None else campaign.nuisance),
+        "Re-fitted parameters": _nuisances(
+            verdict["nuisances"], NUISANCES if campaign is None else campaign.nuisance
+        ),
         "Limits of these data": _limits(verdict, tables.get("detectable"), tables.get("ranking")),
         "Next steps": [Bullets(_next_steps(verdict))],
         "Data": _data(campaign, tables.get("look"), warnings),
@@ -50,14 +68,23 @@ def page(verdict: Verdict, tables: Tables, warnings: Sequence[str] = (), campaig
     blocks: list[Block] = []
     for heading, own in sections.items():
         blocks += [Heading(heading), *own] if heading and own else own
-    footer = f"{blocks_of.written_today()} For programs: `{VERDICT}` and the Parquet tables (`jointgap describe FILE`)."
-    return Page(title(verdict), tuple(blocks), f"Campaign {verdict['campaign']}", footer, width="60rem")
+    footer = (
+        f"{blocks_of.written_today()} For programs: `{VERDICT}` and the Parquet tables (`jointgap"
+        " describe FILE`)."
+    )
+    return Page(
+        title(verdict), tuple(blocks), f"Campaign {verdict['campaign']}", footer, width="60rem"
+    )
 
 
 def title(verdict: Verdict) -> str:
     """The verdict in a line, with the parameter and its interval."""
     factor = verdict.get("interval_factor", 1.0)
-    wider = f"; intervals widened by the factor {factor:.1f}, as the residual exceeds noise" if factor >= 1.1 else ""
+    wider = (
+        f"; intervals widened by the factor {factor:.1f}, as the residual exceeds noise"
+        if factor >= 1.1
+        else ""
+    )
     if verdict["effects"]:
         text = say.headline(verdict["effects"]) + wider
         return text[:1].upper() + text[1:]
@@ -71,22 +98,33 @@ def title(verdict: Verdict) -> str:
         return f"Not confirmed: {share}{say.headline(best['effects'])}{wider}"
     return {
         "no_disagreement": "No missing effect detected",
-        "parameters_only": "No missing effect detected: re-fitted parameters explain the measurement",
-        "ambiguous": f"An effect is missing: {len(verdict['equivalent'])} explanations fit equally well"
-        f"{certain and '; '}{certain}",
+        "parameters_only": (
+            "No missing effect detected: re-fitted parameters explain the measurement"
+        ),
+        "ambiguous": (
+            f"An effect is missing: {len(verdict['equivalent'])} explanations fit equally well"
+            f"{certain and '; '}{certain}"
+        ),
     }.get(verdict["verdict"], "An effect is missing, but no tested effect explains the residual")
 
 
 def frame_block(
-    table: schema.Table, frame: pd.DataFrame, names: Iterable[str], caption: str, si: tuple = ("", 1.0)
+    table: schema.Table,
+    frame: pd.DataFrame,
+    names: Iterable[str],
+    caption: str,
+    si: tuple = ("", 1.0),
 ) -> Block:
-    """Columns `names` of a `frame` of a `table` in reading units; `si`: unit and factor of columns in SI."""
+    """Columns `names` of a `frame` of a `table` in reading units; `si`: unit and factor of columns
+    in SI."""
     heads, columns, align = [], [], ""
     own = {column.name: column for column in table.columns}
     for column in map(own.get, names):
         unit, factor = si if column.unit == "SI" else reading_unit(column.unit)
         shown = format_unit(unit) if unit not in ("", "1") and " " not in unit else ""
-        heads.append(format_name(column.name.removesuffix("_deg")) + (f" [{shown}]" if shown else ""))
+        heads.append(
+            format_name(column.name.removesuffix("_deg")) + (f" [{shown}]" if shown else "")
+        )
         align += "l" if column.kind in ("text", "bool") else "r"
         columns.append([_cell(column, value, factor) for value in frame[column.name]])
     return TableBlock(tuple(heads), tuple(zip(*columns, strict=True)), align, caption)
@@ -99,7 +137,9 @@ def _cell(column: schema.Column, value: Any, factor: float) -> str:
         return words.number(factor * value)
     if column.kind == "bool":
         return "yes" if value else "no"
-    return {"channel": format_name, "source": format_name, "unit": format_unit}.get(column.name, str)(value)
+    return {"channel": format_name, "source": format_name, "unit": format_unit}.get(
+        column.name, str
+    )(value)
 
 
 def _figure(name: str, narrow: str = "") -> FigureBlock:
@@ -113,7 +153,8 @@ def _parameters(effects: Sequence[Mapping[str, Any]]) -> list[Block]:
 
 def _answer(verdict: Verdict) -> list[Block]:
     blocks: list[Block] = [
-        Paragraph(text, strong=True) for text in (say.answer(verdict), *say.left_out_summary(verdict))
+        Paragraph(text, strong=True)
+        for text in (say.answer(verdict), *say.left_out_summary(verdict))
     ]
     if verdict["verdict"] not in (*say.ENOUGH, "named") and (reason := verdict.get("because")):
         reason = say.names_to_labels(reason).rstrip(".")
@@ -131,26 +172,42 @@ def _answer(verdict: Verdict) -> list[Block]:
 
 def _measured(errors: pd.DataFrame | None, shown: Sequence[str]) -> list[Block]:
     caption = (
-        "Root mean square of the residual in the unit of each channel. Before: uncertain parameters re-fitted, no "
-        "effect added. After: with the effects above. Noise: expected from sensor noise and solver error."
+        "Root mean square of the residual in the unit of each channel. Before: uncertain parameters"
+        " re-fitted, no effect added. After: with the effects above. Noise: expected from sensor"
+        " noise and solver error."
     )
     names = ("run", "speed", "held_out", "channel", "unit", "noise", *shown)
     return [] if errors is None else [frame_block(schema.CHANNEL_ERRORS, errors, names, caption)]
 
 
 def _gap(verdict: Verdict, gaps: pd.DataFrame | None, shown: Sequence[str]) -> list[Block]:
-    meaning = "The gap is the root mean square residual in standard deviations of the noise; 1 is noise alone."
+    meaning = (
+        "The gap is the root mean square residual in standard deviations of the noise; 1 is noise"
+        " alone."
+    )
     blocks: list[Block] = [Paragraph(f"{meaning} {say.held_out_summary(verdict)}.")]
     if shared := [run["run"] for run in verdict.get("held_out", ()) if run["part"] == "last_third"]:
-        blocks.append(Paragraph(f"The last third of {joined(shared)} is held out; a separate run is better evidence."))
+        blocks.append(
+            Paragraph(
+                f"The last third of {joined(shared)} is held out; a separate run is better"
+                " evidence."
+            )
+        )
     if gaps is not None:
-        runs = gaps[(gaps["run"] != "all") & (gaps["role"] == "confirm") & (gaps["channel"] == "all")]
+        runs = gaps[
+            (gaps["run"] != "all") & (gaps["role"] == "confirm") & (gaps["channel"] == "all")
+        ]
         names = ["run", *(f"{when}{end}" for when in shown for end in ("", "_low", "_high"))]
         caption = "Gap of each held-out run with its 90 % interval (low to high)."
         blocks += [frame_block(schema.GAPS, runs, names, caption)] if len(runs) else []
         gap, high = (gaps[f"after{end}"].fillna(gaps[f"before{end}"]) for end in ("", "_high"))
-        low = gaps.assign(gap=gap)[(high < _BELOW_NOISE) & (gaps["channel"] != "all") & (gaps["run"] != "all")]
-        if channels := [f"{format_name(row.channel)} ({row.run} {rounded_gap(row.gap)})" for row in low.itertuples()]:
+        low = gaps.assign(gap=gap)[
+            (high < _BELOW_NOISE) & (gaps["channel"] != "all") & (gaps["run"] != "all")
+        ]
+        if channels := [
+            f"{format_name(row.channel)} ({row.run} {rounded_gap(row.gap)})"
+            for row in low.itertuples()
+        ]:
             text = f"The gap of {joined(channels)} is far below 1: the noise is overestimated."
             blocks.append(Paragraph(f"{text} State or correct `noise`."))
     return [*blocks, _figure("gaps"), *([_figure("residuals")] if "after" in shown else [])]
@@ -159,27 +216,44 @@ def _gap(verdict: Verdict, gaps: pd.DataFrame | None, shown: Sequence[str]) -> l
 def _where(orders: Sequence[Mapping[str, Any]], windows: pd.DataFrame | None) -> list[Block]:
     blocks: list[Block] = []
     if windows is not None and len(windows):
-        text = "Crank-angle windows with the largest residuals before effects are added [standard deviations of noise]."
+        text = (
+            "Crank-angle windows with the largest residuals before effects are added [standard"
+            " deviations of noise]."
+        )
         largest = windows.sort_values("rms", ascending=False).head(_MOST_WINDOWS).round({"mean": 4})
         blocks.append(
-            frame_block(schema.MAP_WINDOWS, largest, ("run", "channel", "start_deg", "end_deg", "mean", "rms"), text)
+            frame_block(
+                schema.MAP_WINDOWS,
+                largest,
+                ("run", "channel", "start_deg", "end_deg", "mean", "rms"),
+                text,
+            )
         )
     if orders:
         text = (
-            "Crank orders that dominate the residual. Possible sources: drive, gear teeth, motor poles, joint impacts."
+            "Crank orders that dominate the residual. Possible sources: drive, gear teeth, motor"
+            " poles, joint impacts."
         )
         names = ("run", "channel", "order", "amplitude", "unit", "share")
         blocks.append(frame_block(schema.MAP_STANDOUT, pd.DataFrame(orders), names, text))
-    return [*(blocks or [Paragraph("No crank-angle window has a significant residual.")]), _figure("disagreement")]
+    return [
+        *(blocks or [Paragraph("No crank-angle window has a significant residual.")]),
+        _figure("disagreement"),
+    ]
 
 
 def _tried(verdict: Verdict, force: pd.DataFrame | None) -> list[Block]:
     if verdict["verdict"] in say.ENOUGH:
         return []
     named = verdict["effects"]
-    text = "The Bayesian information criterion (BIC) weighs fit against parameters; 10 is very strong evidence."
+    text = (
+        "The Bayesian information criterion (BIC) weighs fit against parameters; 10 is very strong"
+        " evidence."
+    )
     if named:
-        gains = joined(f"{say.format_gain(each['delta_bic'])} for {say.format_effect(each)}" for each in named)
+        gains = joined(
+            f"{say.format_gain(each['delta_bic'])} for {say.format_effect(each)}" for each in named
+        )
         text = f"Gain in BIC: {gains}. {text}"
     pushes = (force is None or len(force)) and not all(map(say.is_fault, named))
     return [Paragraph(text), _figure("ranking"), *([_figure("missing_force")] if pushes else [])]
@@ -191,13 +265,27 @@ def _optimum(effects: Sequence[Mapping[str, Any]], optimum: pd.DataFrame | None)
     if all(map(say.is_fault, effects)):
         return [Paragraph("No effect was added to the mechanism, so the optimum does not change.")]
     if optimum.empty:
-        return [Paragraph("None: all joints are ideal, so the transmission angle depends on the lengths only.")]
+        return [
+            Paragraph(
+                "None: all joints are ideal, so the transmission angle depends on the lengths only."
+            )
+        ]
     ideal = "" if (optimum["model"] == "base").any() else " Before: all joints ideal, no optimum."
     caption = (
-        f"Smallest RMS error of the transmission angle: reduction with frozen joint motion, and re-simulated.{ideal}"
+        "Smallest RMS error of the transmission angle: reduction with frozen joint motion, and"
+        f" re-simulated.{ideal}"
     )
     shown = optimum.assign(model=optimum["model"].map({"base": "before", "augmented": "after"}))
-    names = ("model", "source", "crank_length", "rod_length", "reduction", "resimulated", "at_edge", "failed")
+    names = (
+        "model",
+        "source",
+        "crank_length",
+        "rod_length",
+        "reduction",
+        "resimulated",
+        "at_edge",
+        "failed",
+    )
     return [frame_block(schema.CAMPAIGN_OPTIMUM, shown, names, caption), _figure("optimum")]
 
 
@@ -208,54 +296,87 @@ def _nuisances(nuisances: Mapping[str, Mapping[str, Any]], listed: Collection[st
     units = NUISANCES | {"first_angle": "rad", "friction_speed": "m/s", "clock_offset": "s"}
     rows, notes, narrow = [], {}, []
     for key, estimate in nuisances.items():
-        *row, remark = say.estimate_row(words.format_nuisance(key), estimate, units.get(key.partition("@")[0], ""))
+        *row, remark = say.estimate_row(
+            words.format_nuisance(key), estimate, units.get(key.partition("@")[0], "")
+        )
         if not key.startswith(_UNLISTED):
             if estimate.get("kept") and "@" not in key:
                 remark = "; ".join(filter(None, (remark, "stated value kept")))
-                notes[f"The data do not determine some values: `{MECHANISM}` keeps the stated ones."] = None
+                notes[
+                    f"The data do not determine some values: `{MECHANISM}` keeps the stated ones."
+                ] = None
         if estimate.get("remark") == AT_BOUND and key.partition("@")[0] in listed:
             narrow.append(words.format_nuisance(key))
         rows.append((*row, remark))
     if narrow:
-        one = "this value is at its bound" if narrow[1:] == [] else "these values are at their bounds"
-        notes[f"Check the range of {joined(narrow)} under `nuisance`: {one}, or an effect is missing."] = None
+        one = (
+            "this value is at its bound" if narrow[1:] == [] else "these values are at their bounds"
+        )
+        notes[
+            f"Check the range of {joined(narrow)} under `nuisance`: {one}, or an effect is missing."
+        ] = None
     return [TableBlock(_PARAMETER_HEADS, tuple(rows)), *map(Paragraph, notes)]
 
 
-def _limits(verdict: Verdict, effects: pd.DataFrame | None, ranking: pd.DataFrame | None) -> list[Block]:
+def _limits(
+    verdict: Verdict, effects: pd.DataFrame | None, ranking: pd.DataFrame | None
+) -> list[Block]:
     """Detectability; `effects` is table `DETECTABLE`, `ranking` that of the fits."""
     preflight = verdict["preflight"]
     rate = percent(verdict["false_alarm_rate"])
-    lines = [f"False alarms: thresholds that {rate} of simulated campaigns without a missing effect exceed."]
+    lines = [
+        f"False alarms: thresholds that {rate} of simulated campaigns without a missing effect"
+        " exceed."
+    ]
     for group in not_distinguished(preflight["merged"], ranking):
-        lines.append(f"Distinguished neither by the preflight nor by the fits: {joined(map(say.format_label, group))}.")
-    explanations = [verdict["effects"], *verdict["equivalent"], (verdict["best_known"] or {}).get("effects", ())]
-    shown = {(effect["name"], effect["site"]) for explanation in explanations for effect in explanation}
+        lines.append(
+            "Distinguished neither by the preflight nor by the fits:"
+            f" {joined(map(say.format_label, group))}."
+        )
+    explanations = [
+        verdict["effects"],
+        *verdict["equivalent"],
+        (verdict["best_known"] or {}).get("effects", ()),
+    ]
+    shown = {
+        (effect["name"], effect["site"]) for explanation in explanations for effect in explanation
+    }
     seen = {label for name, site in shown for label in (name, f"{name}:{site}")}
     if effects is not None:
         failed = effects[effects["failed"].notna()]
         seen |= set(failed["label"])
         if len(failed):
-            lost = joined(f"{say.format_label(row.label)} ({row.failed})" for row in failed.itertuples())
+            lost = joined(
+                f"{say.format_label(row.label)} ({row.failed})" for row in failed.itertuples()
+            )
             lines.append(f"Detectability unknown, as the preflight simulation failed: {lost}.")
         rows = effects[effects["detectable"]].sort_values("label")
         if verdict["verdict"] in say.ENOUGH and len(rows):
             sizes = ", ".join(
-                f"{say.format_label(row.label)} ({say.format_detectable(row)})" for row in rows.itertuples()
+                f"{say.format_label(row.label)} ({say.format_detectable(row)})"
+                for row in rows.itertuples()
             )
             lines.append(f"Smallest detectable sizes: {sizes}.")
         if assumed(effects):
-            lines.append("Detectability uses assumed noise if the campaign file states none (`jointgap preflight`).")
+            lines.append(
+                "Detectability uses assumed noise if the campaign file states none (`jointgap"
+                " preflight`)."
+            )
     if absent := [label for label in preflight["undetectable"] if label not in seen]:
-        lines.append(f"Cannot be detected with these runs and channels: {joined(map(say.format_label, absent))}.")
+        lines.append(
+            "Cannot be detected with these runs and channels:"
+            f" {joined(map(say.format_label, absent))}."
+        )
     return [Bullets(tuple(lines))]
 
 
-def not_distinguished(merged: Sequence[Sequence[str]], ranking: pd.DataFrame | None) -> list[list[str]]:
+def not_distinguished(
+    merged: Sequence[Sequence[str]], ranking: pd.DataFrame | None
+) -> list[list[str]]:
     """The groups `merged` of the preflight, without effects that the fits distinguish.
 
-    Two effects are distinguished if the best explanation that contains one of them and the same with the other differ
-    by `min_delta_bic`.
+    Two effects are distinguished if the best explanation that contains one of them and the same
+    with the other differ by `min_delta_bic`.
     """
     bics = {}
     if ranking is not None:
@@ -268,20 +389,29 @@ def not_distinguished(merged: Sequence[Sequence[str]], ranking: pd.DataFrame | N
         rest, left = best - {*group}, []
         for label in group:
             own = bics.get(rest | {label})
-            if own is None or not best or own - bics[best] < DEFAULT_SETTINGS.decision.min_delta_bic:
+            if (
+                own is None
+                or not best
+                or own - bics[best] < DEFAULT_SETTINGS.decision.min_delta_bic
+            ):
                 left.append(label)
         groups += [left] if len(left) > 1 else []
     return groups
 
 
-_SMALLER = "To find smaller effects, measure a further speed or channel: `jointgap preflight` ranks them."
+_SMALLER = (
+    "To find smaller effects, measure a further speed or channel: `jointgap preflight` ranks them."
+)
 _NEXT = {
     "no_disagreement": ("Use the current model at these speeds and for these channels.", _SMALLER),
     "parameters_only": (f"Use `{MECHANISM}`: it contains the re-fitted parameters.", _SMALLER),
     "unexplained": (
         "Locate the residual in the map of disagreement, and look for a cause on the rig there.",
         "State a law of your own under `candidates` of the campaign file, and repeat.",
-        "List uncertain masses, lengths and zeros under `nuisance` of the campaign file, and repeat.",
+        (
+            "List uncertain masses, lengths and zeros under `nuisance` of the campaign file, and"
+            " repeat."
+        ),
     ),
 }
 
@@ -290,25 +420,47 @@ def _next_steps(verdict: Verdict) -> tuple[str, ...]:
     faults = [effect for effect in verdict["effects"] if say.is_fault(effect)]
     steps = list(_NEXT.get(verdict["verdict"], ()))
     if verdict.get("separated_by", "").startswith(ADVICE):
-        steps.append("Measure the run or channel that separates the explanations, add it to the campaign, and repeat.")
+        steps.append(
+            "Measure the run or channel that separates the explanations, add it to the campaign,"
+            " and repeat."
+        )
     if faults:
-        steps.append(f"Repair the sensor or its mounting, or correct its column: {say.format_explanation(faults)}.")
+        steps.append(
+            "Repair the sensor or its mounting, or correct its column:"
+            f" {say.format_explanation(faults)}."
+        )
     if len(faults) < len(verdict["effects"]):
         steps += [
-            f"Use `{MECHANISM}`, your mechanism with the identified effects, as `mechanism` of a scenario.",
-            "Change the cause on the rig (oil, load, fit) and measure again: the parameter should change accordingly.",
+            (
+                f"Use `{MECHANISM}`, your mechanism with the identified effects, as `mechanism` of"
+                " a scenario."
+            ),
+            (
+                "Change the cause on the rig (oil, load, fit) and measure again: the parameter"
+                " should change accordingly."
+            ),
         ]
     return tuple(steps)
 
 
-_ROLES = {"identify": "for fitting", "confirm": "held out", "split": "two thirds for fitting, last third held out"}
+_ROLES = {
+    "identify": "for fitting",
+    "confirm": "held out",
+    "split": "two thirds for fitting, last third held out",
+}
 
 
-def _data(campaign: Campaign | None, look: pd.DataFrame | None, warnings: Sequence[str]) -> list[Block]:
+def _data(
+    campaign: Campaign | None, look: pd.DataFrame | None, warnings: Sequence[str]
+) -> list[Block]:
     """The runs with their files, the channels, and remarks."""
     blocks: list[Block] = []
     if campaign is not None:
-        sizes = {} if look is None else look.groupby("run")[["samples", "cycles"]].max().astype(str).T.to_dict("list")
+        sizes = (
+            {}
+            if look is None
+            else look.groupby("run")[["samples", "cycles"]].max().astype(str).T.to_dict("list")
+        )
         runs = tuple(
             (
                 run.id,
@@ -322,12 +474,17 @@ def _data(campaign: Campaign | None, look: pd.DataFrame | None, warnings: Sequen
         heads = ("run", "file", "crank speed [rpm]", "use", "samples", "full revolutions")
         measured = f" Measured on {words.format_day(campaign.date)}." if campaign.date else ""
         columns = (
-            (format_name(name), f"`{one.column}`", format_unit(one.unit)) for name, one in campaign.channels.items()
+            (format_name(name), f"`{one.column}`", format_unit(one.unit))
+            for name, one in campaign.channels.items()
         )
         blocks.append(TableBlock(heads, runs, "llrlrr", f"Runs.{measured}"))
-        blocks.append(TableBlock(("channel", "column", "unit"), tuple(columns), caption="Measured channels."))
+        blocks.append(
+            TableBlock(("channel", "column", "unit"), tuple(columns), caption="Measured channels.")
+        )
         if campaign.own_loads:
-            blocks.append(Paragraph("Known loads of runs, which the augmented mechanism does not contain:"))
+            blocks.append(
+                Paragraph("Known loads of runs, which the augmented mechanism does not contain:")
+            )
             blocks.append(Bullets(tuple(map(say.names_to_labels, campaign.own_loads))))
     return [*blocks, *([Bullets(tuple(map(say.names_to_labels, warnings)))] if warnings else [])]
 
@@ -350,18 +507,29 @@ def _concluded(state: CampaignState, advise: bool) -> dict[str, Any]:
     folder, outcome = state.folder, state.outcome("verdict")
     repeats = not any(series.statistic for series in state.model.series)
     tables = folder.read_all(verdict_json.TABLES)
-    content = verdict_json.document(outcome, tables, state.campaign, state.inconsistent_channels, repeats)
+    content = verdict_json.document(
+        outcome, tables, state.campaign, state.inconsistent_channels, repeats
+    )
     content |= {"false_alarm_rate": state.false_alarm_rate}
     explanations = [{*fit.label.split(JOINED)} for fit in outcome.equivalent]
     if (best := content["best_known"]) and say.is_near(best["rival"]):
-        explanations = [{*outcome.best_known.label.split(JOINED)}, {*best["rival"]["explanation"].split(JOINED)}]
+        explanations = [
+            {*outcome.best_known.label.split(JOINED)},
+            {*best["rival"]["explanation"].split(JOINED)},
+        ]
     if advise and explanations and "preflight" not in failures(folder):
         with noted(folder, "advice"):
             if not folder.place("advice").is_file():
-                folder.write_all(preflight_tables(state.campaign, state.false_alarm_rate, state.settings, advice=True))
+                folder.write_all(
+                    preflight_tables(
+                        state.campaign, state.false_alarm_rate, state.settings, advice=True
+                    )
+                )
             groups = confusable_groups(folder.read("confusability"))
             content["separated_by"] = separated_by(folder.read("advice"), explanations, groups)
-    content["left_out"] = [{"run": run, "because": why} for run, why in state.model.left_out.items()]
+    content["left_out"] = [
+        {"run": run, "because": why} for run, why in state.model.left_out.items()
+    ]
     content["failed"] = failures(folder)
     return content
 
@@ -387,12 +555,23 @@ def _shown(state: CampaignState) -> dict[str, Any]:
                     plot.save(one_run_against_model(frames), folder.path / "figures" / ONE_RUN)
         if why := failures(folder).get(name):
             with plot.matplotlib_style():
-                plot.save(plot.message_sheet(spec.title, f"could not be drawn: {why}"), folder.path / "figures" / name)
+                plot.save(
+                    plot.message_sheet(spec.title, f"could not be drawn: {why}"),
+                    folder.path / "figures" / name,
+                )
     content["failed"] = failures(folder)
-    summary = Page(f"Campaign {content['campaign']}: {say.answer(content)}", (Paragraph(f"Details: {VERDICT}"),))
+    summary = Page(
+        f"Campaign {content['campaign']}: {say.answer(content)}",
+        (Paragraph(f"Details: {VERDICT}"),),
+    )
     with noted(folder, "page"):
         memory = folder.read("noise_memory", "noise").query("lag == 0")
-        noise = [f"Run {row.run}: {text}." for row in memory.itertuples() for text in row.remarks.split("; ") if text]
+        noise = [
+            f"Run {row.run}: {text}."
+            for row in memory.itertuples()
+            for text in row.remarks.split("; ")
+            if text
+        ]
         remarks = (*folder.read("remarks")["remark"], *noise)
         summary = page(content, frames | {"look": folder.read("look")}, remarks, state.campaign)
     markdown, html = (folder.path / name for name in SUMMARIES)
@@ -404,5 +583,11 @@ def _shown(state: CampaignState) -> dict[str, Any]:
 
 def figure_tables(folder: ResultsFolder, names: Iterable[str]) -> dict[str, pd.DataFrame]:
     """The tables `names` by name, as far as the `folder` of a campaign contains them."""
-    places = {name: (name, "verdict" if name == "ranking" else "") for name in names}  # several stages write a ranking
-    return {name: folder.read(*place) for name, place in places.items() if folder.place(*place).is_file()}
+    places = {
+        name: (name, "verdict" if name == "ranking" else "") for name in names
+    }  # several stages write a ranking
+    return {
+        name: folder.read(*place)
+        for name, place in places.items()
+        if folder.place(*place).is_file()
+    }

@@ -1,7 +1,9 @@
 """Stage preflight: identifiability of a planned campaign.
 
-Existing files of runs give only the number of samples, the revolutions (chaotic motion) and, if all exist, the crank
-motion (driven by a motor or by a measured angle). Missing ones are planned as in `jointgap.rig.sampling`."""
+Existing files of runs give only the number of samples, the revolutions (chaotic motion) and, if all
+exist, the crank motion (driven by a motor or by a measured angle). Missing ones are planned as in
+`jointgap.rig.sampling`.
+"""
 
 import math
 import os
@@ -32,14 +34,20 @@ ADVICE = "A further"  # begin of a sentence that advises a run or channel
 
 
 def preflight_tables(
-    campaign: Campaign, rate: float, settings: IdentificationSettings = DEFAULT_SETTINGS, advice: bool = False
+    campaign: Campaign,
+    rate: float,
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
+    advice: bool = False,
 ) -> dict[str, pd.DataFrame]:
-    """Detectability and confusability of effects; with `advice` the gain of one further speed or channel."""
+    """Detectability and confusability of effects; with `advice` the gain of one further speed or
+    channel."""
     campaign, recordings = recorded(campaign)
     model, frames = _as_recorded(campaign, recordings), {}
     if advice:
         more = extended(campaign)
-        if (like := recordings.get(campaign.runs[0].id)) is not None:  # as long as the first run, all for fitting
+        if (
+            like := recordings.get(campaign.runs[0].id)
+        ) is not None:  # as long as the first run, all for fitting
             for_fitting = replace(like, held_out=np.zeros_like(like.held_out))
             recordings |= {run.id: for_fitting for run in more.runs[len(campaign.runs) :]}
         lengths = revolutions(more, recordings)
@@ -54,30 +62,48 @@ def preflight_tables(
         found = preflight(model, None, rate, counts(model, recordings), settings)
     effects = found.effects
     # a stated parameter may differ from the fitted one; its unit is in the catalogue
-    units = [row.unit or unit_of(*row.label.partition(":")[::2], row.parameter) for row in effects.itertuples()]
+    units = [
+        row.unit or unit_of(*row.label.partition(":")[::2], row.parameter)
+        for row in effects.itertuples()
+    ]
     failed = [found.failed.get(label) for label in effects["label"]]
-    frames["detectable"] = effects.assign(unit=units, failed=failed, assumed=_BETWEEN_TEXTS.join(found.assumed))
+    frames["detectable"] = effects.assign(
+        unit=units, failed=failed, assumed=_BETWEEN_TEXTS.join(found.assumed)
+    )
     together = {frozenset(pair) for group in found.merged for pair in combinations(group, 2)}
     labels = list(found.cosines.columns)
-    rows = [(a, b, found.cosines.loc[a, b], frozenset((a, b)) in together) for a in labels for b in labels]
+    rows = [
+        (a, b, found.cosines.loc[a, b], frozenset((a, b)) in together)
+        for a in labels
+        for b in labels
+    ]
     return frames | {"confusability": pd.DataFrame(rows, columns=CONFUSABILITY.names)}
 
 
 def confusable_groups(confusability: pd.DataFrame) -> list[list[str]]:
     """Groups of indistinguishable effects, from table `CONFUSABILITY`."""
     merged = confusability[confusability["merged"]].groupby("first", sort=False)["second"]
-    return [list(group) for group in dict.fromkeys(tuple(sorted({first, *others})) for first, others in merged)]
+    return [
+        list(group)
+        for group in dict.fromkeys(tuple(sorted({first, *others})) for first, others in merged)
+    ]
 
 
 def undetectable(detectable: pd.DataFrame) -> list[str]:
-    """Effects that are not detectable within their bounds or cannot be simulated, from table `DETECTABLE`."""
+    """Effects that are not detectable within their bounds or cannot be simulated, from table
+    `DETECTABLE`."""
     seen = detectable.groupby("label", sort=False)["detectable"].any()
     return list(seen.index[~seen])
 
 
 def assumed(detectable: pd.DataFrame) -> list[str]:
     """Assumed noise by run and channel, from table `DETECTABLE`."""
-    return [text for texts in detectable["assumed"].unique() for text in texts.split(_BETWEEN_TEXTS) if text]
+    return [
+        text
+        for texts in detectable["assumed"].unique()
+        for text in texts.split(_BETWEEN_TEXTS)
+        if text
+    ]
 
 
 def _as_recorded(campaign: Campaign, recordings: Mapping[str, Recording]) -> Model | None:
@@ -93,7 +119,11 @@ def _as_recorded(campaign: Campaign, recordings: Mapping[str, Recording]) -> Mod
 
 def recorded(campaign: Campaign) -> tuple[Campaign, dict[str, Recording]]:
     """The campaign without unusable runs, and the recordings whose files exist."""
-    there = tuple(run for run in campaign.runs if all(os.path.isfile(campaign.folder / file) for file in run.files))
+    there = tuple(
+        run
+        for run in campaign.runs
+        if all(os.path.isfile(campaign.folder / file) for file in run.files)
+    )
     measured = read_measurements(campaign.model_copy(update={"runs": there}), compared=False)
     runs = tuple(run for run in campaign.runs if run.id not in measured.left_out)
     return campaign.model_copy(update={"runs": runs}), dict(measured.runs)
@@ -104,12 +134,15 @@ def revolutions(campaign: Campaign, recordings: Mapping[str, Recording]) -> dict
     speeds, turned = {run.id: run.speed for run in campaign.runs}, {}
     for run, recording in recordings.items():
         angle = recording.crank_angle if recording.has_angle else speeds[run] * recording.time
-        turned[run] = float(np.ptp(angle[np.isfinite(angle)])) / math.tau * angle.size / (angle.size - 1)
+        turned[run] = (
+            float(np.ptp(angle[np.isfinite(angle)])) / math.tau * angle.size / (angle.size - 1)
+        )
     return turned
 
 
 def counts(model: Model, recordings: Mapping[str, Recording]) -> dict[tuple[str, str], int]:
-    """Number of fitted samples by recording and channel; the number of rows for a channel that is not recorded."""
+    """Number of fitted samples by recording and channel; the number of rows for a channel that is
+    not recorded."""
     counted = {}
     for run, channel in (series.key for series in model.series if series.run in recordings):
         recording = recordings[run]
@@ -124,33 +157,56 @@ def extended(campaign: Campaign) -> Campaign:
     speeds = sorted(run.speed for run in campaign.runs)
     runs = [  # ids of measured runs contain no blank, so these are new ones
         campaign.runs[0].model_copy(
-            update={"id": f"at {number(speed * 30 / math.pi)} rpm", "file": "-", "speed": speed, "role": "identify"}
+            update={
+                "id": f"at {number(speed * 30 / math.pi)} rpm",
+                "file": "-",
+                "speed": speed,
+                "role": "identify",
+            }
         )
         for speed in (_SLOWER * speeds[0], _FASTER * speeds[-1])
     ]
-    inputs = ("time", "crank_angle", "crank_speed", *PRESSURES)  # prescribed by the drive, and known loads
+    inputs = (
+        "time",
+        "crank_angle",
+        "crank_speed",
+        *PRESSURES,
+    )  # prescribed by the drive, and known loads
     channels = {
         name: Channel(column=f"({name})", unit=unit.replace("^", "**"))
         for name, unit in CHANNELS.items()
         if name not in (*campaign.channels, *inputs)
     }
-    return campaign.model_copy(update={"runs": (*campaign.runs, *runs), "channels": campaign.channels | channels})
+    return campaign.model_copy(
+        update={"runs": (*campaign.runs, *runs), "channels": campaign.channels | channels}
+    )
 
 
-def separated_by(advice: pd.DataFrame, explanations: list[set[str]], merged: Iterable[Iterable[str]]) -> str:
+def separated_by(
+    advice: pd.DataFrame, explanations: list[set[str]], merged: Iterable[Iterable[str]]
+) -> str:
     """A sentence: the further measurement that separates `explanations`."""
     first, *others = explanations
-    differing = {frozenset((a, b)) for other in others for a in first - other for b in other - first}
+    differing = {
+        frozenset((a, b)) for other in others for a in first - other for b in other - first
+    }
     if not any(pair <= set(group) for pair in differing for group in merged):
-        return "According to the preflight a longer record, or one with less noise, should separate them."
+        return (
+            "According to the preflight a longer record, or one with less noise, should separate"
+            " them."
+        )
     for row in advice.itertuples():
-        separated = {frozenset(pair.split(_SEPARATOR)) for pair in row.separated.split(", ") if pair}
+        separated = {
+            frozenset(pair.split(_SEPARATOR)) for pair in row.separated.split(", ") if pair
+        }
         if differing & separated:
             return f"{ADVICE} {row.change} would separate them."
     return "No single further speed or channel of those that were tested would separate them."
 
 
-def preflight_summary(detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.DataFrame | None) -> str:
+def preflight_summary(
+    detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.DataFrame | None
+) -> str:
     lines = ["Smallest detectable size of each effect:"]
     for row in detectable[detectable["detectable"]].itertuples():
         lines.append(f"  {format_label(row.label)}: {format_detectable(row)}")
@@ -158,7 +214,9 @@ def preflight_summary(detectable: pd.DataFrame, confusability: pd.DataFrame, adv
     if absent := [label for label in undetectable(detectable) if label not in set(failed["label"])]:
         lines.append(f"Not detectable with these runs: {joined(map(format_label, absent))}")
     for row in failed.itertuples():
-        lines.append(f"Detectability unknown, simulation failed: {format_label(row.label)} ({row.failed})")
+        lines.append(
+            f"Detectability unknown, simulation failed: {format_label(row.label)} ({row.failed})"
+        )
     for group in confusable_groups(confusability):
         lines.append(f"Indistinguishable: {joined(map(format_label, group))}")
     for row in () if advice is None else advice.head(_MOST_ADVICE).itertuples():

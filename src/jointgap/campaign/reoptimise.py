@@ -12,7 +12,8 @@ from jointgap.dynamics.simulation import simulate
 from jointgap.lengths.optimise import optimise
 from jointgap.rig.simulate_run import tolerance_for
 
-_BOX_SHARE = 0.02  # [1] half width of the search box relative to the lengths: it shows whether the optimum moves
+# [1] half width of the search box relative to the lengths: it shows whether the optimum moves
+_BOX_SHARE = 0.02
 _RATIO_MARGIN = 0.02  # [1] by which the limit of the length ratio exceeds the mechanism's own
 _SURROGATE = Surrogate(iterations=300, seeds=(0,))
 _REVOLUTIONS = 3  # the last one is in steady state
@@ -21,7 +22,8 @@ _TOLERANCE_M = 1e-10  # or less for small clearances
 
 
 def reoptimise(models: Mapping[str, Mechanism], speed: float) -> pd.DataFrame:
-    """Simulate each model, train networks of the clearance vectors and optimise the lengths within 2 %."""
+    """Simulate each model, train networks of the clearance vectors and optimise the lengths within
+    2 %."""
     rows = []
     for name, mechanism in models.items():
         if mechanism.applied().loose:
@@ -40,18 +42,29 @@ def _optima(mechanism: Mechanism, speed: float) -> list[dict]:
     options = Simulate(speed=speed, tolerance=min(_TOLERANCE_M, tolerance_for(mechanism)), **steps)
     trajectory = simulate(mechanism, options).samples
     clearance = [name for name in outputs(mechanism.loose) if "_" not in name]
-    fits = {name: train(trajectory, name, _SURROGATE)[0].network.values_and_slopes for name in clearance}
+    fits = {
+        name: train(trajectory, name, _SURROGATE)[0].network.values_and_slopes for name in clearance
+    }
     crank, rod = mechanism.crank.length, mechanism.rod.length
     sides = {"crank_length": crank, "rod_length": rod}
-    box = Box(**{key: (length * (1 - _BOX_SHARE), length * (1 + _BOX_SHARE)) for key, length in sides.items()})
+    box = Box(
+        **{
+            key: (length * (1 - _BOX_SHARE), length * (1 + _BOX_SHARE))
+            for key, length in sides.items()
+        }
+    )
     search = Optimise(
         boxes={"near": box},
         ratio_limit=(1 + _RATIO_MARGIN) * crank / rod,
         genetic=Genetic(population=8, generations=10),
         ensemble=Ensemble(members=3, settled_revolution=_REVOLUTIONS),
     )
-    result = optimise(mechanism, options, search, _SURROGATE.training_points, trajectory, {"network": fits})
-    settled = result.resimulated.query("stretch == 'settled' and measure == 'rms'").set_index("point")["reduction"]
+    result = optimise(
+        mechanism, options, search, _SURROGATE.training_points, trajectory, {"network": fits}
+    )
+    settled = result.resimulated.query("stretch == 'settled' and measure == 'rms'").set_index(
+        "point"
+    )["reduction"]
     optima = result.optima[result.optima["point"] == result.optima["source"] + "_near_local"]
     found = optima.assign(
         at_edge=optima["active_bounds"] != "none",

@@ -12,7 +12,14 @@ from jointgap.core.words import format_name, joined, number, percent, reading_un
 from jointgap.effects import EFFECTS
 from jointgap.effects.base import parameters_of
 from jointgap.identification.settings import DEFAULT_SETTINGS
-from jointgap.identification.verdict import FALLS, RISES, STAYS, HeldOutTest, gap_change, share_closed
+from jointgap.identification.verdict import (
+    FALLS,
+    RISES,
+    STAYS,
+    HeldOutTest,
+    gap_change,
+    share_closed,
+)
 from jointgap.rig.sensors import FAULTS
 
 ENOUGH = ("no_disagreement", "parameters_only")
@@ -26,9 +33,9 @@ Effect = Mapping[str, Any]
 
 def format_effect(effect: Effect) -> str:
     """``Coulomb friction of the slider``; of a family
-    ``drag of the slider (exponent 1.6 to 5, 99 % interval; quadratic drag of the slider fits)``; of a law of the
-    campaign file ``my drag (-c*v^3)``. The interval of a shape that is a parameter of the effect is that of 90 %, as in
-    the table of the parameters.
+    ``drag of the slider (exponent 1.6 to 5, 99 % interval; quadratic drag of the slider fits)``; of
+    a law of the campaign file ``my drag (-c*v^3)``. The interval of a shape that is a parameter of
+    the effect is that of 90 %, as in the table of the parameters.
     """
     site = effect["site"].replace("_", " ")
     words, named = _words(effect["name"]).format(site=site), []
@@ -48,13 +55,15 @@ def format_effect(effect: Effect) -> str:
 
 
 def _words(name: str) -> str:
-    template = EFFECTS[name].WORDS if name in EFFECTS else FAULTS[name].words if name in FAULTS else ""
+    template = (
+        EFFECTS[name].WORDS if name in EFFECTS else FAULTS[name].words if name in FAULTS else ""
+    )
     return template or name.replace("_", " ")
 
 
 def format_label(label: str) -> str:
-    """``a bias of the sensor of crank torque`` for ``sensor_bias:crank_torque``; of an explanation ``a + b`` all
-    effects, where the terms of a force law are one effect."""
+    """``a bias of the sensor of crank torque`` for ``sensor_bias:crank_torque``; of an explanation
+    ``a + b`` all effects, where the terms of a force law are one effect."""
     effects: dict[str, list[str]] = {}
     for own in label.split(" + "):
         own, _, term = own.removesuffix("]").partition("[")
@@ -64,7 +73,11 @@ def format_label(label: str) -> str:
 
 def _format_one(label: str) -> str:
     name, _, site = label.partition(":")
-    return format_effect({"name": name, "site": site}) if site or "{site}" not in _words(name) else name
+    return (
+        format_effect({"name": name, "site": site})
+        if site or "{site}" not in _words(name)
+        else name
+    )
 
 
 def _format_terms(terms: Sequence[str]) -> str:
@@ -88,13 +101,16 @@ def format_explanation(effects: Sequence[Effect]) -> str:
     parts = []
     for effect in effects:
         rows = parameter_rows([effect])
-        values = ", ".join(f"{name} {value}" if len(rows) > 1 else value for name, value, *_ in rows)
+        values = ", ".join(
+            f"{name} {value}" if len(rows) > 1 else value for name, value, *_ in rows
+        )
         parts.append(format_effect(effect) + (f" ({values})" if values else ""))
     return joined(parts)
 
 
 def headline(effects: Sequence[Effect]) -> str:
-    """Each effect with its most precise parameter: ``Coulomb friction of the slider, 5.000 N (90 % interval ...)``."""
+    """Each effect with its most precise parameter:
+    ``Coulomb friction of the slider, 5.000 N (90 % interval ...)``."""
     return joined(format_effect(effect) + _first_number(effect) for effect in effects)
 
 
@@ -117,7 +133,8 @@ def _first_number(effect: Effect) -> str:
 
 
 def format_estimate(value: str, interval: str, remark: str = "") -> str:
-    """``5.93 N (90 % interval 5.89 to 5.98)``; ``0.8 (at its bound; 90 % interval 0.71 to 0.8)``."""
+    """``5.93 N (90 % interval 5.89 to 5.98)``;
+    ``0.8 (at its bound; 90 % interval 0.71 to 0.8)``."""
     sure = "; ".join(filter(None, (remark, "" if interval == "–" else f"90 % interval {interval}")))
     return f"{value} ({sure})" if sure else value
 
@@ -142,14 +159,18 @@ def format_parameter(effect: str, name: str) -> str:
 
 
 def unit_of(name: str, site: str, parameter: str) -> str:
-    """SI unit of a `parameter` of the effect `name` at `site`: ``1`` for a pure number, empty if unknown."""
+    """SI unit of a `parameter` of the effect `name` at `site`: ``1`` for a pure number, empty if
+    unknown."""
     unit = _parameters(name).get(parameter.partition("@")[0], ("", ""))[1]
     return CHANNELS.get(site, "SI") if unit is None else unit
 
 
 def estimate_unit(effect: Effect, parameter: str) -> str:
-    """SI unit of a `parameter` of an effect, which states that of a law of the campaign file itself."""
-    return effect["parameters"][parameter].get("unit") or unit_of(effect["name"], effect["site"], parameter)
+    """SI unit of a `parameter` of an effect, which states that of a law of the campaign file
+    itself."""
+    return effect["parameters"][parameter].get("unit") or unit_of(
+        effect["name"], effect["site"], parameter
+    )
 
 
 def parameter_rows(effects: Sequence[Effect]) -> tuple[tuple[str, ...], ...]:
@@ -159,17 +180,21 @@ def parameter_rows(effects: Sequence[Effect]) -> tuple[tuple[str, ...], ...]:
         of_effect = f"{format_effect({**effect, 'families': ()})}: " if len(effects) > 1 else ""
         for name, estimate in effect.get("parameters", {}).items():
             unit = estimate_unit(effect, name)
-            rows.append(estimate_row(of_effect + format_parameter(effect["name"], name), estimate, unit))
+            rows.append(
+                estimate_row(of_effect + format_parameter(effect["name"], name), estimate, unit)
+            )
     return tuple(rows)
 
 
 def estimate_row(name: str, estimate: Mapping[str, Any], unit: str) -> tuple[str, str, str, str]:
-    """`name`, value with unit, 90 % interval and remark of a parameter; the `estimate` of ``verdict.json`` is in SI."""
+    """`name`, value with unit, 90 % interval and remark of a parameter; the `estimate` of
+    ``verdict.json`` is in SI."""
     ends = estimate.get("interval_90") or (None, None)
     known = [abs(own) for own in (estimate["value"], *ends) if isinstance(own, int | float)]
     unit, factor = reading_unit(unit, max(known, default=None))
     value, error, low, high = (
-        factor * own if isinstance(own, int | float) else own for own in (estimate["value"], estimate.get("sd"), *ends)
+        factor * own if isinstance(own, int | float) else own
+        for own in (estimate["value"], estimate.get("sd"), *ends)
     )
     if error is None and None not in (low, high):
         error = (high - low) / 4.0  # sets only the number of digits
@@ -180,8 +205,8 @@ def estimate_row(name: str, estimate: Mapping[str, Any], unit: str) -> tuple[str
 
 
 def format_detectable(row: Any) -> str:
-    """Smallest detectable size of a row of table `DETECTABLE`: ``0.03 N``; ``up to 50 Hz`` if the effect decreases with
-    its parameter."""
+    """Smallest detectable size of a row of table `DETECTABLE`: ``0.03 N``; ``up to 50 Hz`` if the
+    effect decreases with its parameter."""
     effect = row.label.partition(":")[0]
     name = f"{format_parameter(effect, row.parameter)} " if len(_parameters(effect)) != 1 else ""
     unit, factor = reading_unit(row.unit, row.smallest_detectable)
@@ -192,7 +217,9 @@ def format_detectable(row: Any) -> str:
 def names_to_labels(sentence: str) -> str:
     """A `sentence` with effects, channels and nuisances in words, except between backticks."""
     parts = re.split(r"(`[^`]+`)", sentence)
-    return "".join(part if n % 2 else _CODE_NAME.sub(_in_words, part) for n, part in enumerate(parts))
+    return "".join(
+        part if n % 2 else _CODE_NAME.sub(_in_words, part) for n, part in enumerate(parts)
+    )
 
 
 def _in_words(found: re.Match) -> str:
@@ -200,7 +227,9 @@ def _in_words(found: re.Match) -> str:
     if re.split(r"[:\[ ]", label)[0] in {*EFFECTS, *FAULTS}:
         return format_label(label)
     name, _, site = label.partition(":")
-    return (words.format_nuisance(name) if name in NUISANCES else format_name(name)) + (f":{site}" if site else "")
+    return (words.format_nuisance(name) if name in NUISANCES else format_name(name)) + (
+        f":{site}" if site else ""
+    )
 
 
 def _any_of(names: Iterable[str]) -> str:
@@ -213,44 +242,69 @@ _CODE_NAME = re.compile(
     + _any_of(name for name in {*EFFECTS, *FAULTS, *CHANNELS, *NUISANCES} if "_" in name)
     + r")(?![\w/]|\.\w)"
 )
-"""Explanations ``a + b``, and names with an underscore; ``gravity`` and ``speed`` are words already."""
+"""Explanations ``a + b``, and names with an underscore; ``gravity`` and ``speed`` are words
+already."""
 
 
 def answer(verdict: Mapping[str, Any]) -> str:
     """The verdict, content of ``verdict.json``, in a few sentences."""
     kind, effects, gap = verdict["verdict"], verdict["effects"], verdict["gap"]
     if effects:
-        faults, missing = [e for e in effects if is_fault(e)], [e for e in effects if not is_fault(e)]
+        faults, missing = (
+            [e for e in effects if is_fault(e)],
+            [e for e in effects if not is_fault(e)],
+        )
         found = f"The model lacks {joined(map(format_effect, missing))}."
         if faults:
             fault = f"The measurement has a fault: {format_explanation(faults)}."
             if any(effect.get("alternatives") for effect in faults):
                 fault += " These data cannot show which of them."
-            found = f"{found} {fault}" if missing else f"The mechanism model lacks no effect. {fault}"
+            found = (
+                f"{found} {fault}" if missing else f"The mechanism model lacks no effect. {fault}"
+            )
         added = "these effects" if effects[1:] else "this effect"
         fit = f"With {added} the residual of the fitted data is consistent with noise."
         if gap["identify"]["after"] > _DECISION.noise_gap:
-            fit = f"The gap {gap_change(**gap['identify'])}; no tested effect explains the remaining residual."
+            fit = (
+                f"The gap {gap_change(**gap['identify'])}; no tested effect explains the remaining"
+                " residual."
+            )
         return f"{found} {fit}{_held_out_misfit(verdict)}"
     if kind in ENOUGH:
-        model = "of the current model" if kind == "no_disagreement" else "after re-fitting the uncertain parameters"
-        return f"No missing effect detected: the residual {model} is consistent with noise.{_held_out_misfit(verdict)}"
+        model = (
+            "of the current model"
+            if kind == "no_disagreement"
+            else "after re-fitting the uncertain parameters"
+        )
+        return (
+            f"No missing effect detected: the residual {model} is consistent with"
+            f" noise.{_held_out_misfit(verdict)}"
+        )
     certain = certain_summary(verdict)
     if kind == "ambiguous":
-        text = f"An effect is missing: {len(verdict['equivalent'])} explanations fit equally well.{certain}"
+        text = (
+            f"An effect is missing: {len(verdict['equivalent'])} explanations fit equally"
+            f" well.{certain}"
+        )
         return f"{text}{_left_by_all(verdict)} None was added to the model."
     if inconsistent := verdict["doubted_channels"]:
         checked = joined(map(format_name, inconsistent))
         text = f"Channels are inconsistent, so no effect can be identified: check {checked}."
     elif is_refuted(verdict):
-        text = "An effect is missing, but no tested effect explains the residual. With the best fit, "
+        text = (
+            "An effect is missing, but no tested effect explains the residual. With the best fit, "
+        )
         text += f"{format_explanation(verdict['best_known']['effects'])}, the gap on held-out data "
         text += f"{gap_change(**gap['confirm'], most_digits=4)}."
     elif best := verdict["best_known"]:
         text = f"An effect is missing. The best candidate, {format_explanation(best['effects'])}, "
         text += f"{_explained(verdict)}, but is not confirmed"
         left = gap["confirm"]["after"] or 0.0
-        text += f": on the held-out data a gap of {rounded_gap(left)} remains." if _exceeds_noise(verdict) else "."
+        text += (
+            f": on the held-out data a gap of {rounded_gap(left)} remains."
+            if _exceeds_noise(verdict)
+            else "."
+        )
     else:
         text = "An effect is missing, but no tested effect explains the residual."
     return f"{text}{certain} No effect was added to the model."
@@ -261,11 +315,14 @@ def is_refuted(verdict: Mapping[str, Any]) -> bool:
     if not verdict["best_known"]:
         return False
     before, after = verdict["gap"]["confirm"].values()
-    return after is not None and (verdict["held_out_test"] == RISES or gap_change(before, after).startswith(RISES))
+    return after is not None and (
+        verdict["held_out_test"] == RISES or gap_change(before, after).startswith(RISES)
+    )
 
 
 def _explained(verdict: Mapping[str, Any]) -> str:
-    """What the best candidate explains of the fitted data; nearly all only if the held-out gap is noise."""
+    """What the best candidate explains of the fitted data; nearly all only if the held-out gap is
+    noise."""
     gap = verdict["gap"]["identify"]
     if share := share_explained(verdict):
         return f"explains {share} of the misfit of the fitted data"
@@ -294,8 +351,14 @@ def certain_summary(verdict: Mapping[str, Any]) -> str:
         rival = best["rival"]["explanation"].split(" + ") if best["rival"] else shared
         explanations = [[label_of(effect) for effect in best["effects"]]]
         explanations += [rival] if shared < {*rival} else []
-    others = [" + ".join(label for label in labels if label not in shared) for labels in explanations]
-    rest = f"; the rest is {' or '.join(map(format_label, others))}" if len(others) > 1 and all(others) else ""
+    others = [
+        " + ".join(label for label in labels if label not in shared) for labels in explanations
+    ]
+    rest = (
+        f"; the rest is {' or '.join(map(format_label, others))}"
+        if len(others) > 1 and all(others)
+        else ""
+    )
     begin = "All contain" if verdict["verdict"] == "ambiguous" else "Certain is"
     return f" {begin} {format_explanation(certain)}{rest}, of those tried."
 
@@ -321,42 +384,71 @@ def _held_out_misfit(verdict: Mapping[str, Any]) -> str:
         return f" {_NOTHING_HELD_OUT}."
     gaps = [gap[when]]
     if gap[when] is None:
-        text, gaps = f" {_not_simulated(verdict)}.", [run["gap"][when] for run in verdict["held_out"]]
+        text, gaps = (
+            f" {_not_simulated(verdict)}.",
+            [run["gap"][when] for run in verdict["held_out"]],
+        )
     largest = max((gap for gap in gaps if gap is not None), default=0.0)
     if largest > _DECISION.max_gap_of_noise:
-        return f"{text} The model does not fit the held-out data: their gap is {rounded_gap(largest)} (1 is noise)."
-    return f"{text} The held-out data do not confirm it." if verdict["held_out_test"] == STAYS else text
+        return (
+            f"{text} The model does not fit the held-out data: their gap is {rounded_gap(largest)}"
+            " (1 is noise)."
+        )
+    return (
+        f"{text} The held-out data do not confirm it."
+        if verdict["held_out_test"] == STAYS
+        else text
+    )
 
 
 def _not_simulated(verdict: Mapping[str, Any]) -> str:
-    lost = [f"run {run['run']} ({run['not_simulated']})" for run in verdict["held_out"] if "not_simulated" in run]
-    return f"The model with the added effects cannot be simulated in {joined(lost)}, so there it is not confirmed"
+    lost = [
+        f"run {run['run']} ({run['not_simulated']})"
+        for run in verdict["held_out"]
+        if "not_simulated" in run
+    ]
+    return (
+        f"The model with the added effects cannot be simulated in {joined(lost)}, so there it is"
+        " not confirmed"
+    )
 
 
 def left_out_summary(verdict: Mapping[str, Any]) -> tuple[str, ...]:
-    """A sentence for each run that was not used and each output that failed, and the steps that were not run."""
-    left = [f"Run {one['run']} was not used: {one['because']}." for one in verdict.get("left_out", ())]
+    """A sentence for each run that was not used and each output that failed, and the steps that
+    were not run."""
+    left = [
+        f"Run {one['run']} was not used: {one['because']}." for one in verdict.get("left_out", ())
+    ]
     if steps := verdict.get("not_searched"):
-        left.append(f"Not searched, as the limit of simulations was reached: {joined(map(names_to_labels, steps))}.")
+        left.append(
+            "Not searched, as the limit of simulations was reached:"
+            f" {joined(map(names_to_labels, steps))}."
+        )
     failed = verdict.get("failed", {})
     return (*left, *(f"{format_name(what)} failed: {why}." for what, why in failed.items()))
 
 
 def share_explained(verdict: Mapping[str, Any]) -> str:
-    """Share of the misfit beyond noise [%] that the best candidate explains of the fitted data; empty if it is unknown,
-    all, nearly all although the held-out gap exceeds noise, or no fall of the gap."""
+    """Share of the misfit beyond noise [%] that the best candidate explains of the fitted data;
+    empty if it is unknown, all, nearly all although the held-out gap exceeds noise, or no fall of
+    the gap."""
     share, gap = verdict["best_known"]["explained_share"], verdict["gap"]["identify"]
     if share is not None and share >= _DECISION.min_explained_share and _exceeds_noise(verdict):
         return ""
-    is_part = share is not None and 0.0 < round(share, 3) < 1.0 and gap_change(**gap).startswith(FALLS)
+    is_part = (
+        share is not None and 0.0 < round(share, 3) < 1.0 and gap_change(**gap).startswith(FALLS)
+    )
     return percent(share) if is_part else ""
 
 
 def format_gain(gain: float | None) -> str:
-    """A gain in BIC: a number up to 1000, as residuals beyond noise make larger ones meaningless."""
+    """A gain in BIC: a number up to 1000, as residuals beyond noise make larger ones
+    meaningless."""
     if gain is None:
         return "unknown"
-    return "none" if round(gain) <= 0 else "more than 1000" if gain > _LARGEST_GAIN else f"{gain:.0f}"
+    return (
+        "none" if round(gain) <= 0 else "more than 1000" if gain > _LARGEST_GAIN else f"{gain:.0f}"
+    )
 
 
 _LARGEST_GAIN = 1000.0
@@ -377,7 +469,10 @@ def held_out_summary(verdict: Mapping[str, Any]) -> str:
     if not (verdict["effects"] or verdict["best_known"] or verdict["equivalent"]):
         return f"The gap on held-out data is {rounded_gap(before)}"
     if after is None:
-        return f"The gap on held-out data is {rounded_gap(before)} without effects. {_not_simulated(verdict)}"
+        return (
+            f"The gap on held-out data is {rounded_gap(before)} without effects."
+            f" {_not_simulated(verdict)}"
+        )
     added = "With the best fit the" if verdict["best_known"] else "The"
     added = "With the first of these explanations the" if verdict["equivalent"] else added
     text = f"{added} gap on held-out data {HeldOutTest(test, before, after).summary}"
@@ -393,11 +488,17 @@ def best_known_summary(verdict: Mapping[str, Any]) -> tuple[str, ...]:
     best = verdict["best_known"]
     if best is None:
         return ()
-    lines = [f"On the fitted data the gap {gap_change(**verdict['gap']['identify'])}.", f"{held_out_summary(verdict)}."]
+    lines = [
+        f"On the fitted data the gap {gap_change(**verdict['gap']['identify'])}.",
+        f"{held_out_summary(verdict)}.",
+    ]
     if rival := best["rival"]:
         behind, other = rival["behind"], format_label(rival["explanation"])
         if round(behind) < 0:
-            lines.append(f"Another explanation, {other}, has a BIC that is smaller by {format_gain(-behind)}.")
+            lines.append(
+                f"Another explanation, {other}, has a BIC that is smaller by"
+                f" {format_gain(-behind)}."
+            )
         else:
             differs = f"larger by {format_gain(behind)}" if round(behind) else "the same"
             lines.append(f"The next best explanation is {other}; its BIC is {differs}.")
@@ -405,8 +506,13 @@ def best_known_summary(verdict: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _confirmation(verdict: Mapping[str, Any]) -> tuple[str, ...]:
-    """How the best candidate can be confirmed; empty if the held-out data contradict it or no measurement helps."""
-    best, test, held_out = verdict["best_known"], verdict["held_out_test"], verdict["gap"]["confirm"]
+    """How the best candidate can be confirmed; empty if the held-out data contradict it or no
+    measurement helps."""
+    best, test, held_out = (
+        verdict["best_known"],
+        verdict["held_out_test"],
+        verdict["gap"]["confirm"],
+    )
     if verdict["doubted_channels"]:
         way = "check the wiring of the inconsistent channels and measure again"
     elif is_refuted(verdict) or (test == STAYS and held_out["after"] >= held_out["before"]):
@@ -418,7 +524,10 @@ def _confirmation(verdict: Mapping[str, Any]) -> tuple[str, ...]:
     elif test in ("cannot_tell", "nothing_held_out"):
         way = "measure a longer held-out run"
     else:
-        way = "explain the remaining residual by a further effect or wider bounds; see the map of disagreement"
+        way = (
+            "explain the remaining residual by a further effect or wider bounds; see the map of"
+            " disagreement"
+        )
     return (f"To confirm it: {way}.",)
 
 

@@ -27,9 +27,16 @@ if TYPE_CHECKING:
 CAMPAIGN_STAGES = Stages()
 stage = CAMPAIGN_STAGES.stage
 
-Anyway = Annotated[bool, Option("--anyway", is_flag=True, help="Continue even if channels are inconsistent.")]
-Parts = Annotated[int, Option("--parts", type=1, default=1, show_default=True, help="Number of parts of the fits.")]
-Part = Annotated[int, Option("--part", type=0, default=0, show_default=True, help="Part to fit, counted from 0.")]
+Anyway = Annotated[
+    bool, Option("--anyway", is_flag=True, help="Continue even if channels are inconsistent.")
+]
+Parts = Annotated[
+    int,
+    Option("--parts", type=1, default=1, show_default=True, help="Number of parts of the fits."),
+]
+Part = Annotated[
+    int, Option("--part", type=0, default=0, show_default=True, help="Part to fit, counted from 0.")
+]
 
 PUBLISHED = "track/published.json"
 
@@ -60,7 +67,9 @@ def measure(state: "CampaignState", pictures: bool = True) -> str:
     folder = state.folder
     check_same_file(state.file, folder.path)
     read = read_measurements(state.campaign)
-    odd = [f"mechanism, {remark}" for remark in odd_data(state.campaign.mechanism)] + plain_speeds(state.file)
+    odd = [f"mechanism, {remark}" for remark in odd_data(state.campaign.mechanism)] + plain_speeds(
+        state.file
+    )
     state.measurements = replace(read, remarks=(*read.remarks, *odd))
     if pictures:  # first, so that an error leaves no files
         from jointgap.core import plot
@@ -69,8 +78,13 @@ def measure(state: "CampaignState", pictures: bool = True) -> str:
         numbers, drawings = inspect(state.campaign, state.measurements)
     write_origin(state.file, folder.path)
     folder.write(schema.CONFIG_SNAPSHOT, config_snapshot(state.campaign))
-    folder.write(schema.REMARKS, pd.DataFrame({"remark": pd.Series(state.measurements.remarks, dtype=object)}))
-    contradictions = pd.DataFrame(state.measurements.contradictions, columns=schema.CONTRADICTIONS.names)
+    folder.write(
+        schema.REMARKS,
+        pd.DataFrame({"remark": pd.Series(state.measurements.remarks, dtype=object)}),
+    )
+    contradictions = pd.DataFrame(
+        state.measurements.contradictions, columns=schema.CONTRADICTIONS.names
+    )
     folder.write(schema.CONTRADICTIONS, contradictions)
     folder.write(schema.MEASURED, to_frame(state.measurements))
     if pictures:
@@ -81,12 +95,16 @@ def measure(state: "CampaignState", pictures: bool = True) -> str:
     return "\n".join([*remarks, f"figures and tables: {folder.path / 'measure'}"])
 
 
-@stage(writes=(schema.DETECTABLE, schema.CONFUSABILITY, schema.ADVICE), does="identifiability of effects")
+@stage(
+    writes=(schema.DETECTABLE, schema.CONFUSABILITY, schema.ADVICE),
+    does="identifiability of effects",
+)
 def preflight(state: "CampaignState", advice: bool = True) -> str:
     """Analyse identifiability of the planned CAMPAIGN.
 
-    Reports the smallest detectable size of each effect, indistinguishable effects, and the most useful further speed
-    or channel. Data files are not required; if they exist, their number of samples is used.
+    Reports the smallest detectable size of each effect, indistinguishable effects, and the most
+    useful further speed or channel. Data files are not required; if they exist, their number of
+    samples is used.
     """
     from jointgap.campaign.campaign_files import check_same_file, write_origin
     from jointgap.campaign.plan import preflight_summary, preflight_tables
@@ -98,7 +116,12 @@ def preflight(state: "CampaignState", advice: bool = True) -> str:
     return preflight_summary(**frames) if advice else ""
 
 
-@stage(reads=_MEASURED, writes=_of("noise", NOISE_TABLES), does="noise, uncertain parameters", job="recalibrate")
+@stage(
+    reads=_MEASURED,
+    writes=_of("noise", NOISE_TABLES),
+    does="noise, uncertain parameters",
+    job="recalibrate",
+)
 def noise(state: "CampaignState", anyway: Anyway = False) -> None:
     """Estimate channel noise from cycle-to-cycle variation."""
     from jointgap.campaign.fits_on_disk import noise_to_frames
@@ -146,7 +169,9 @@ def screen(state: "CampaignState") -> None:
     from jointgap.identification.thresholds import screen_candidates
 
     dof = degrees_of_freedom(state.noise)
-    sensitivities, limits = state.screening = screen_candidates(state.baseline, state.false_alarm_rate, dof, state.seed)
+    sensitivities, limits = state.screening = screen_candidates(
+        state.baseline, state.false_alarm_rate, dof, state.seed
+    )
     state.folder.write_all(sensitivities_to_frames(sensitivities, state.baseline.base))
     state.folder.write(schema.THRESHOLDS, pd.DataFrame([vars(limits)]))
     shortlist = shortlist_singles(sensitivities, limits, state.settings)
@@ -156,7 +181,12 @@ def screen(state: "CampaignState") -> None:
 _SCREENED = _read("noise", "recalibrate", "screen")
 
 
-@stage(reads=_SCREENED, writes=_of("fit/{part}", FIT_TABLES), does="fit candidates, part {part}", minutes=120)
+@stage(
+    reads=_SCREENED,
+    writes=_of("fit/{part}", FIT_TABLES),
+    does="fit candidates, part {part}",
+    minutes=120,
+)
 def fit(state: "CampaignState", part: Part = 0, parts: Parts = 1) -> None:
     """Fit the selected effects."""
     from jointgap.identification.hypothesis_fits import fit_singles
@@ -177,8 +207,8 @@ _FITTED = _read("noise", "recalibrate", "screen", "fit")
 def pair(state: "CampaignState", part: Part = 0, parts: Parts = 1) -> None:
     """Fit selected pairs of effects by forward simulation.
 
-    Requires the same number of parts as the stage fit. If no single effect suffices, the first part repeats the search
-    over all of them.
+    Requires the same number of parts as the stage fit. If no single effect suffices, the first part
+    repeats the search over all of them.
     """
     import pandas as pd
 
@@ -203,8 +233,13 @@ def decide(state: "CampaignState", parts: Parts = 1) -> None:
     from jointgap.identification.law_family import with_families
     from jointgap.identification.model_selection import select_hypothesis
 
-    (singles, of_singles), (pairs, seconds) = (state.fits(stage, parts) for stage in ("fit", "pair"))
-    seconds = {label: of_singles.get(label, 0.0) + seconds.get(label, 0.0) for label in of_singles | seconds}
+    (singles, of_singles), (pairs, seconds) = (
+        state.fits(stage, parts) for stage in ("fit", "pair")
+    )
+    seconds = {
+        label: of_singles.get(label, 0.0) + seconds.get(label, 0.0)
+        for label in of_singles | seconds
+    }
     sensitivities, limits = state.screening
     decision = select_hypothesis(state.baseline, sensitivities, [*singles, *pairs], limits)
     decision, families = with_families(state.baseline, decision, limits)
@@ -229,13 +264,21 @@ def locate(state: "CampaignState") -> None:
     from jointgap.identification.disagreement import map_disagreement
 
     baseline = state.verdict_baseline
-    disagreement = map_disagreement(baseline.problem, baseline.base.residual, state.false_alarm_rate)
+    disagreement = map_disagreement(
+        baseline.problem, baseline.base.residual, state.false_alarm_rate
+    )
     for name in _MAP:
         frame = getattr(disagreement, name)
-        state.folder.write(f"map_{name}", map_as_read(frame, state.clockwise) if "start_deg" in frame else frame)
+        state.folder.write(
+            f"map_{name}", map_as_read(frame, state.clockwise) if "start_deg" in frame else frame
+        )
 
 
-@stage(reads=(*_DECIDED, *CAMPAIGN_STAGES.written_by("screen")), writes=_of("regress", OUTCOME_TABLES), **_IN_DECIDE)
+@stage(
+    reads=(*_DECIDED, *CAMPAIGN_STAGES.written_by("screen")),
+    writes=_of("regress", OUTCOME_TABLES),
+    **_IN_DECIDE,
+)
 def regress(state: "CampaignState") -> None:
     """If no effect explains the residual, search a force law as a formula."""
     from jointgap.campaign.fits_on_disk import outcome_with_law
@@ -245,9 +288,13 @@ def regress(state: "CampaignState") -> None:
     outcome = state.outcome("decide")
     if outcome.verdict == UNEXPLAINED:
         baseline, limits = state.verdict_baseline, state.screening.limits
-        found = force_law.find_force_law(baseline.problem, baseline.base, state.library, limits, baseline.differences)
+        found = force_law.find_force_law(
+            baseline.problem, baseline.base, state.library, limits, baseline.differences
+        )
         steps = (*outcome.not_searched, *baseline.problem.not_searched)
-        outcome = replace(outcome_with_law(outcome, found), not_searched=tuple(dict.fromkeys(steps)))
+        outcome = replace(
+            outcome_with_law(outcome, found), not_searched=tuple(dict.fromkeys(steps))
+        )
     state.write_outcome(outcome, "regress")
 
 
@@ -264,8 +311,12 @@ def confirm(state: "CampaignState") -> None:
 
     outcome = state.outcome("regress")
     proposed = outcome.proposed
-    plain = outcome.base if proposed else outcome.chosen  # the latter at nominal values if these suffice
-    prediction = confirmed_with(state.model, state.noise_with_numerics, plain, proposed, state.seed, state.settings)
+    plain = (
+        outcome.base if proposed else outcome.chosen
+    )  # the latter at nominal values if these suffice
+    prediction = confirmed_with(
+        state.model, state.noise_with_numerics, plain, proposed, state.seed, state.settings
+    )
     inconsistent = state.remaining_inconsistencies(outcome.equivalent or [outcome.chosen])
     final = final_verdict(outcome, prediction, inconsistent, state.settings.decision)
     residuals = residuals_as_read(prediction.residuals, state.clockwise)
@@ -290,10 +341,15 @@ def augment(state: "CampaignState") -> None:
     state.folder.write(schema.MISSING_FORCE, force)
 
 
-@stage(reads=_CONFIRMED, writes=(schema.CAMPAIGN_OPTIMUM,), does="optimise lengths before and after", minutes=60)
+@stage(
+    reads=_CONFIRMED,
+    writes=(schema.CAMPAIGN_OPTIMUM,),
+    does="optimise lengths before and after",
+    minutes=60,
+)
 def reoptimise(state: "CampaignState") -> None:
-    """Optimise the link lengths for the model with and without the effects, at the speed and with the known loads of
-    the fastest fitted run.
+    """Optimise the link lengths for the model with and without the effects, at the speed and with
+    the known loads of the fastest fitted run.
 
     The table is empty if no effect was added or all joints are ideal.
     """
@@ -304,11 +360,18 @@ def reoptimise(state: "CampaignState") -> None:
 
     models = {}
     # with ideal joints the transmission angle depends on the lengths only
-    if any(one.applied().loose for one in (state.campaign.mechanism, load_mechanism(state.folder.path / MECHANISM))):
+    if any(
+        one.applied().loose
+        for one in (state.campaign.mechanism, load_mechanism(state.folder.path / MECHANISM))
+    ):
         outcome = state.outcome("verdict")
         if not all(candidate.sensor for candidate in outcome.chosen.hypothesis):
-            models = dict(zip(("base", "augmented"), mechanisms(state.campaign, outcome), strict=True))
-    fastest = max((run for run in state.campaign.runs if run.role != "confirm"), key=lambda run: run.speed)
+            models = dict(
+                zip(("base", "augmented"), mechanisms(state.campaign, outcome), strict=True)
+            )
+    fastest = max(
+        (run for run in state.campaign.runs if run.role != "confirm"), key=lambda run: run.speed
+    )
     if fastest.direction == "clockwise":
         models = {name: mechanism.applied().mirrored() for name, mechanism in models.items()}
     loads = state.own_loads.get(fastest.id, ()) if models else ()
@@ -317,7 +380,10 @@ def reoptimise(state: "CampaignState") -> None:
 
 
 @stage(
-    reads=(*_CONFIRMED, *CAMPAIGN_STAGES.written_by("preflight", "locate", "augment", "reoptimise")),
+    reads=(
+        *_CONFIRMED,
+        *CAMPAIGN_STAGES.written_by("preflight", "locate", "augment", "reoptimise"),
+    ),
     files=(VERDICT, *SUMMARIES, "figures/gaps.png"),
     does="verdict, summary and figures",
 )
@@ -342,12 +408,17 @@ def track_campaign(state: "CampaignState") -> None:
     from jointgap.core.publish import publish_records
 
     folder = state.folder.path
-    summary = publish_records(state.campaign.name, DESCRIPTION, records(folder), None, folder.resolve().parents[1])
+    summary = publish_records(
+        state.campaign.name, DESCRIPTION, records(folder), None, folder.resolve().parents[1]
+    )
     write_text(folder / PUBLISHED, json.dumps(summary, indent=2) + "\n")
 
 
-def run_stage(stage: Stage, state: "CampaignState", optional: bool = False, **options: Any) -> str | None:
-    """Run a stage and note its costs; if an `optional` one fails, note the error and write empty tables."""
+def run_stage(
+    stage: Stage, state: "CampaignState", optional: bool = False, **options: Any
+) -> str | None:
+    """Run a stage and note its costs; if an `optional` one fails, note the error and write empty
+    tables."""
     if stage.name == "conclude":  # it notes its parts itself, as verdict.json contains the costs
         return stage.function(state, **options)
     parts, part = options.get("parts", 1), ""
@@ -358,7 +429,11 @@ def run_stage(stage: Stage, state: "CampaignState", optional: bool = False, **op
                 place.unlink(missing_ok=True)
         part = f"-{options['part']}" if parts > 1 else ""
     with costs_noted(state.folder, f"{stage.name}{part}"):
-        return _run_if_possible(stage, state, **options) if optional else stage.function(state, **options)
+        return (
+            _run_if_possible(stage, state, **options)
+            if optional
+            else stage.function(state, **options)
+        )
 
 
 def _run_if_possible(stage: Stage, state: "CampaignState", **options: Any) -> str | None:

@@ -37,18 +37,26 @@ FALSE_ALARM_RATE = 0.01
 
 
 class CampaignState:
-    """A campaign and its results folder; results of stages are set in this process or read from their tables."""
+    """A campaign and its results folder; results of stages are set in this process or read from
+    their tables."""
 
     false_alarm_rate = FALSE_ALARM_RATE
     seed = 0
 
-    def __init__(self, campaign: Path, folder: Path | None = None, settings: IdentificationSettings = DEFAULT_SETTINGS):
+    def __init__(
+        self,
+        campaign: Path,
+        folder: Path | None = None,
+        settings: IdentificationSettings = DEFAULT_SETTINGS,
+    ):
         self.settings = settings
         self.file, self.campaign = campaign, load_campaign(campaign)
         self.folder = ResultsFolder(folder or Path("results/campaigns") / self.campaign.name)
         results = [table.path for table in TABLES.values() if table.path and "{" not in table.path]
         inputs = (*files.plan(campaign), *self.campaign.load_files, *self.campaign.data_files)
-        self.folder.check_apart(inputs, (*results, files.MECHANISM, files.VERDICT, files.ORIGIN, *files.SUMMARIES))
+        self.folder.check_apart(
+            inputs, (*results, files.MECHANISM, files.VERDICT, files.ORIGIN, *files.SUMMARIES)
+        )
         self.clockwise = disk.clockwise(self.campaign)
 
     @cached_property
@@ -61,15 +69,19 @@ class CampaignState:
     @cached_property
     def inconsistent_channels(self) -> tuple[str, ...]:
         """Inconsistent channels found by the stage measure."""
-        return tuple(dict.fromkeys(found.channel for found in self.measurements.contradictions if found.doubtful))
+        return tuple(
+            dict.fromkeys(
+                found.channel for found in self.measurements.contradictions if found.doubtful
+            )
+        )
 
     def check_agreement(self) -> None:
         """InputError if channels are inconsistent."""
         if found := [one for one in self.measurements.contradictions if one.stops]:
             raise InputError(
-                f"campaign {self.campaign.name}: channels are inconsistent, so nothing was analysed; correct the "
-                "campaign file or the data, or continue with --anyway (Python: anyway=True, configuration: "
-                "anyway: true)",
+                f"campaign {self.campaign.name}: channels are inconsistent, so nothing was"
+                " analysed; correct the campaign file or the data, or continue with --anyway"
+                " (Python: anyway=True, configuration: anyway: true)",
                 *sentences(found),
             )
 
@@ -78,7 +90,9 @@ class CampaignState:
         from jointgap.rig.model import remaining_inconsistencies
 
         return (
-            remaining_inconsistencies(self.model, self.measurements, explanations) if self.inconsistent_channels else ()
+            remaining_inconsistencies(self.model, self.measurements, explanations)
+            if self.inconsistent_channels
+            else ()
         )
 
     @cached_property
@@ -89,8 +103,13 @@ class CampaignState:
 
     @property
     def own_loads(self) -> dict[str, tuple["Effect", ...]]:
-        """Known loads of each run besides those of the mechanism, for a crank that turns counter-clockwise."""
-        return {run: plan.loads for run, plan in self.model.plans.items()} if self.campaign.own_loads else {}
+        """Known loads of each run besides those of the mechanism, for a crank that turns
+        counter-clockwise."""
+        return (
+            {run: plan.loads for run, plan in self.model.plans.items()}
+            if self.campaign.own_loads
+            else {}
+        )
 
     @cached_property
     def library(self) -> list[Candidate]:
@@ -115,8 +134,9 @@ class CampaignState:
             if series.key not in noise or noise[series.key].sd.shape != series.value.shape:
                 run, channel = series.key
                 raise InputError(
-                    f"campaign {self.campaign.name}: {self.folder.place('noise', stage)} does not match the data of "
-                    f"channel {channel} of run '{run}'; repeat `jointgap {stage}` and the later stages"
+                    f"campaign {self.campaign.name}: {self.folder.place('noise', stage)} does not"
+                    f" match the data of channel {channel} of run '{run}'; repeat `jointgap"
+                    f" {stage}` and the later stages"
                 )
         return noise
 
@@ -124,7 +144,9 @@ class CampaignState:
     def baseline(self) -> Baseline:
         """The model with re-fitted nuisances, the reference of all explanations."""
         problem = Problem(self.model, self.noise_with_numerics, settings=self.settings)
-        (nominal,), (base,) = (self._read_fits(f"recalibrate/{which}", problem) for which in ("nominal", "base"))
+        (nominal,), (base,) = (
+            self._read_fits(f"recalibrate/{which}", problem) for which in ("nominal", "base")
+        )
         return Baseline(problem, probed_differences(problem, base.mapping), nominal, base)
 
     @cached_property
@@ -145,14 +167,21 @@ class CampaignState:
         fits, seconds = [], {}
         for part in range(parts):
             fits += self._read_fits(f"{stage}/{part}", self.baseline.problem)
-            seconds |= self.folder.read("fits", f"{stage}/{part}").set_index("explanation")["seconds"].to_dict()
+            seconds |= (
+                self.folder.read("fits", f"{stage}/{part}")
+                .set_index("explanation")["seconds"]
+                .to_dict()
+            )
         return fits, seconds
 
     def _read_fits(self, stage: str, problem: Problem, more: Sequence[Candidate] = ()) -> list[Fit]:
         return disk.fits_from_frames(self.folder.read_all(files.FIT_TABLES, stage), problem, more)
 
-    def write_fits(self, fits: Sequence[Fit], stage: str, seconds: Sequence[float] | None = None) -> None:
-        """Write `fits` with full Jacobians as those of `stage`, with their durations in `seconds`."""
+    def write_fits(
+        self, fits: Sequence[Fit], stage: str, seconds: Sequence[float] | None = None
+    ) -> None:
+        """Write `fits` with full Jacobians as those of `stage`, with their durations in
+        `seconds`."""
         self.folder.write_all(disk.fits_to_frames(fits, seconds, whole_jacobian=True), stage)
 
     def outcome(self, stage: str) -> disk.Outcome:
@@ -175,8 +204,14 @@ class CampaignState:
     def write_outcome(self, outcome: disk.Outcome, stage: str) -> None:
         """Write the outcome of the `stage` decide, regress or verdict (final)."""
         nuisances = "nominal" if outcome.verdict == NO_DISAGREEMENT else "base"
-        decision = {"verdict": [outcome.verdict], "because": [outcome.because], "nuisances": [nuisances]}
-        decision |= {name: [json.dumps(getattr(outcome, name))] for name in ("certain", "not_searched")}
+        decision = {
+            "verdict": [outcome.verdict],
+            "because": [outcome.because],
+            "nuisances": [nuisances],
+        }
+        decision |= {
+            name: [json.dumps(getattr(outcome, name))] for name in ("certain", "not_searched")
+        }
         plain = [] if outcome.named else [outcome.chosen]
         frames = disk.fits_to_frames(outcome.explanations) | {
             "fit_parameters": disk.parameter_frame([*plain, *outcome.explanations], self.clockwise),

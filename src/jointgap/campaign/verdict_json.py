@@ -33,9 +33,14 @@ TABLES = ("detectable", "confusability", "gaps", "map_windows", "map_standout", 
 
 
 def document(
-    outcome: Outcome, tables: Frames, campaign: Campaign, inconsistent: Sequence[str] = (), repeats: bool = True
+    outcome: Outcome,
+    tables: Frames,
+    campaign: Campaign,
+    inconsistent: Sequence[str] = (),
+    repeats: bool = True,
 ) -> dict[str, Any]:
-    """The content of ``verdict.json``; `repeats`: samples are compared, not statistics over cycles."""
+    """The content of ``verdict.json``; `repeats`: samples are compared, not statistics over
+    cycles."""
     gaps, gains = tables["gaps"], _gains(outcome)
     test = held_out_test(gaps) if outcome.proposed else None
     return {
@@ -74,11 +79,13 @@ def document(
     }
 
 
-def _nuisances(outcome: Outcome, detectable: pd.DataFrame, campaign: Campaign) -> Iterator[tuple[str, dict[str, Any]]]:
+def _nuisances(
+    outcome: Outcome, detectable: pd.DataFrame, campaign: Campaign
+) -> Iterator[tuple[str, dict[str, Any]]]:
     """Estimates by key, with whether the mechanism file keeps the stated value.
 
-    No interval where the preflight cannot detect any deviation, such as of a restitution; of a nuisance that both pins
-    share at neither of them.
+    No interval where the preflight cannot detect any deviation, such as of a restitution; of a
+    nuisance that both pins share at neither of them.
     """
     lost, found = set(undetectable(detectable)), set()
     by_nuisance: dict[str, set[str]] = {}
@@ -104,25 +111,34 @@ def read(path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: not a verdict ({error}); run the campaign's stages first") from error
+        raise InputError(
+            f"{path}: not a verdict ({error}); run the campaign's stages first"
+        ) from error
     if not isinstance(content, dict) or content.get("schema_version") != SCHEMA_VERSION:
-        raise InputError(f"{path}: not a verdict of schema_version {SCHEMA_VERSION}; repeat the campaign's stages")
+        raise InputError(
+            f"{path}: not a verdict of schema_version {SCHEMA_VERSION}; repeat the campaign's"
+            " stages"
+        )
     return content
 
 
 def gap_of(gaps: pd.DataFrame, role: str, run: str = "all") -> dict[str, float | None]:
-    """Gap over all channels without and with `Outcome.proposed`; None without samples, or if the model with it cannot
-    be simulated."""
+    """Gap over all channels without and with `Outcome.proposed`; None without samples, or if the
+    model with it cannot be simulated."""
     row = gaps[(gaps["role"] == role) & (gaps["run"] == run) & (gaps["channel"] == "all")]
     return {when: next(iter(map(float, row[when].dropna())), None) for when in ("before", "after")}
 
 
 def held_out(gaps: pd.DataFrame, roles: Mapping[str, str]) -> list[dict[str, Any]]:
     runs = []
-    for row in gaps[(gaps["role"] == "confirm") & (gaps["channel"] == "all") & (gaps["run"] != "all")].itertuples():
+    for row in gaps[
+        (gaps["role"] == "confirm") & (gaps["channel"] == "all") & (gaps["run"] != "all")
+    ].itertuples():
         part = "last_third" if roles[row.run] == "split" else "whole"
         reason = {"not_simulated": row.remark} if isinstance(row.remark, str) else {}
-        runs.append({"run": row.run, "part": part, "gap": gap_of(gaps, "confirm", row.run), **reason})
+        runs.append(
+            {"run": row.run, "part": part, "gap": gap_of(gaps, "confirm", row.run), **reason}
+        )
     return runs
 
 
@@ -134,17 +150,27 @@ def _best_known(outcome: Outcome, gains: Mapping[str, float]) -> dict[str, Any] 
     ranking, labels = outcome.ranking.set_index("explanation"), set(best.label.split(JOINED))
     share = ranking.loc[best.label, "explained_share"]
     known = {"effects": effects(best, gains), "explained_share": share, "rival": None}
-    for row in ranking.dropna(subset=["bic"]).query("admissible").sort_values("bic", kind="stable").itertuples():
+    for row in (
+        ranking.dropna(subset=["bic"])
+        .query("admissible")
+        .sort_values("bic", kind="stable")
+        .itertuples()
+    ):
         other = set(row.Index.split(JOINED))
         if not other >= labels and not other < labels:
             share = row.explained_share
-            known["rival"] = {"explanation": row.Index, "behind": row.bic - best.bic, "explained_share": share}
+            known["rival"] = {
+                "explanation": row.Index,
+                "behind": row.bic - best.bic,
+                "explained_share": share,
+            }
             break
     return known
 
 
 def _certain(outcome: Outcome, gains: Mapping[str, float]) -> list[dict[str, Any]]:
-    """Effects that all near explanations share, with the values of the first explanation that contains them."""
+    """Effects that all near explanations share, with the values of the first explanation that
+    contains them."""
     shared = set() if outcome.named else set(outcome.certain)
     for fit in outcome.explanations if shared else ():
         if shared <= {candidate.label for candidate in fit.hypothesis}:
@@ -152,11 +178,20 @@ def _certain(outcome: Outcome, gains: Mapping[str, float]) -> list[dict[str, Any
     return []
 
 
-def effects(fit: Fit, gains: Mapping[str, float], labels: Collection[str] | None = None) -> list[dict[str, Any]]:
+def effects(
+    fit: Fit, gains: Mapping[str, float], labels: Collection[str] | None = None
+) -> list[dict[str, Any]]:
     """The effects of an explanation; the terms of a law are one effect."""
     laws = [candidate for candidate in fit.hypothesis if candidate.name.startswith("discovered_")]
     entries = [
-        _effect(candidate.name, candidate.site, fit, [candidate], gains, effect_estimates(fit, candidate))
+        _effect(
+            candidate.name,
+            candidate.site,
+            fit,
+            [candidate],
+            gains,
+            effect_estimates(fit, candidate),
+        )
         for candidate in fit.hypothesis
         if candidate not in laws and (labels is None or candidate.label in labels)
     ]
@@ -164,15 +199,23 @@ def effects(fit: Fit, gains: Mapping[str, float], labels: Collection[str] | None
         law = law_of(tuple(laws), fit.mapping)
         keys = [p.key for p in fit.parameters]
         parameters: dict[str, Any] = {"formula": {"value": law.formula}}
-        parameters |= {name: coordinate_estimate(fit, keys.index(key)) for name, key in law.keys.items()}
+        parameters |= {
+            name: coordinate_estimate(fit, keys.index(key)) for name, key in law.keys.items()
+        }
         entries.append(_effect(effect_of(laws[0]), law.site, fit, laws, gains, parameters))
     return entries
 
 
 def _effect(
-    name: str, site: str, fit: Fit, own: Sequence[Candidate], gains: Mapping[str, float], parameters: dict[str, Any]
+    name: str,
+    site: str,
+    fit: Fit,
+    own: Sequence[Candidate],
+    gains: Mapping[str, float],
+    parameters: dict[str, Any],
 ) -> dict[str, Any]:
-    """One effect; delta_bic: BIC without it minus BIC; None if the explanation without it was not fitted."""
+    """One effect; delta_bic: BIC without it minus BIC; None if the explanation without it was not
+    fitted."""
     left = label_of(tuple(candidate for candidate in fit.hypothesis if candidate not in own))
     cost = gains[left] - fit.bic if left in gains else None
     law = {"formula": own[0].formula} if own[0].formula else {}
@@ -183,12 +226,22 @@ def _with_families(named: list[dict[str, Any]], families: pd.DataFrame) -> list[
     """The effects `named` with the intervals of their law families."""
     for effect in named:
         for row in families.itertuples():
-            if (row.effect if row.fits else row.law) not in (effect["name"], f"{effect['name']}:{effect['site']}"):
+            if (row.effect if row.fits else row.law) not in (
+                effect["name"],
+                f"{effect['name']}:{effect['site']}",
+            ):
                 continue
             law, interval = row.law.partition(":")[0], {"interval_99": [row.low, row.high]}
-            left = {"law": law, "shape": row.shape, "value": row.value, **interval, "named": not row.alone}
+            left = {
+                "law": law,
+                "shape": row.shape,
+                "value": row.value,
+                **interval,
+                "named": not row.alone,
+            }
             effect.setdefault("families", []).append(left)
-            # the 99 % interval of a shape that is also a parameter is that of the family, around that of 90 %
+            # the 99 % interval of a shape that is also a parameter is that of the family, around
+            # that of 90 %
             if row.shape in effect["parameters"] and law == effect["name"]:
                 own = effect["parameters"][row.shape]
                 known = [end for end in own.get("interval_90", ()) if end is not None]
@@ -199,7 +252,8 @@ def _with_families(named: list[dict[str, Any]], families: pd.DataFrame) -> list[
 
 
 def _with_twins(outcome: Outcome, gains: Mapping[str, float]) -> list[dict[str, Any]]:
-    """The effects of the chosen explanation; a sensor fault with the others that predict the same."""
+    """The effects of the chosen explanation; a sensor fault with the others that predict the
+    same."""
     named = effects(outcome.chosen, gains)
     labels = [candidate.label for candidate in outcome.chosen.hypothesis]
     for twin in outcome.twins:
@@ -210,7 +264,9 @@ def _with_twins(outcome: Outcome, gains: Mapping[str, float]) -> list[dict[str, 
 
 
 def _gains(outcome: Outcome) -> dict[str, float]:
-    return {"base": outcome.base.bic} | outcome.ranking.dropna(subset=["bic"]).set_index("explanation")["bic"].to_dict()
+    return {"base": outcome.base.bic} | outcome.ranking.dropna(subset=["bic"]).set_index(
+        "explanation"
+    )["bic"].to_dict()
 
 
 def _finite(value: Any) -> Any:

@@ -1,7 +1,22 @@
 """Typed, frozen, validated configuration; SI inside."""
 
-from jointgap.config.load import check_all_sections, is_complete, load_mechanism, parse_options, resolve, validate
-from jointgap.config.mechanism import Contact, Joint, Joints, Link, Mechanism, Slider, hertz_stiffness
+from jointgap.config.load import (
+    check_all_sections,
+    is_complete,
+    load_mechanism,
+    parse_options,
+    resolve,
+    validate,
+)
+from jointgap.config.mechanism import (
+    Contact,
+    Joint,
+    Joints,
+    Link,
+    Mechanism,
+    Slider,
+    hertz_stiffness,
+)
 from jointgap.config.scenario import (
     Box,
     ConstantDrive,

@@ -1,4 +1,5 @@
-"""The campaign file: a mechanism, the measured runs, their columns, and bounds of uncertain quantities."""
+"""The campaign file: a mechanism, the measured runs, their columns, and bounds of uncertain
+quantities."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -60,7 +61,8 @@ CHANNELS = {
 """SI unit of every possible channel."""
 
 PRESSURES = {"cylinder_pressure": "head", "crank_side_pressure": "crank"}
-"""Channels of known loads on the slider, which are not compared, and the side of the slider on which they act."""
+"""Channels of known loads on the slider, which are not compared, and the side of the slider on
+which they act."""
 
 UNITS = {
     "s": ("s", "ms", "us"),
@@ -82,15 +84,21 @@ _UNIT_HINTS = {
     "Hz": "Hz is ambiguous for turns; write rpm, turn/s or rad/s",
     **dict.fromkeys(
         ("count", "counts"),
-        "give the factor of the counts: counts_per_turn of an angle, rate of time, scale of other channels",
+        "give the factor of the counts: counts_per_turn of an angle, rate of time, scale of other"
+        " channels",
     ),
 }
 
 _COUNTED = {"counts_per_turn": ("turn", ""), "rate": ("s", "Hz")}
-"""Keys that define the unit of a column of integers as a part of a unit: that unit, and the unit of the key."""
+"""Keys that define the unit of a column of integers as a part of a unit: that unit, and the unit of
+the key."""
 
 _AMOUNT = [{"type": "number", "exclusiveMinimum": 0}, {"type": "string"}]
-_AMOUNTS = [*_AMOUNT, {"type": "null"}, {"type": "object", "additionalProperties": {"anyOf": _AMOUNT}}]
+_AMOUNTS = [
+    *_AMOUNT,
+    {"type": "null"},
+    {"type": "object", "additionalProperties": {"anyOf": _AMOUNT}},
+]
 Scale = Annotated[str | None, WithJsonSchema({"anyOf": _AMOUNTS[:3]})]
 Step = Annotated[float | None, WithJsonSchema({"anyOf": _AMOUNTS[:3]})]
 Noise = Annotated[float | dict[str, float] | None, WithJsonSchema({"anyOf": _AMOUNTS})]
@@ -100,25 +108,58 @@ class Channel(ConfigModel):
     """A column of the runs' files and its sensor."""
 
     column: Name = Field(description="heading of the column in every run's file")
-    unit: str = Field(description="pint name such as deg, g_n, N*m or rpm; not needed with counts_per_turn or rate")
-    scale: Scale = Field(None, description="factor of a sensor's signal, such as 0.35 N*m/A for a column in A")
-    counts_per_turn: quantity("", gt=0) | None = Field(None, description="of an angle in an encoder's counts")
-    rate: quantity("Hz", gt=0) | None = Field(None, description="sampling rate, for time in sample numbers: 2 kHz")
-    noise: Noise = Field(None, description="standard deviation in the column's unit, one or by run; null: estimated")
-    resolution: Step = Field(None, description="step of an encoder in the column's unit; null: unknown")
-    bandwidth: quantity("Hz", gt=0) | None = Field(None, description="corner of the samples' fourth-order low-pass")
-    filter: Literal["zero_phase", "causal"] = Field("zero_phase", description="phase of that low-pass")
-    high_pass: quantity("Hz", gt=0) | None = Field(None, description="corner of an AC-coupled sensor: 0.5 Hz")
-    average: quantity("s", gt=0) | None = Field(None, description="gate time of a counter that reads means: 50 ms")
-    sign: Literal[1, -1] = Field(1, description="-1: the sensor's axis is opposite to the definition of the channel")
+    unit: str = Field(
+        description=(
+            "pint name such as deg, g_n, N*m or rpm; not needed with counts_per_turn or rate"
+        )
+    )
+    scale: Scale = Field(
+        None, description="factor of a sensor's signal, such as 0.35 N*m/A for a column in A"
+    )
+    counts_per_turn: quantity("", gt=0) | None = Field(
+        None, description="of an angle in an encoder's counts"
+    )
+    rate: quantity("Hz", gt=0) | None = Field(
+        None, description="sampling rate, for time in sample numbers: 2 kHz"
+    )
+    noise: Noise = Field(
+        None, description="standard deviation in the column's unit, one or by run; null: estimated"
+    )
+    resolution: Step = Field(
+        None, description="step of an encoder in the column's unit; null: unknown"
+    )
+    bandwidth: quantity("Hz", gt=0) | None = Field(
+        None, description="corner of the samples' fourth-order low-pass"
+    )
+    filter: Literal["zero_phase", "causal"] = Field(
+        "zero_phase", description="phase of that low-pass"
+    )
+    high_pass: quantity("Hz", gt=0) | None = Field(
+        None, description="corner of an AC-coupled sensor: 0.5 Hz"
+    )
+    average: quantity("s", gt=0) | None = Field(
+        None, description="gate time of a counter that reads means: 50 ms"
+    )
+    sign: Literal[1, -1] = Field(
+        1, description="-1: the sensor's axis is opposite to the definition of the channel"
+    )
     jitter: quantity("s", gt=0) | None = Field(
         None, description="of time: standard deviation of its stamps; null: estimated"
     )
-    repeated: Literal["first", "last"] | None = Field(None, description="of time: row to keep of rows with equal times")
-    reads_gravity: bool = Field(False, description="whether an accelerometer's reading includes gravity")
-    bore: PositiveLength | None = Field(None, description="of a pressure: diameter on which it acts")
+    repeated: Literal["first", "last"] | None = Field(
+        None, description="of time: row to keep of rows with equal times"
+    )
+    reads_gravity: bool = Field(
+        False, description="whether an accelerometer's reading includes gravity"
+    )
+    bore: PositiveLength | None = Field(
+        None, description="of a pressure: diameter on which it acts"
+    )
     ambient_pressure: quantity("Pa", ge=0) | None = Field(
-        None, description="of a pressure: on the slider's other side, 0 for gauge pressures; null: 101325 Pa"
+        None,
+        description=(
+            "of a pressure: on the slider's other side, 0 for gauge pressures; null: 101325 Pa"
+        ),
     )
 
     @model_validator(mode="before")
@@ -132,7 +173,9 @@ class Channel(ConfigModel):
             except ValueError:
                 return {"unit": whole} | given  # rejected by the key's own check
             if given.get("unit", "count") not in ("count", "counts", unit):
-                raise ValueError(f"unit = {given['unit']!r} and {key} are both given; remove one of them")
+                raise ValueError(
+                    f"unit = {given['unit']!r} and {key} are both given; remove one of them"
+                )
             given = ({"resolution": 1} if key == "counts_per_turn" else {}) | given | {"unit": unit}
         return given
 
@@ -140,7 +183,9 @@ class Channel(ConfigModel):
     @classmethod
     def _is_text(cls, scale: Any) -> Any:
         if scale is not None and not to_si(split_quantity(str(scale))[0], "") > 0:
-            raise ValueError("must be greater than 0; write 'sign: -1' for a sensor with the opposite axis")
+            raise ValueError(
+                "must be greater than 0; write 'sign: -1' for a sensor with the opposite axis"
+            )
         return scale if scale is None else str(scale)
 
     @field_validator("unit")
@@ -151,7 +196,11 @@ class Channel(ConfigModel):
             unit_factor(whole, whole)
         except Exception as error:  # pint raises a dozen kinds
             known = respelled(unit)
-            hint = f"did you mean '{known}'?" if known else "write one such as s, deg, mm, g_n, N*m or rpm"
+            hint = (
+                f"did you mean '{known}'?"
+                if known
+                else "write one such as s, deg, mm, g_n, N*m or rpm"
+            )
             raise ValueError(_UNIT_HINTS.get(unit, f"is not a unit; {hint}")) from error
         return unit
 
@@ -173,11 +222,13 @@ class Channel(ConfigModel):
 
     @property
     def remembers(self) -> bool:
-        """Whether the sensor's reading depends on the past (without a low-pass, which may also use the future)."""
+        """Whether the sensor's reading depends on the past (without a low-pass, which may also use
+        the future)."""
         return self.high_pass is not None or self.average is not None
 
     def noise_of(self, run: str) -> float | None:
-        """Standard deviation of the noise in a run, in the column's unit; None if it is to be estimated."""
+        """Standard deviation of the noise in a run, in the column's unit; None if it is to be
+        estimated."""
         return self.noise.get(run) if isinstance(self.noise, dict) else self.noise
 
 
@@ -191,7 +242,9 @@ def _amount(value: Any, unit: str, where: str = "") -> float:
     except ValueError as error:
         raise ValueError(f"{where}{error}") from error
     if not amount > 0:
-        raise ValueError(f"{where}{amount:g} must be greater than 0; remove the key if it is unknown")
+        raise ValueError(
+            f"{where}{amount:g} must be greater than 0; remove the key if it is unknown"
+        )
     return amount
 
 
@@ -209,20 +262,35 @@ def channel_factor(name: str, unit: str, scale: str | None = None) -> float:
 
 _ANGLES = {"crank_angle", "rod_angle"}
 _NEEDS_CHANNEL = (
-    (("counts_per_turn", "resolution"), _ANGLES, "only crank_angle and rod_angle are encoder readings"),
+    (
+        ("counts_per_turn", "resolution"),
+        _ANGLES,
+        "only crank_angle and rod_angle are encoder readings",
+    ),
     (("rate", "repeated", "jitter"), {"time"}, "it applies to time only"),
     (
         ("noise", "bandwidth", "filter", "sign"),
         CHANNELS.keys() - {"time", *PRESSURES},
-        "time is exact except for its jitter, and a pressure is a known load, averaged over the cycles",
+        (
+            "time is exact except for its jitter, and a pressure is a known load, averaged over the"
+            " cycles"
+        ),
     ),
     (
         ("high_pass", "average"),
         CHANNELS.keys() - {"time", "crank_angle", *PRESSURES},
         "it applies to measured quantities only",
     ),
-    (("bore", "ambient_pressure"), PRESSURES.keys(), f"it applies to {' and '.join(PRESSURES)} only"),
-    (("reads_gravity",), {name for name in CHANNELS if "acceleration" in name}, "only accelerations include gravity"),
+    (
+        ("bore", "ambient_pressure"),
+        PRESSURES.keys(),
+        f"it applies to {' and '.join(PRESSURES)} only",
+    ),
+    (
+        ("reads_gravity",),
+        {name for name in CHANNELS if "acceleration" in name},
+        "only accelerations include gravity",
+    ),
 )
 """Keys, the channels that accept them, and the reason why others do not."""
 
@@ -231,11 +299,16 @@ def _errors_of_channels(channels: dict[str, Channel]) -> Iterator[str]:
     columns: dict[str, str] = {}
     for name, channel in channels.items():
         for keys, allowed, why in _NEEDS_CHANNEL:
-            given = [key for key in keys if getattr(channel, key) != Channel.model_fields[key].default]
+            given = [
+                key for key in keys if getattr(channel, key) != Channel.model_fields[key].default
+            ]
             if given and name not in allowed:
                 yield f"{name}.{given[0]} does not apply: {why}; remove it"
         if name in PRESSURES and channel.bore is None:
-            yield f"{name} requires bore, the diameter on which it acts; add it, such as 'bore: 60 mm'"
+            yield (
+                f"{name} requires bore, the diameter on which it acts; add it, such as 'bore:"
+                " 60 mm'"
+            )
         if channel.average is not None and "time" not in channels:
             yield f"{name}.average requires the channel time; add it"
         if channel.filter != "zero_phase" and channel.bandwidth is None:
@@ -245,7 +318,10 @@ def _errors_of_channels(channels: dict[str, Channel]) -> Iterator[str]:
         except ValueError as error:
             yield str(error)
         if channel.column in columns:
-            yield f"{columns[channel.column]} and {name} both read column '{channel.column}'; give two columns"
+            yield (
+                f"{columns[channel.column]} and {name} both read column '{channel.column}'; give"
+                " two columns"
+            )
         columns.setdefault(channel.column, name)
 
 
@@ -271,7 +347,8 @@ NEEDED_CHANNELS = {
     "slider_position_zero": ("slider_position",),
     "encoder_lag": ("time", "crank_angle"),
 }
-"""Nuisances of sensors (nominally 0 unless the bounds differ), and the channels that they act on."""
+"""Nuisances of sensors (nominally 0 unless the bounds differ), and the channels that they act
+on."""
 
 _LIMITS: dict[str, tuple[str, dict[str, float]]] = {
     "slider_mass": ("kg", _POSITIVE),
@@ -303,8 +380,11 @@ _AMOUNT_EXAMPLES = {"m": "'1 mm'", "rad": "'5 deg'", "s": "'5 ms'", "Pa": "'0.2 
 """Example of a deviation from nominal, by unit."""
 
 
-def _share_or_bounds(key: str, value: Any, nominals: tuple[float, ...]) -> float | tuple[float, float]:
-    """The `value` of a nuisance in a campaign file: a share of its nominal value, or bounds [SI]."""
+def _share_or_bounds(
+    key: str, value: Any, nominals: tuple[float, ...]
+) -> float | tuple[float, float]:
+    """The `value` of a nuisance in a campaign file: a share of its nominal value, or bounds
+    [SI]."""
     unit, what = NUISANCES[key], " is not a range"
     try:
         if isinstance(value, list | tuple) and len(value) == 2:
@@ -329,7 +409,9 @@ def _share_or_bounds(key: str, value: Any, nominals: tuple[float, ...]) -> float
     # a percentage of a nominal 0 is not a range
     instead = [] if key in NEEDED_CHANNELS else ["a percentage such as '5 %'"]
     instead += [f"an amount such as {_AMOUNT_EXAMPLES[unit]}"] if unit in _AMOUNT_EXAMPLES else []
-    raise ValueError(f"{key} = {value!r}{what}; give {' or '.join(instead)} or bounds such as [low, high]")
+    raise ValueError(
+        f"{key} = {value!r}{what}; give {' or '.join(instead)} or bounds such as [low, high]"
+    )
 
 
 def _possible(key: str, value: Any) -> float:
@@ -344,23 +426,39 @@ def _as_written(value: float | tuple[float, float]) -> str | list[float]:
 
 
 def _nominal_values(mechanism: Mechanism, key: str) -> tuple[float, ...]:
-    """Values [SI] of the nuisance `key` in a `mechanism`, one or one per pin; () where it has no effect."""
+    """Values [SI] of the nuisance `key` in a `mechanism`, one or one per pin; () where it has no
+    effect."""
     if key in NEEDED_CHANNELS:
         return (0.0,)
     part, _, name = key.partition("_")
     if hasattr(getattr(mechanism, part, None), name):  # such as slider_mass
         return (getattr(getattr(mechanism, part), name),)
-    joints = [mechanism.joint(pin) for pin in ([pin for pin in PINS if pin in key] or PINS) if pin in mechanism.loose]
+    joints = [
+        mechanism.joint(pin)
+        for pin in [pin for pin in PINS if pin in key] or PINS
+        if pin in mechanism.loose
+    ]
     if key.endswith("clearance"):
         return tuple(joint.clearance for joint in joints)
-    values = [joint.contact.friction if "friction" in key else joint.contact.restitution for joint in joints]
+    values = [
+        joint.contact.friction if "friction" in key else joint.contact.restitution
+        for joint in joints
+    ]
     return tuple(value for value in values if value is not None)
 
 
-def _pressure_sensor(key: str, effects: Iterable[Any], channels: Iterable[str]) -> tuple[float, ...]:
+def _pressure_sensor(
+    key: str, effects: Iterable[Any], channels: Iterable[str]
+) -> tuple[float, ...]:
     """Nominal values of the nuisance `key` of a pressure sensor; () without a pressure."""
-    tables = {getattr(one.parameters, key) for one in effects if getattr(one.parameters, "bore", None)}
-    recorded = {ForceTableParameters.model_fields[key].default} if PRESSURES.keys() & set(channels) else set()
+    tables = {
+        getattr(one.parameters, key) for one in effects if getattr(one.parameters, "bore", None)
+    }
+    recorded = (
+        {ForceTableParameters.model_fields[key].default}
+        if PRESSURES.keys() & set(channels)
+        else set()
+    )
     return tuple(sorted(tables | recorded))
 
 
@@ -374,7 +472,9 @@ class Start(ConfigModel):
     The joint centres coincide and the velocities are those of the ideal mechanism, as in the paper.
     """
 
-    angle: Angle | None = Field(None, description="crank angle; the passage nearest to turned or ran, else the last")
+    angle: Angle | None = Field(
+        None, description="crank angle; the passage nearest to turned or ran, else the last"
+    )
     turned: quantity("rad", gt=0) | None = Field(
         None, description="rotation of the crank before the first sample: 3 turn"
     )
@@ -398,7 +498,11 @@ LOADS_OF_A_RUN = ("slider_force_table", "crank_brake")
 
 
 def _one_or_two(given: Any) -> Any:
-    if isinstance(given, list | tuple) and len(given) == 2 and all(isinstance(file, str) and file for file in given):
+    if (
+        isinstance(given, list | tuple)
+        and len(given) == 2
+        and all(isinstance(file, str) and file for file in given)
+    ):
         if given[0] != given[1]:
             return tuple(given)
     elif isinstance(given, str) and given:
@@ -413,7 +517,12 @@ Files = Annotated[
         {
             "anyOf": [
                 {"type": "string", "minLength": 1},
-                {"type": "array", "items": {"type": "string", "minLength": 1}, "minItems": 2, "maxItems": 2},
+                {
+                    "type": "array",
+                    "items": {"type": "string", "minLength": 1},
+                    "minItems": 2,
+                    "maxItems": 2,
+                },
             ]
         }
     ),
@@ -425,14 +534,25 @@ class CampaignRun(ConfigModel):
 
     id: Word = Field(description="name of the run: letters, digits, '_' and '-'")
     file: Files = Field(
-        description="table of samples, CSV or Parquet, from the campaign file's folder; two loggers: [a.csv, b.csv]"
+        description=(
+            "table of samples, CSV or Parquet, from the campaign file's folder; two loggers:"
+            " [a.csv, b.csv]"
+        )
     )
     speed: quantity("rad/s") = Field(description="nominal speed of the crank")
-    role: Literal["identify", "confirm", "split"] = Field(description="split: the last third is held out for confirm")
-    start: Literal[_STARTS] | Start = Field("settled", description="beginning of the motion, or its angle, turns, time")
-    first_angle: Angle | None = Field(None, description="crank angle at the first sample, without such a channel")
+    role: Literal["identify", "confirm", "split"] = Field(
+        description="split: the last third is held out for confirm"
+    )
+    start: Literal[_STARTS] | Start = Field(
+        "settled", description="beginning of the motion, or its angle, turns, time"
+    )
+    first_angle: Angle | None = Field(
+        None, description="crank angle at the first sample, without such a channel"
+    )
     direction: Literal["counter_clockwise", "clockwise"] = "counter_clockwise"
-    effects: tuple[AnyEffect, ...] = Field((), description="known loads of this run: slider_force_table, crank_brake")
+    effects: tuple[AnyEffect, ...] = Field(
+        (), description="known loads of this run: slider_force_table, crank_brake"
+    )
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -445,19 +565,23 @@ class CampaignRun(ConfigModel):
         if isinstance(given, dict | Start):
             return Start.model_validate(given)
         if given not in _STARTS:
-            raise ValueError(f"give {', '.join(_STARTS)}, or a mapping such as {{angle: 40 deg, turned: 3 turn}}")
+            raise ValueError(
+                f"give {', '.join(_STARTS)}, or a mapping such as {{angle: 40 deg, turned: 3 turn}}"
+            )
         return given
 
     def errors(self) -> Iterator[str]:
         if self.speed <= 0:
-            yield f"speed {self.speed:g} rad/s must be greater than 0; or give 'direction: clockwise'"
+            yield (
+                f"speed {self.speed:g} rad/s must be greater than 0; or give 'direction: clockwise'"
+            )
         if self.id in RESERVED_IDS:
             yield f"id '{self.id}' is a reserved name of results; choose another id"
         for effect in self.effects:
             if effect.name not in LOADS_OF_A_RUN:
                 yield (
-                    f"effects: {effect.name} is no load of a single run ({' and '.join(LOADS_OF_A_RUN)} are); list it "
-                    "in the mechanism file"
+                    f"effects: {effect.name} is no load of a single run"
+                    f" ({' and '.join(LOADS_OF_A_RUN)} are); list it in the mechanism file"
                 )
 
 
@@ -477,14 +601,24 @@ class Campaign(ConfigModel):
     name: Word = Field(description="name of the campaign, and of its folder of results")
     date: Day | None = Field(None, description="day of the measurement, for trends: 2026-03-01")
     mechanism: Mechanism = Field(description="the current model of the mechanism")
-    drive: Literal["constant_speed", "measured_angle", "motor"] = Field("constant_speed", description="of the crank")
+    drive: Literal["constant_speed", "measured_angle", "motor"] = Field(
+        "constant_speed", description="of the crank"
+    )
     motor: MotorDrive | None = Field(None, description="torque-speed line of the motor")
     runs: tuple[CampaignRun, ...] = Field(min_length=1, description="the runs, one file each")
-    channels: dict[Literal[tuple(CHANNELS)], Channel] = Field(min_length=1, description="the measured quantities")
-    nuisance: dict[str, float | tuple[float, float]] = Field({}, description="bounds of uncertain quantities")
-    candidates: dict[Word, OwnLaw] = Field({}, description="laws of your own that may be missing, by name")
+    channels: dict[Literal[tuple(CHANNELS)], Channel] = Field(
+        min_length=1, description="the measured quantities"
+    )
+    nuisance: dict[str, float | tuple[float, float]] = Field(
+        {}, description="bounds of uncertain quantities"
+    )
+    candidates: dict[Word, OwnLaw] = Field(
+        {}, description="laws of your own that may be missing, by name"
+    )
     csv: Csv = Field(Csv(), description="format of text files")
-    folder: Path = Field(Path(), description="folder of the runs' files, relative to the campaign file's")
+    folder: Path = Field(
+        Path(), description="folder of the runs' files, relative to the campaign file's"
+    )
 
     @field_validator("runs")
     @classmethod
@@ -515,16 +649,28 @@ class Campaign(ConfigModel):
             return {}
         runs, channels = info.data.get("runs", ()), info.data.get("channels", {})
         loads = (*mechanism.effects, *(effect for run in runs for effect in run.effects))
-        nominals = {key: () if key in ("speed", *MOTOR_LINE) else _nominal_values(mechanism, key) for key in given}
-        nominals |= {key: _pressure_sensor(key, loads, channels) for key in PRESSURE_SENSOR if key in given}
+        nominals = {
+            key: () if key in ("speed", *MOTOR_LINE) else _nominal_values(mechanism, key)
+            for key in given
+        }
+        nominals |= {
+            key: _pressure_sensor(key, loads, channels) for key in PRESSURE_SENSOR if key in given
+        }
         return {key: _share_or_bounds(key, value, nominals[key]) for key, value in given.items()}
 
     @field_validator("candidates")
     @classmethod
     def _have_free_names(cls, candidates: dict[str, OwnLaw]) -> dict[str, OwnLaw]:
         for name in candidates:
-            if name in EFFECTS or name in NUISANCES or name in CHANNELS or name.startswith(_OF_OTHERS):
-                raise ValueError(f"{name} is, or begins like, the name of another effect or quantity; rename it")
+            if (
+                name in EFFECTS
+                or name in NUISANCES
+                or name in CHANNELS
+                or name.startswith(_OF_OTHERS)
+            ):
+                raise ValueError(
+                    f"{name} is, or begins like, the name of another effect or quantity; rename it"
+                )
         return candidates
 
     @field_serializer("nuisance")
@@ -536,14 +682,18 @@ class Campaign(ConfigModel):
         self.mechanism.applied().check_contacts(max(run.speed for run in self.runs))
         for run in self.runs:
             if run.effects:
-                together = self.mechanism.model_copy(update={"effects": (*self.mechanism.effects, *run.effects)})
+                together = self.mechanism.model_copy(
+                    update={"effects": (*self.mechanism.effects, *run.effects)}
+                )
                 yield from (f"runs: '{run.id}': {error}" for error in together.errors())
         yield from self._errors_of_drive()
         ids = [run.id for run in self.runs]
         for name, channel in self.channels.items():
             for run in channel.noise if isinstance(channel.noise, dict) else ():
                 if run not in ids:
-                    yield f"channels.{name}.noise: there is no run '{run}'; {did_you_mean(run, ids)}"
+                    yield (
+                        f"channels.{name}.noise: there is no run '{run}'; {did_you_mean(run, ids)}"
+                    )
         for key in self.nuisance:
             yield from self._errors_of_nuisance(key)
 
@@ -553,70 +703,120 @@ class Campaign(ConfigModel):
                 if other.id == run.id:
                     yield f"runs: two have the id '{run.id}'; give each its own"
                 for file in {*other.files} & {*run.files}:
-                    yield f"runs: '{other.id}' and '{run.id}' both read {file}; give two files, or role split"
+                    yield (
+                        f"runs: '{other.id}' and '{run.id}' both read {file}; give two files, or"
+                        " role split"
+                    )
         roles = {run.role for run in self.runs}
         for needed, purpose in (("identify", "fitting"), ("confirm", "validation")):
             if not roles & {needed, "split"}:
-                yield f"runs: none is for {purpose}; give one the role {needed} (or split, for both)"
+                yield (
+                    f"runs: none is for {purpose}; give one the role {needed} (or split, for both)"
+                )
 
     def _errors_of_drive(self) -> Iterator[str]:
         has = self.channels.keys()
         if self.drive == "motor" and self.motor is None:
-            yield "drive motor needs the key 'motor'; add 'motor: {stall_torque: 12 N*m, no_load_speed: 700 rpm}'"
+            yield (
+                "drive motor needs the key 'motor'; add 'motor: {stall_torque: 12 N*m,"
+                " no_load_speed: 700 rpm}'"
+            )
         if self.drive != "motor" and self.motor is not None:
             yield f"motor is given, but drive is {self.drive}; set 'drive: motor' or remove it"
         if not has & {"time", "crank_angle"}:
             yield "channels: neither time nor crank_angle is given; add one of them"
-        needed = {"constant_speed": set(), "measured_angle": {"time", "crank_angle"}, "motor": {"time"}}[self.drive]
+        needed = {
+            "constant_speed": set(),
+            "measured_angle": {"time", "crank_angle"},
+            "motor": {"time"},
+        }[self.drive]
         if missing := sorted(needed - has):
-            yield f"channels: drive {self.drive} requires the channel {' and '.join(missing)}; add it"
-        inputs = {"time"} if self.drive != "measured_angle" and "time" in has else {"time", "crank_angle"}
+            yield (
+                f"channels: drive {self.drive} requires the channel {' and '.join(missing)}; add it"
+            )
+        inputs = (
+            {"time"}
+            if self.drive != "measured_angle" and "time" in has
+            else {"time", "crank_angle"}
+        )
         if not has - inputs - PRESSURES.keys():
             yield "channels: no measured quantity to compare; add a channel such as crank_torque"
         for run in self.runs:
             if has & PRESSURES.keys() and "crank_angle" not in has and run.first_angle is None:
-                yield f"runs: '{run.id}': a pressure requires the channel crank_angle, or first_angle of runs; add it"
+                yield (
+                    f"runs: '{run.id}': a pressure requires the channel crank_angle, or first_angle"
+                    " of runs; add it"
+                )
             if self.drive == "measured_angle" and isinstance(run.start, Start):
-                yield f"runs: '{run.id}' has a start angle, but none was measured; give start: settled or dead_centre"
+                yield (
+                    f"runs: '{run.id}' has a start angle, but none was measured; give start:"
+                    " settled or dead_centre"
+                )
             if len(run.files) > 1 and "time" not in has:
-                yield f"channels: the two files of run '{run.id}' require the channel time, of the same heading; add it"
+                yield (
+                    f"channels: the two files of run '{run.id}' require the channel time, of the"
+                    " same heading; add it"
+                )
             if run.first_angle is not None and "crank_angle" in has:
-                yield f"runs: '{run.id}' has first_angle, but the channel crank_angle contains it; remove first_angle"
+                yield (
+                    f"runs: '{run.id}' has first_angle, but the channel crank_angle contains it;"
+                    " remove first_angle"
+                )
 
     def _errors_of_nuisance(self, key: str) -> Iterator[str]:
         nominals = self.nominals(key)
         if key in PRESSURE_SENSOR and len(nominals) > 1:
             values = " and ".join(f"{value:g}" for value in nominals)
-            yield f"nuisance: {key} is one value of all pressures, but the tables have {values}; give them the same"
+            yield (
+                f"nuisance: {key} is one value of all pressures, but the tables have {values}; give"
+                " them the same"
+            )
         if key in SHARED and len(set(nominals)) > 1:
-            values = " and ".join(f"{value:g} in {pin}" for value, pin in zip(nominals, PINS, strict=True))
+            values = " and ".join(
+                f"{value:g} in {pin}" for value, pin in zip(nominals, PINS, strict=True)
+            )
             own = " and ".join(f"{key}_{pin}" for pin in PINS)
-            yield f"nuisance: {key} requires equal values in both pins, but they are {values}; list {own}"
+            yield (
+                f"nuisance: {key} requires equal values in both pins, but they are {values}; list"
+                f" {own}"
+            )
         for nominal in nominals:
             low, high = self.bounds(key, nominal)
             where = f"nuisance: {key} is {nominal:g}"
             if low == high:
                 yield f"{where}, so a percentage is not a range; give [low, high]"
             if not low <= nominal <= high:
-                yield f"{where}, outside of its bounds [{low:g}, {high:g}]; widen them or correct the value"
+                yield (
+                    f"{where}, outside of its bounds [{low:g}, {high:g}]; widen them or correct the"
+                    " value"
+                )
             for bound in (low, high):
                 try:
                     _possible(key, bound)
                 except ValueError as error:
-                    yield f"{where}, and {bound:g} at {_as_written(self.nuisance[key])} {error}; narrow it"
+                    yield (
+                        f"{where}, and {bound:g} at {_as_written(self.nuisance[key])} {error};"
+                        " narrow it"
+                    )
 
     def nominals(self, key: str) -> tuple[float, ...]:
-        """Nominal values [SI] of the nuisance `key`, one or one per pin or run; () where it has no effect."""
+        """Nominal values [SI] of the nuisance `key`, one or one per pin or run; () where it has no
+        effect."""
         if key == "speed":
             return tuple(run.speed for run in self.runs)
         if key in MOTOR_LINE:
             return () if self.motor is None else (getattr(self.motor, key),)
         if key in PRESSURE_SENSOR:
-            loads = (*self.mechanism.effects, *(effect for run in self.runs for effect in run.effects))
+            loads = (
+                *self.mechanism.effects,
+                *(effect for run in self.runs for effect in run.effects),
+            )
             return _pressure_sensor(key, loads, self.channels)
         given = self.nuisance.get(key)
         if key in NEEDED_CHANNELS and isinstance(given, tuple) and not given[0] <= 0.0 <= given[1]:
-            return (0.5 * (given[0] + given[1]),)  # [170 deg, 190 deg]: an encoder mounted the other way round
+            return (
+                0.5 * (given[0] + given[1]),
+            )  # [170 deg, 190 deg]: an encoder mounted the other way round
         return _nominal_values(self.mechanism, key)
 
     def bounds(self, key: str, nominal: float) -> tuple[float, float]:
@@ -629,7 +829,8 @@ class Campaign(ConfigModel):
         return channel_factor(channel, self.channels[channel].unit, self.channels[channel].scale)
 
     def shown_unit(self, channel: str) -> tuple[str, float]:
-        """Display unit of a channel, and its SI value: the column's unit, except for counts and sensor signals."""
+        """Display unit of a channel, and its SI value: the column's unit, except for counts and
+        sensor signals."""
         stated = self.channels[channel]
         if stated.scale is None and split_share(stated.unit)[1] == 1.0:
             return stated.unit, self.factor(channel)
@@ -651,14 +852,19 @@ class Campaign(ConfigModel):
                 return recorded
             if key == "crank_inertia" and self.drive == "constant_speed":
                 return self.mechanism.effect("speed_fluctuation") is None
-            return not (self.nominals(key) and self.channels.keys() >= set(NEEDED_CHANNELS.get(key, ())))
+            return not (
+                self.nominals(key) and self.channels.keys() >= set(NEEDED_CHANNELS.get(key, ()))
+            )
 
         return tuple(key for key in self.nuisance if is_idle(key))
 
     @property
     def run_nuisances(self) -> tuple[str, ...]:
-        """Nuisances with one value per run: with pressures of the single runs also the zero of their sensor."""
-        own = _pressure_sensor(PRESSURE_ZERO, (effect for run in self.runs for effect in run.effects), self.channels)
+        """Nuisances with one value per run: with pressures of the single runs also the zero of
+        their sensor."""
+        own = _pressure_sensor(
+            PRESSURE_ZERO, (effect for run in self.runs for effect in run.effects), self.channels
+        )
         return (*RUN_NUISANCES, PRESSURE_ZERO) if own else RUN_NUISANCES
 
     @property
@@ -666,11 +872,19 @@ class Campaign(ConfigModel):
         """The known loads of single runs, one line each; the mechanism does not contain them."""
         listed = tuple(
             f"run {run.id}: {effect.name}"
-            + (f", {Path(effect.parameters.file).name}" if hasattr(effect.parameters, "file") else "")
+            + (
+                f", {Path(effect.parameters.file).name}"
+                if hasattr(effect.parameters, "file")
+                else ""
+            )
             for run in self.runs
             for effect in run.effects
         )
-        recorded = (f"every run: {name}, averaged over its cycles" for name in PRESSURES if name in self.channels)
+        recorded = (
+            f"every run: {name}, averaged over its cycles"
+            for name in PRESSURES
+            if name in self.channels
+        )
         return (*listed, *recorded)
 
     @property

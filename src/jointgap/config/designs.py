@@ -27,7 +27,9 @@ GridNumber = whole_number(ge=2, le=MOST_VALUES)
 
 Amount = Annotated[
     FiniteFloat | str,
-    WithJsonSchema({"type": ["number", "string"], "description": "number in SI, or number with a unit"}),
+    WithJsonSchema(
+        {"type": ["number", "string"], "description": "number in SI, or number with a unit"}
+    ),
 ]
 """A number with or without a unit, which is checked when the parameter is known."""
 
@@ -35,9 +37,14 @@ Amount = Annotated[
 def _in_first_revolution(window: tuple[float, float]) -> tuple[float, float]:
     low, high = window
     if low >= high:
-        raise ValueError(f"[{low:g}, {high:g}] is in the wrong order or empty; write the lower bound first")
+        raise ValueError(
+            f"[{low:g}, {high:g}] is in the wrong order or empty; write the lower bound first"
+        )
     if low < 0 or high > 2 * math.pi * (1 + 1e-12):
-        raise ValueError(f"[{low:g}, {high:g}] rad exceeds the first revolution, 0 to 360 deg; give angles within it")
+        raise ValueError(
+            f"[{low:g}, {high:g}] rad exceeds the first revolution, 0 to 360 deg; give angles"
+            " within it"
+        )
     return window
 
 
@@ -55,14 +62,18 @@ class Uniform(Range):
     """A uniform distribution."""
 
     distribution: Literal["uniform"] = "uniform"
-    number: GridNumber | None = Field(None, description="for a grid: number of equidistant values, ends included")
+    number: GridNumber | None = Field(
+        None, description="for a grid: number of equidistant values, ends included"
+    )
 
 
 class LogUniform(Range):
     """A uniform distribution of the logarithm; the lower end is above zero."""
 
     distribution: Literal["log_uniform"]
-    number: GridNumber | None = Field(None, description="for a grid: number of geometrically spaced values")
+    number: GridNumber | None = Field(
+        None, description="for a grid: number of geometrically spaced values"
+    )
 
 
 class Normal(ConfigModel):
@@ -110,35 +121,59 @@ Distribution = Annotated[
 class Sweep(ConfigModel):
     """A parameter sweep: varied parameters, design and number."""
 
-    parameters: dict[str, Distribution] = Field({}, description="varied parameters, by a word or by the path of a key")
-    design: Literal["sobol", "latin_hypercube", "grid"] = Field("sobol", description="grid: all combinations")
-    number: whole_number(ge=1, le=MOST_DESIGNS) = Field(1024, description="number of designs; not for a grid")
+    parameters: dict[str, Distribution] = Field(
+        {}, description="varied parameters, by a word or by the path of a key"
+    )
+    design: Literal["sobol", "latin_hypercube", "grid"] = Field(
+        "sobol", description="grid: all combinations"
+    )
+    number: whole_number(ge=1, le=MOST_DESIGNS) = Field(
+        1024, description="number of designs; not for a grid"
+    )
     seed: Seed = Field(0, description="seed of the samples")
-    window: Window = Field((0.0, 2 * math.pi), description="crank angles over which the error is computed")
-    best_lengths: bool = Field(False, description="compute the best lengths too, with unchanged joint motion")
-    printed_numbers: bool = Field(False, description="compute the numbers that the paper prints of its optima")
-    designs_per_job: whole_number(ge=1, le=100_000) = Field(5000, description="designs per job and file")
+    window: Window = Field(
+        (0.0, 2 * math.pi), description="crank angles over which the error is computed"
+    )
+    best_lengths: bool = Field(
+        False, description="compute the best lengths too, with unchanged joint motion"
+    )
+    printed_numbers: bool = Field(
+        False, description="compute the numbers that the paper prints of its optima"
+    )
+    designs_per_job: whole_number(ge=1, le=100_000) = Field(
+        5000, description="designs per job and file"
+    )
 
     def errors(self) -> Iterator[str]:
         if self.design == "grid":
             for key, spec in self.parameters.items():
                 if not isinstance(spec, Values) and getattr(spec, "number", None) is None:
-                    yield f"parameters.{key}: a grid requires a list of values, or from, to and number"
+                    yield (
+                        f"parameters.{key}: a grid requires a list of values, or from, to and"
+                        " number"
+                    )
             if self.designs > MOST_DESIGNS:
-                yield f"the grid has {self.designs} combinations, more than {MOST_DESIGNS}; give fewer values"
+                yield (
+                    f"the grid has {self.designs} combinations, more than {MOST_DESIGNS}; give"
+                    " fewer values"
+                )
 
     @property
     def designs(self) -> int:
         """Number of designs."""
         if self.design != "grid":
             return self.number
-        return math.prod(len(s.values) if isinstance(s, Values) else s.number for s in self.parameters.values())
+        return math.prod(
+            len(s.values) if isinstance(s, Values) else s.number for s in self.parameters.values()
+        )
 
 
 class Sensitivity(ConfigModel):
     """Sobol indices of the measures of a sweep, from a surrogate of each."""
 
-    measures: Annotated[tuple[Measure, ...], AfterValidator(distinct)] = Field((), description="all when empty")
+    measures: Annotated[tuple[Measure, ...], AfterValidator(distinct)] = Field(
+        (), description="all when empty"
+    )
     seed: Seed = Field(0, description="seed of the test designs and of the intervals")
 
 
@@ -146,7 +181,8 @@ class InferSettings(ConfigModel):
     """Inference of settings that the paper does not print, from the numbers that it prints."""
 
     removed: ClassVar = dict.fromkeys(
-        ("deviation", "trained", "iterations", "seed"), "designs are accepted by `within` only; remove this key"
+        ("deviation", "trained", "iterations", "seed"),
+        "designs are accepted by `within` only; remove this key",
     )
     within: OpenFraction = Field(0.05, description="largest relative error of a reproduced number")
 
@@ -154,16 +190,32 @@ class InferSettings(ConfigModel):
 class OptimiseRobust(ConfigModel):
     """Optimisation of the link lengths for the transmission angle under uncertainty."""
 
-    uncertain: dict[str, Distribution] = Field({}, description="as in sweep.parameters; of lengths their tolerances")
-    revolution: Literal["first", "settled"] = Field("settled", description="revolution of the error")
-    measure: Literal["mean_plus_deviations", "quantile"] = Field("mean_plus_deviations", description="objective")
-    deviations: quantity("", ge=0, le=100) = Field(2.0, description="standard deviations added to the mean")
+    uncertain: dict[str, Distribution] = Field(
+        {}, description="as in sweep.parameters; of lengths their tolerances"
+    )
+    revolution: Literal["first", "settled"] = Field(
+        "settled", description="revolution of the error"
+    )
+    measure: Literal["mean_plus_deviations", "quantile"] = Field(
+        "mean_plus_deviations", description="objective"
+    )
+    deviations: quantity("", ge=0, le=100) = Field(
+        2.0, description="standard deviations added to the mean"
+    )
     quantile: OpenFraction = Field(0.95, description="quantile of the error, for measure quantile")
     probability: OpenFraction = Field(0.95, description="required probability of each constraint")
-    draws: whole_number(ge=2, le=10_000) = Field(32, description="samples of the search, common to all candidates")
+    draws: whole_number(ge=2, le=10_000) = Field(
+        32, description="samples of the search, common to all candidates"
+    )
     grid: whole_number(ge=3, le=100) = Field(9, description="initial points along each length")
     population: whole_number(ge=4, le=10_000) = Field(16, description="candidates of a generation")
-    generations: whole_number(ge=1, le=10_000) = Field(12, description="generations of each search after the first")
-    fresh_draws: whole_number(ge=16, le=1_000_000) = Field(512, description="independent samples for the validation")
-    resamples: whole_number(ge=100, le=100_000) = Field(2000, description="bootstrap samples, for the intervals")
+    generations: whole_number(ge=1, le=10_000) = Field(
+        12, description="generations of each search after the first"
+    )
+    fresh_draws: whole_number(ge=16, le=1_000_000) = Field(
+        512, description="independent samples for the validation"
+    )
+    resamples: whole_number(ge=100, le=100_000) = Field(
+        2000, description="bootstrap samples, for the intervals"
+    )
     seed: Seed = Field(0, description="seed of the samples, the search and the intervals")

@@ -1,4 +1,5 @@
-"""Parameters of the friction laws by name; the laws themselves are in `jointgap.dynamics.friction`."""
+"""Parameters of the friction laws by name; the laws themselves are in
+`jointgap.dynamics.friction`."""
 
 from typing import NamedTuple
 
@@ -8,7 +9,9 @@ class FrictionLaw(NamedTuple):
 
     code: int  # value of `JointParameters.friction_law` in the compiled equations
     reads: tuple[str, ...] = ()  # keys of a contact besides friction and friction_speed
-    slope_at_zero: float | None = None  # of the coefficient over friction, by the speed over friction_speed
+    slope_at_zero: float | None = (
+        None  # of the coefficient over friction, by the speed over friction_speed
+    )
 
 
 _STRIBECK = ("static_friction", "stribeck_speed")
@@ -18,9 +21,12 @@ FRICTION_LAWS = {
     "threlfall": FrictionLaw(1, slope_at_zero=3.0),
     "ambrosio": FrictionLaw(2, ("dead_band_speed",)),
     "bengisu_akay": FrictionLaw(3, _STRIBECK),
-    "lugre": FrictionLaw(4, (*_STRIBECK, "viscous_friction", "bristle_stiffness", "bristle_damping")),
+    "lugre": FrictionLaw(
+        4, (*_STRIBECK, "viscous_friction", "bristle_stiffness", "bristle_damping")
+    ),
 }
-"""Laws with equal friction, and friction_speed proportional to this slope, have the same slope at zero speed."""
+"""Laws with equal friction, and friction_speed proportional to this slope, have the same slope at
+zero speed."""
 
 FRICTION_KEYS = ("dead_band_speed", *FRICTION_LAWS["lugre"].reads)
 """Keys of a contact that only some laws read."""

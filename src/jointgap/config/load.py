@@ -35,7 +35,9 @@ def validate(model: type[BaseModel], data: Any, source: str) -> Any:
     except ValidationError as error:
         lines = complaints(error, data)
         more = [f"and {len(lines) - _MOST_LINES} more"] if len(lines) > _MOST_LINES else []
-        raise InputError(*(f"{source}: {line}" for line in [*lines[:_MOST_LINES], *more])) from error
+        raise InputError(
+            *(f"{source}: {line}" for line in [*lines[:_MOST_LINES], *more])
+        ) from error
 
 
 def load_mechanism(path: Path | str) -> Mechanism:
@@ -53,7 +55,8 @@ def load_mechanism(path: Path | str) -> Mechanism:
     Raises
     ------
     InputError
-        No such file, unknown key, or invalid value; the message contains file, key, value and a hint.
+        No such file, unknown key, or invalid value; the message contains file, key, value and a
+        hint.
 
     Examples
     --------
@@ -64,7 +67,10 @@ def load_mechanism(path: Path | str) -> Mechanism:
     """
     content = _mechanism(str(path), (Path(),), "mechanism")
     if "mechanism" in content:
-        raise InputError(f"{path}: is a configuration or campaign file; give the mechanism file that it refers to")
+        raise InputError(
+            f"{path}: is a configuration or campaign file; give the mechanism file that it"
+            " refers to"
+        )
     return validate(Mechanism, content, str(path))
 
 
@@ -73,22 +79,30 @@ def _mechanism(mechanism: Any, folders: tuple[Path, ...], key: str) -> Any:
     return merged(mechanism_layers(mechanism, folders, "", key))["mechanism"]
 
 
-def _with_mechanism(data: dict[str, Any], folders: tuple[Path, ...], source: str = "") -> dict[str, Any]:
+def _with_mechanism(
+    data: dict[str, Any], folders: tuple[Path, ...], source: str = ""
+) -> dict[str, Any]:
     """`data` with the complete content of its mechanism, with files resolved in `folders`."""
     if "mechanism" not in data:
         return data
     return data | {"mechanism": _mechanism(data["mechanism"], folders, f"{source}mechanism")}
 
 
-def _with_drive_file(data: dict[str, Any], folders: tuple[Path, ...], source: str) -> dict[str, Any]:
+def _with_drive_file(
+    data: dict[str, Any], folders: tuple[Path, ...], source: str
+) -> dict[str, Any]:
     """`data` of a `source` with the file of a measured drive resolved in `folders`."""
     if not isinstance(data.get("simulate"), Mapping):
         return data
-    return data | {"simulate": with_file(data["simulate"], "drive", folders, f"{source}: simulate.drive.file")}
+    return data | {
+        "simulate": with_file(data["simulate"], "drive", folders, f"{source}: simulate.drive.file")
+    }
 
 
 _DEFAULT_SECTIONS: dict[str, Any] = {
-    name: {} for name, field in Scenario.model_fields.items() if isinstance(field.default, BaseModel)
+    name: {}
+    for name, field in Scenario.model_fields.items()
+    if isinstance(field.default, BaseModel)
 }
 _RESERVED = ("campaigns", "blind", "logs", "mlflow-artifacts")  # folders of other results
 
@@ -102,11 +116,18 @@ class Configuration(ConfigModel):
     scenarios: Annotated[dict[Word, dict[str, Any] | None], Field(min_length=1)] = Field(
         description="scenarios by name, each with the keys that differ from the common sections"
     )
-    campaigns: tuple[str, ...] = Field((), description="paths of the campaign files to analyse; none by default")
-    fit_parts: whole_number(ge=1, le=MOST_PARTS) | None = Field(
-        None, description="parallel jobs for the fits of a campaign; null: two where joints are loose, else one"
+    campaigns: tuple[str, ...] = Field(
+        (), description="paths of the campaign files to analyse; none by default"
     )
-    anyway: bool = Field(False, description="analyse also campaigns whose channels contradict each other")
+    fit_parts: whole_number(ge=1, le=MOST_PARTS) | None = Field(
+        None,
+        description=(
+            "parallel jobs for the fits of a campaign; null: two where joints are loose, else one"
+        ),
+    )
+    anyway: bool = Field(
+        False, description="analyse also campaigns whose channels contradict each other"
+    )
 
 
 def resolve(
@@ -120,7 +141,9 @@ def resolve(
     found = {}
     for name, layers in scenario_layers(config, folders, source).items():
         where = f"{source}, scenario {name}"
-        found[name] = validate(Scenario, defaults | _with_drive_file(merged(layers), folders, where), where)
+        found[name] = validate(
+            Scenario, defaults | _with_drive_file(merged(layers), folders, where), where
+        )
     return found
 
 
@@ -140,7 +163,9 @@ def scenario_layers(
         if key not in allowed:
             raise InputError(f"{source}: unknown key '{key}'; {did_you_mean(key, allowed)}")
     base = {key: value for key, value in config.items() if key not in Configuration.model_fields}
-    asked = validate(Configuration, {key: value for key, value in config.items() if key not in base}, source)
+    asked = validate(
+        Configuration, {key: value for key, value in config.items() if key not in base}, source
+    )
     layers = {}
     for name in asked.run or asked.scenarios:
         where = f"{source}, scenario {name}"
@@ -151,16 +176,24 @@ def scenario_layers(
         given = [Layer(source, base), Layer(where, asked.scenarios[name] or {})]
         lowest = next((layer for layer in reversed(given) if "mechanism" in layer.data), None)
         if lowest is None:
-            raise InputError(f"{where}: key 'mechanism' is missing; give the path of a mechanism file")
+            raise InputError(
+                f"{where}: key 'mechanism' is missing; give the path of a mechanism file"
+            )
         layers[name] = [
-            *mechanism_layers(lowest.data["mechanism"], folders, lowest.source, f"{where}: mechanism"),
-            *(Layer(each.source, {k: v for k, v in each.data.items() if k != "mechanism"}) for each in given),
+            *mechanism_layers(
+                lowest.data["mechanism"], folders, lowest.source, f"{where}: mechanism"
+            ),
+            *(
+                Layer(each.source, {k: v for k, v in each.data.items() if k != "mechanism"})
+                for each in given
+            ),
         ]
     return layers
 
 
 def is_complete(config: Mapping[str, Any]) -> bool:
-    """Whether a configuration is complete: it contains the scenarios that it runs, and their mechanisms.
+    """Whether a configuration is complete: it contains the scenarios that it runs, and their
+    mechanisms.
 
     An incomplete one, such as a change of speed, overrides the shipped configuration.
     """
@@ -181,11 +214,17 @@ def sources_of(
     places = {"": (), own: ("scenarios", name)}  # keys outside of mechanism files
     found = {}
     for path, (value, source) in sources(scenario_layers(merged(files), folders, "")[name]).items():
-        found[path] = (value, written[*places[source], *path][1] + source if source in places else source)
+        found[path] = (
+            value,
+            written[*places[source], *path][1] + source if source in places else source,
+        )
     for path, value in leaves(scenario.model_dump(mode="json")):
         if not any(path[: len(known)] == known for known in found):
             found[path] = (value, "default")
-    rows = ((".".join(path), source, json.dumps(value, ensure_ascii=False)) for path, (value, source) in found.items())
+    rows = (
+        (".".join(path), source, json.dumps(value, ensure_ascii=False))
+        for path, (value, source) in found.items()
+    )
     return sorted(rows)
 
 
@@ -195,7 +234,9 @@ def load_campaign(path: Path | str) -> Campaign:
     data = _with_mechanism(read_yaml(path), (path.parent,), f"{path}: ")
     if isinstance(runs := data.get("runs"), list):
         named = ((f"{path}: runs.{entry_name(runs, place)}", run) for place, run in enumerate(runs))
-        data = data | {"runs": [with_effect_files(run, (path.parent,), name) for name, run in named]}
+        data = data | {
+            "runs": [with_effect_files(run, (path.parent,), name) for name, run in named]
+        }
     if isinstance(data.get("folder", ""), str):
         data = data | {"folder": path.parent / data.get("folder", "")}
     return validate(Campaign, data, str(path))
@@ -218,7 +259,9 @@ def parse_options(options: str) -> Scenario:
             f"`jointgap config {options} --scenario NAME > NAME.json` and give NAME.json"
         )
     folders = (Path(), Path(options).parent)
-    return validate(Scenario, _with_drive_file(_with_mechanism(data, folders), folders, options), options)
+    return validate(
+        Scenario, _with_drive_file(_with_mechanism(data, folders), folders, options), options
+    )
 
 
 def json_schema() -> dict[str, Any]:
@@ -235,9 +278,19 @@ def json_schema() -> dict[str, Any]:
 def campaign_json_schema() -> dict[str, Any]:
     """The JSON schema of a campaign file."""
     schema = _schema(Campaign)
-    schema["$defs"]["Channel"]["required"].remove("unit")  # not required with counts_per_turn and rate
-    bounds = {"type": "array", "items": {"type": ["number", "string"]}, "minItems": 2, "maxItems": 2}
-    share = {"type": "string", "description": "percentage of nominal, or amount, in both directions"}
+    schema["$defs"]["Channel"]["required"].remove(
+        "unit"
+    )  # not required with counts_per_turn and rate
+    bounds = {
+        "type": "array",
+        "items": {"type": ["number", "string"]},
+        "minItems": 2,
+        "maxItems": 2,
+    }
+    share = {
+        "type": "string",
+        "description": "percentage of nominal, or amount, in both directions",
+    }
     schema["properties"]["nuisance"] |= {
         "propertyNames": {"enum": list(NUISANCES)},
         "additionalProperties": {"anyOf": [share, bounds]},
@@ -246,12 +299,16 @@ def campaign_json_schema() -> dict[str, Any]:
 
 
 def _schema(model: type[ConfigModel]) -> dict[str, Any]:
-    """The schema of a file in which mechanisms and contacts may be given by name, and mechanisms by a base."""
+    """The schema of a file in which mechanisms and contacts may be given by name, and mechanisms by
+    a base."""
     schema = model.model_json_schema()
     contact = schema["$defs"]["Joint"]["properties"]["contact"]
     schema["$defs"]["Joint"]["properties"]["contact"] = {"anyOf": [{"type": "string"}, contact]}
     path = {"type": "string", "description": "path of a mechanism file, or name of a shipped one"}
-    base = {"type": "string", "description": "path or name of the mechanism that the other keys modify"}
+    base = {
+        "type": "string",
+        "description": "path or name of the mechanism that the other keys modify",
+    }
     over = {"type": "object", "required": ["base"], "properties": {"base": base}}
     schema["properties"]["mechanism"] = {"anyOf": [path, over, schema["properties"]["mechanism"]]}
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

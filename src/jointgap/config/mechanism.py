@@ -6,13 +6,28 @@ from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, WrapValidator, field_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    WrapValidator,
+    field_validator,
+)
 
 from jointgap.config.friction_laws import FRICTION_KEYS, FRICTION_LAWS
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import FROM_FRAME, JOINT, REFERENCE_APPROACH_SPEED
 from jointgap.core.section import ConfigModel, complaints
-from jointgap.core.units import Angle, Length, PositiveLength, PositiveMass, PositiveNumber, PositiveSpeed, quantity
+from jointgap.core.units import (
+    Angle,
+    Length,
+    PositiveLength,
+    PositiveMass,
+    PositiveNumber,
+    PositiveSpeed,
+    quantity,
+)
 from jointgap.effects import AnyEffect
 
 Law = Literal[
@@ -29,77 +44,145 @@ Law = Literal[
     "penalty",
 ]
 
-FIRM_FORCE, FIRM_PENETRATION = 1e3, 1e-9  # limit of stiffness: [N] force, and [m] its smallest penetration
+FIRM_FORCE, FIRM_PENETRATION = (
+    1e3,
+    1e-9,
+)  # limit of stiffness: [N] force, and [m] its smallest penetration
 
 BRISTLE_ACCELERATION = 1e4
-"""[m/s^2] Default bristle_damping is critical for a body with this normal force per mass (1 kN on 0.1 kg)."""
+"""[m/s^2] Default bristle_damping is critical for a body with this normal force per mass (1 kN on
+0.1 kg)."""
 
 
 class Contact(ConfigModel):
     """Material, restitution and friction of a journal in its bearing."""
 
-    law: Law = Field("lankarani_nikravesh", description="relation of damping and restitution, or penalty")
-    youngs_modulus: quantity("Pa", gt=0, le=1e13) = Field(207e9, description="of journal and bearing")
-    poisson_ratio: quantity("", ge=0, lt=0.5) = Field(0.3, description="of journal and bearing")
-    restitution: quantity("", ge=1e-3, lt=1) | None = Field(None, description="coefficient; not with law penalty")
-    least_approach_speed: PositiveSpeed = Field(0.001, description="lower limit of the approach speed in the damping")
-    memory: Literal["fading", "published"] | None = Field(
-        None, description="damping of a lasting contact: fading to that at reference_approach_speed, or as published"
+    law: Law = Field(
+        "lankarani_nikravesh", description="relation of damping and restitution, or penalty"
     )
-    reference_approach_speed: PositiveSpeed | None = Field(None, description="of memory: fading; null: 0.05 m/s")
-    penalty_damping: quantity("N*s/m", ge=0, le=1e9) | None = Field(None, description="law penalty: largest damping")
-    penalty_depth: PositiveLength | None = Field(None, description="law penalty: penetration of the largest damping")
-    stiffness: PositiveNumber | None = Field(None, description="in N/m^exponent; null: Hertz, from material and radii")
-    exponent: quantity("", ge=1, le=10) = Field(1.5, description="of the penetration; not 3/2: requires stiffness")
-    friction_law: Literal[tuple(FRICTION_LAWS)] = Field("coulomb", description="friction over the sliding speed")
+    youngs_modulus: quantity("Pa", gt=0, le=1e13) = Field(
+        207e9, description="of journal and bearing"
+    )
+    poisson_ratio: quantity("", ge=0, lt=0.5) = Field(0.3, description="of journal and bearing")
+    restitution: quantity("", ge=1e-3, lt=1) | None = Field(
+        None, description="coefficient; not with law penalty"
+    )
+    least_approach_speed: PositiveSpeed = Field(
+        0.001, description="lower limit of the approach speed in the damping"
+    )
+    memory: Literal["fading", "published"] | None = Field(
+        None,
+        description=(
+            "damping of a lasting contact: fading to that at reference_approach_speed, or as"
+            " published"
+        ),
+    )
+    reference_approach_speed: PositiveSpeed | None = Field(
+        None, description="of memory: fading; null: 0.05 m/s"
+    )
+    penalty_damping: quantity("N*s/m", ge=0, le=1e9) | None = Field(
+        None, description="law penalty: largest damping"
+    )
+    penalty_depth: PositiveLength | None = Field(
+        None, description="law penalty: penetration of the largest damping"
+    )
+    stiffness: PositiveNumber | None = Field(
+        None, description="in N/m^exponent; null: Hertz, from material and radii"
+    )
+    exponent: quantity("", ge=1, le=10) = Field(
+        1.5, description="of the penetration; not 3/2: requires stiffness"
+    )
+    friction_law: Literal[tuple(FRICTION_LAWS)] = Field(
+        "coulomb", description="friction over the sliding speed"
+    )
     friction: quantity("", ge=0, le=0.6) = Field(
         0.0, description="coefficient of kinetic friction; 0: none, for all laws"
     )
-    friction_speed: PositiveSpeed = Field(0.001, description="sliding speed up to which friction rises from zero")
+    friction_speed: PositiveSpeed = Field(
+        0.001, description="sliding speed up to which friction rises from zero"
+    )
     dead_band_speed: quantity("m/s", ge=0) | None = Field(
-        None, description="ambrosio: no friction below it, full above friction_speed; null: a tenth of friction_speed"
+        None,
+        description=(
+            "ambrosio: no friction below it, full above friction_speed; null: a tenth of"
+            " friction_speed"
+        ),
     )
     static_friction: quantity("", ge=0, le=1) | None = Field(
         None, description="bengisu_akay, lugre: coefficient of static friction; null: friction"
     )
     stribeck_speed: PositiveSpeed | None = Field(
-        None, description="bengisu_akay, lugre: speed scale from static to kinetic friction; null: 0.01 m/s"
+        None,
+        description=(
+            "bengisu_akay, lugre: speed scale from static to kinetic friction; null: 0.01 m/s"
+        ),
     )
-    viscous_friction: quantity("", ge=0) | None = Field(None, description="lugre: sigma_2 in s/m; null: 0")
-    bristle_stiffness: PositiveNumber | None = Field(None, description="lugre: sigma_0 in 1/m; null: 1e5 1/m")
-    bristle_damping: quantity("", ge=0) | None = Field(None, description="lugre: sigma_1 in s/m; null: critical")
+    viscous_friction: quantity("", ge=0) | None = Field(
+        None, description="lugre: sigma_2 in s/m; null: 0"
+    )
+    bristle_stiffness: PositiveNumber | None = Field(
+        None, description="lugre: sigma_0 in 1/m; null: 1e5 1/m"
+    )
+    bristle_damping: quantity("", ge=0) | None = Field(
+        None, description="lugre: sigma_1 in s/m; null: critical"
+    )
 
     def errors(self) -> Iterator[str]:
         needed, spare = ("restitution",), ("penalty_damping", "penalty_depth")
         if self.law == "penalty":
             needed, spare = spare, ("restitution", "memory", "reference_approach_speed")
         if missing := [key for key in needed if getattr(self, key) is None]:
-            yield f"law {self.law} requires {' and '.join(missing)}; add {'it' if len(missing) == 1 else 'them'}"
+            yield (
+                f"law {self.law} requires {' and '.join(missing)}; add"
+                f" {'it' if len(missing) == 1 else 'them'}"
+            )
         for key in self._given(spare):
-            yield f"law {self.law} does not use {key}; remove it or set it to null, or choose another law"
+            yield (
+                f"law {self.law} does not use {key}; remove it or set it to null, or choose"
+                " another law"
+            )
         if self.memory == "published" and self.reference_approach_speed is not None:
-            yield "memory published does not use reference_approach_speed; remove it, or choose memory fading"
+            yield (
+                "memory published does not use reference_approach_speed; remove it, or choose"
+                " memory fading"
+            )
         for key in self._given(FRICTION_KEYS):
             readers = [name for name, law in FRICTION_LAWS.items() if key in law.reads]
             if self.friction_law not in readers:
-                yield f"{key} is used by friction_law {' and '.join(readers)}, not by {self.friction_law}; remove it"
+                yield (
+                    f"{key} is used by friction_law {' and '.join(readers)}, not by"
+                    f" {self.friction_law}; remove it"
+                )
         if self.static_friction is not None and self.static_friction < self.friction:
-            yield f"static_friction {self.static_friction:g} is less than friction {self.friction:g}; raise it"
+            yield (
+                f"static_friction {self.static_friction:g} is less than friction {self.friction:g};"
+                " raise it"
+            )
         if self.dead_band_speed is not None and self.dead_band_speed >= self.friction_speed:
-            yield f"dead_band_speed {self.dead_band_speed:g} must be below friction_speed {self.friction_speed:g} m/s"
+            yield (
+                f"dead_band_speed {self.dead_band_speed:g} must be below friction_speed"
+                f" {self.friction_speed:g} m/s"
+            )
         unit = f"N/m^{self.exponent:g}"
         if self.stiffness is None and self.exponent != 1.5:
-            yield f"exponent {self.exponent:g} requires stiffness in {unit}; Hertz's law has exponent 1.5"
+            yield (
+                f"exponent {self.exponent:g} requires stiffness in {unit}; Hertz's law has"
+                " exponent 1.5"
+            )
         stiffest = FIRM_FORCE / FIRM_PENETRATION**self.exponent
         if self.stiffness is not None and self.stiffness > stiffest:
-            yield f"stiffness {self.stiffness:g} {unit} is too large; give at most {stiffest:.3g} {unit}"
+            yield (
+                f"stiffness {self.stiffness:g} {unit} is too large; give at most {stiffest:.3g}"
+                f" {unit}"
+            )
 
     def _given(self, keys: tuple[str, ...]) -> list[str]:
         return [key for key in keys if getattr(self, key) is not None]
 
     @property
     def reference_speed(self) -> float | None:
-        """Approach speed [m/s] that determines the damping of a lasting contact; None where it does not fade."""
+        """Approach speed [m/s] that determines the damping of a lasting contact; None where it does
+        not fade."""
         if self.law == "penalty" or self.memory == "published":
             return None
         return self.reference_approach_speed or REFERENCE_APPROACH_SPEED
@@ -128,10 +211,14 @@ class Joint(ConfigModel):
     """A revolute joint with journal, bearing and contact; loose or ideal."""
 
     loose: bool = Field(True, description="false: ideal, keeping the data")
-    journal: Literal["frame", "crank", "rod", "slider"] = Field(description="the body that carries the journal")
+    journal: Literal["frame", "crank", "rod", "slider"] = Field(
+        description="the body that carries the journal"
+    )
     journal_radius: quantity("m", ge=1e-6) = Field(description="radius of the journal")
     bearing_radius: PositiveLength = Field(description="radius of the bearing")
-    contact: Contact = Field(description="name of an entry of the mechanism's contacts, or its content")
+    contact: Contact = Field(
+        description="name of an entry of the mechanism's contacts, or its content"
+    )
 
     def errors(self) -> Iterator[str]:
         if self.loose and self.journal_radius >= self.bearing_radius:
@@ -149,21 +236,27 @@ class Joint(ConfigModel):
         if hertz:
             key, value, unit = "youngs_modulus", self.contact.youngs_modulus, "Pa"
         return (
-            f"contact.{key} {value:g} {unit} is too soft: the penetration at {load:.4g} N would be "
-            f"{(load / stiffness) ** (1 / exponent):.3g} m, more than {SOFT_SHARE:g} of journal_radius "
-            f"{self.journal_radius:g} m; give at least {value * softest / stiffness:.3g} {unit}"
+            f"contact.{key} {value:g} {unit} is too soft: the penetration at {load:.4g} N would be"
+            f" {(load / stiffness) ** (1 / exponent):.3g} m, more than {SOFT_SHARE:g} of"
+            f" journal_radius {self.journal_radius:g} m; give at least"
+            f" {value * softest / stiffness:.3g} {unit}"
         )
 
     @property
     def clearance(self) -> float:
-        """Radial clearance r_c = r_B - r_J [m] (equation 1) of the data, for loose and ideal joints."""
+        """Radial clearance r_c = r_B - r_J [m] (equation 1) of the data, for loose and ideal
+        joints."""
         return self.bearing_radius - self.journal_radius
 
 
 def hertz_stiffness(joint: Joint) -> float:
     """K [N/m^1.5] of a journal in a bearing of the same material: conforming Hertz contact."""
     material = (1 - joint.contact.poisson_ratio**2) / joint.contact.youngs_modulus
-    return 4 / (3 * 2 * material) * math.sqrt(joint.bearing_radius * joint.journal_radius / joint.clearance)
+    return (
+        4
+        / (3 * 2 * material)
+        * math.sqrt(joint.bearing_radius * joint.journal_radius / joint.clearance)
+    )
 
 
 def _joint(name: str) -> Any:
@@ -174,10 +267,15 @@ def _joint(name: str) -> Any:
         if joint == "ideal":
             return joint
         if not isinstance(joint, dict | Joint):
-            raise ValueError("must be 'ideal' or a mapping with journal, journal_radius, bearing_radius and contact")
+            raise ValueError(
+                "must be 'ideal' or a mapping with journal, journal_radius, bearing_radius and"
+                " contact"
+            )
         made = Joint.model_validate(joint)
         if made.journal not in carriers:
-            raise ValueError(f"journal must be '{carriers[0]}' or '{carriers[1]}', the bodies of this joint")
+            raise ValueError(
+                f"journal must be '{carriers[0]}' or '{carriers[1]}', the bodies of this joint"
+            )
         return made
 
     return Annotated[Literal["ideal"] | Joint, WrapValidator(read)]
@@ -192,7 +290,8 @@ class Joints(ConfigModel):
 
 
 _INERTIA_ARM = {"crank": 20.0, "rod": 2.0}
-"""Largest radius of gyration over the length of a link, of a crank with its flywheel; a uniform rod has 0.29."""
+"""Largest radius of gyration over the length of a link, of a crank with its flywheel; a uniform rod
+has 0.29."""
 
 
 class Link(ConfigModel):
@@ -201,18 +300,27 @@ class Link(ConfigModel):
     length: PositiveLength = Field(description="distance between the link's two joints")
     mass: PositiveMass = Field(description="mass")
     inertia: quantity("kg*m^2", gt=0) = Field(description="moment of inertia about the mass centre")
-    mass_centre: Length = Field(description="its distance along the link from the joint nearer to the crank pivot")
-    mass_centre_across: Length = Field(0.0, description="of a crank: its distance from the line, 90 deg ahead")
+    mass_centre: Length = Field(
+        description="its distance along the link from the joint nearer to the crank pivot"
+    )
+    mass_centre_across: Length = Field(
+        0.0, description="of a crank: its distance from the line, 90 deg ahead"
+    )
 
     def errors(self) -> Iterator[str]:
         for name in ("mass_centre", "mass_centre_across"):
             distance = getattr(self, name)
             if abs(distance) > self.length:
-                yield f"{name} {distance:g} m is beyond the link's length {self.length:g} m; correct one of them"
+                yield (
+                    f"{name} {distance:g} m is beyond the link's length {self.length:g} m; correct"
+                    " one of them"
+                )
 
     def with_length(self, length: float) -> "Link":
         """The link with another length [m]; `mass_centre` is scaled, all else is unchanged."""
-        return self.model_copy(update={"length": length, "mass_centre": self.mass_centre * length / self.length})
+        return self.model_copy(
+            update={"length": length, "mass_centre": self.mass_centre * length / self.length}
+        )
 
 
 class Slider(ConfigModel):
@@ -222,7 +330,16 @@ class Slider(ConfigModel):
     offset: Length = Field(0.0, description="the slide is the line y = offset")
 
 
-_DIRECTIONS = {"down": -90, "up": 90, "left": 180, "right": 0, "-y": -90, "+y": 90, "-x": 180, "+x": 0}
+_DIRECTIONS = {
+    "down": -90,
+    "up": 90,
+    "left": 180,
+    "right": 0,
+    "-y": -90,
+    "+y": 90,
+    "-x": 180,
+    "+x": 0,
+}
 """Angles [deg] from +x; +x points from the crank pivot along the slide."""
 
 
@@ -232,8 +349,8 @@ def _angle_of(direction: Any) -> Any:
         return direction
     if (word := direction.strip().lower()) not in _DIRECTIONS:
         raise ValueError(
-            "is not a direction; write an angle from +x such as -90 deg, or down (-y), up (+y), left (-x) or right "
-            "(+x, from the crank to the slider)"
+            "is not a direction; write an angle from +x such as -90 deg, or down (-y), up (+y),"
+            " left (-x) or right (+x, from the crank to the slider)"
         )
     return math.radians(_DIRECTIONS[word])
 
@@ -244,12 +361,19 @@ class Mechanism(ConfigModel):
     crank: Link
     rod: Link
     slider: Slider
-    contacts: dict[str, Contact] = Field({}, description="contacts by name, for the joints to refer to")
+    contacts: dict[str, Contact] = Field(
+        {}, description="contacts by name, for the joints to refer to"
+    )
     joints: Joints
     gravity_direction: Annotated[Angle, BeforeValidator(_angle_of)] = Field(
-        -math.pi / 2, description="direction of gravity in the plane, from +x; or down, up, left (-x), right (+x)"
+        -math.pi / 2,
+        description=(
+            "direction of gravity in the plane, from +x; or down, up, left (-x), right (+x)"
+        ),
     )
-    effects: tuple[AnyEffect, ...] = Field((), description="effects besides contact and friction in the joints")
+    effects: tuple[AnyEffect, ...] = Field(
+        (), description="effects besides contact and friction in the joints"
+    )
 
     @field_validator("joints", mode="before")
     @classmethod
@@ -267,32 +391,42 @@ class Mechanism(ConfigModel):
             elif key in contacts:
                 joints[name] = joint | {"contact": contacts[key]}
             else:
-                hint = did_you_mean(key, contacts) if contacts else "the section contacts is missing"
+                hint = (
+                    did_you_mean(key, contacts) if contacts else "the section contacts is missing"
+                )
                 raise ValueError(f"{name}.contact: no entry '{key}' in contacts; {hint}")
         return joints
 
     def errors(self) -> Iterator[str]:
         if self.rod.mass_centre_across != 0:
-            yield "rod.mass_centre_across must be 0: only a crank's mass centre may lie off its line; remove it"
+            yield (
+                "rod.mass_centre_across must be 0: only a crank's mass centre may lie off its line;"
+                " remove it"
+            )
         for name, arm in _INERTIA_ARM.items():
             link = getattr(self, name)
             most = link.mass * (arm * link.length) ** 2
             if link.inertia > most:
                 yield (
-                    f"{name}.inertia {link.inertia:g} kg*m^2 is too large for mass {link.mass:g} kg and length "
-                    f"{link.length:g} m; give at most {most:.3g} kg*m^2 (check the units)"
+                    f"{name}.inertia {link.inertia:g} kg*m^2 is too large for mass {link.mass:g} kg"
+                    f" and length {link.length:g} m; give at most {most:.3g} kg*m^2 (check the"
+                    " units)"
                 )
         clearances = sum(self.clearance(name) for name in self.loose)
         if self.crank.length + abs(self.slider.offset) + clearances >= self.rod.length:
             yield (
-                f"crank.length {self.crank.length:g} m plus offset {abs(self.slider.offset):g} m plus clearances "
-                f"{clearances:g} m exceed rod.length {self.rod.length:g} m: the crank cannot turn; lengthen the rod, "
-                "shorten the crank, or check the units of the lengths and radii"
+                f"crank.length {self.crank.length:g} m plus offset {abs(self.slider.offset):g} m"
+                f" plus clearances {clearances:g} m exceed rod.length {self.rod.length:g} m: the"
+                " crank cannot turn; lengthen the rod, shorten the crank, or check the units of"
+                " the lengths and radii"
             )
         places = [(effect.name, effect.place) for effect in self.effects if not effect.SEVERAL]
         for name, place in places:
             if places.count((name, place)) > 1:
-                yield f"effects: {name} at {place} is listed more than once; combine its parameters in one entry"
+                yield (
+                    f"effects: {name} at {place} is listed more than once; combine its parameters"
+                    " in one entry"
+                )
         if any(effect.changes_data(self) for effect in self.effects):
             self.applied()  # raises for invalid data
             return
@@ -302,7 +436,9 @@ class Mechanism(ConfigModel):
     @property
     def files(self) -> tuple[str, ...]:
         """Files of its effects."""
-        return tuple(effect.parameters.file for effect in self.effects if hasattr(effect.parameters, "file"))
+        return tuple(
+            effect.parameters.file for effect in self.effects if hasattr(effect.parameters, "file")
+        )
 
     def joint(self, name: str) -> Joint | None:
         """The data of the joint `name`; None for ``ideal`` without data."""
@@ -312,7 +448,9 @@ class Mechanism(ConfigModel):
     @property
     def loose(self) -> tuple[str, ...]:
         """Names of the loose joints, from the frame to the slider."""
-        return tuple(name for name in FROM_FRAME if (joint := self.joint(name)) is not None and joint.loose)
+        return tuple(
+            name for name in FROM_FRAME if (joint := self.joint(name)) is not None and joint.loose
+        )
 
     def clearance(self, name: str) -> float:
         """Radial clearance [m] of the joint `name` (equation 1); 0 where it is ideal."""
@@ -320,8 +458,11 @@ class Mechanism(ConfigModel):
         return joint.clearance if joint is not None and joint.loose else 0.0
 
     def effect(self, name: str, site: str | None = None) -> Any:
-        """Parameters of the effect `name`, at `site` if it has several; None if it is not listed."""
-        found = (one.parameters for one in self.effects if one.name == name and site in (None, one.place))
+        """Parameters of the effect `name`, at `site` if it has several; None if it is not
+        listed."""
+        found = (
+            one.parameters for one in self.effects if one.name == name and site in (None, one.place)
+        )
         return next(found, None)
 
     @property
@@ -335,7 +476,9 @@ class Mechanism(ConfigModel):
         """The mirror image in y = 0, in which a clockwise crank turns counter-clockwise."""
         return self.model_copy(
             update={
-                "crank": self.crank.model_copy(update={"mass_centre_across": -self.crank.mass_centre_across}),
+                "crank": self.crank.model_copy(
+                    update={"mass_centre_across": -self.crank.mass_centre_across}
+                ),
                 "slider": self.slider.model_copy(update={"offset": -self.slider.offset}),
                 "gravity_direction": -self.gravity_direction,
                 "effects": tuple(effect.mirrored() for effect in self.effects),
@@ -343,12 +486,16 @@ class Mechanism(ConfigModel):
         )
 
     def check_contacts(self, speed: float) -> None:
-        """InputError where a loose joint's contact is too soft for its loads at a crank speed of `speed` [rad/s].
+        """InputError where a loose joint's contact is too soft for its loads at a crank speed of
+        `speed` [rad/s].
 
-        The loads are approximately the largest ones without clearance: inertia of the moved bodies, weight and effects.
+        The loads are approximately the largest ones without clearance: inertia of the moved bodies,
+        weight and effects.
         """
         crank, rod = self.crank, self.rod
-        swing = crank.length * speed**2 * (1 + crank.length / rod.length)  # of the slider at its outer dead centre
+        swing = (
+            crank.length * speed**2 * (1 + crank.length / rod.length)
+        )  # of the slider at its outer dead centre
         acceleration = swing + float(np.hypot(*self.gravity))
         moved = {"piston_pin": self.slider.mass, "crank_pin": rod.mass + self.slider.mass}
         moved["crank_pivot"] = crank.mass + moved["crank_pin"]
@@ -356,12 +503,13 @@ class Mechanism(ConfigModel):
         for name in self.loose:
             if why := self.joint(name).too_soft_for(moved[name] * acceleration + stated):
                 raise InputError(
-                    f"mechanism.joints.{name}: {why} (load: inertia at {speed * 30 / math.pi:.4g} rpm, weight and "
-                    "effects)"
+                    f"mechanism.joints.{name}: {why} (load: inertia at {speed * 30 / math.pi:.4g}"
+                    " rpm, weight and effects)"
                 )
 
     def applied(self) -> "Mechanism":
-        """The mechanism with its parameters modified by the effects that only change data; `effects` keeps the others.
+        """The mechanism with its parameters modified by the effects that only change data;
+        `effects` keeps the others.
 
         InputError where the modified data are invalid.
         """
@@ -376,9 +524,14 @@ class Mechanism(ConfigModel):
             return Mechanism.model_validate(data)
         except ValidationError as error:
             names = ", ".join(effect.name for effect in folded)
-            raise InputError(f"with the effects {names}: {'; '.join(complaints(error, data))}") from error
+            raise InputError(
+                f"with the effects {names}: {'; '.join(complaints(error, data))}"
+            ) from error
 
     def with_lengths(self, crank_length: float, rod_length: float) -> "Mechanism":
         """The mechanism with other lengths [m]; mass centres are scaled, all else is unchanged."""
-        links = {"crank": self.crank.with_length(crank_length), "rod": self.rod.with_length(rod_length)}
+        links = {
+            "crank": self.crank.with_length(crank_length),
+            "rod": self.rod.with_length(rod_length),
+        }
         return self.model_copy(update=links)

@@ -10,12 +10,27 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, field_validator
 
-from jointgap.config.designs import InferSettings, OptimiseRobust, Sensitivity, Sweep, Uniform, Window, measured
+from jointgap.config.designs import (
+    InferSettings,
+    OptimiseRobust,
+    Sensitivity,
+    Sweep,
+    Uniform,
+    Window,
+    measured,
+)
 from jointgap.config.mechanism import Mechanism
 from jointgap.core.errors import InputError
 from jointgap.core.schema import PRINTED_OPTIMA
 from jointgap.core.section import ConfigModel, Seed, Word, checked, distinct, whole_number
-from jointgap.core.units import Angle, OpenFraction, PositiveLength, quantity, split_quantity, unit_factor
+from jointgap.core.units import (
+    Angle,
+    OpenFraction,
+    PositiveLength,
+    quantity,
+    split_quantity,
+    unit_factor,
+)
 
 MOST_SAMPLES = 20_000_000  # per run: 10 GB with all columns
 MOST_WEIGHTS = 5000  # per network: 200 MB per matrix of its training
@@ -42,11 +57,17 @@ class MeasuredDrive(ConfigModel):
     """The crank follows a measured angle over time, smoothed."""
 
     kind: Literal["measured"]
-    file: str = Field(description="table of samples, CSV or Parquet; from the working folder or the configuration's")
+    file: str = Field(
+        description=(
+            "table of samples, CSV or Parquet; from the working folder or the configuration's"
+        )
+    )
     time: str = Field("time", description="column of the times in seconds")
     angle: str = Field("crank_angle", description="column of the crank angles")
     angle_unit: str = Field("rad", description="unit of the column of angles, e.g. deg or turn")
-    resolution: quantity("rad", gt=0) | None = Field(None, description="step of the encoder; null: unknown")
+    resolution: quantity("rad", gt=0) | None = Field(
+        None, description="step of the encoder; null: unknown"
+    )
 
     @property
     def content(self) -> str:
@@ -62,16 +83,22 @@ class MeasuredDrive(ConfigModel):
 
 
 class MotorDrive(ConfigModel):
-    """A motor on the crank with a falling torque-speed line: M = stall_torque (1 - w / no_load_speed)."""
+    """A motor on the crank with a falling torque-speed line: M = stall_torque (1 - w /
+    no_load_speed)."""
 
     kind: Literal["motor"] = "motor"
     stall_torque: quantity("N*m", ge=0) = Field(
-        description="torque at standstill; 0: a flywheel without motor, as of an engine that a gas table drives"
+        description=(
+            "torque at standstill; 0: a flywheel without motor, as of an engine that a gas table"
+            " drives"
+        )
     )
     no_load_speed: quantity("rad/s", gt=0) = Field(
         description="speed at which the torque is zero; without motor the highest expected speed"
     )
-    inertia: quantity("kg*m^2", ge=0) = Field(0.0, description="of rotor and flywheel, on the crank's axis")
+    inertia: quantity("kg*m^2", ge=0) = Field(
+        0.0, description="of rotor and flywheel, on the crank's axis"
+    )
 
 
 Drive = Annotated[ConstantDrive | MeasuredDrive | MotorDrive, Field(discriminator="kind")]
@@ -83,39 +110,58 @@ class Simulate(ConfigModel):
     speed: quantity("rad/s") = Field(
         20 * math.pi, description="of the crank, negative clockwise; a motor starts with it"
     )
-    drive: Drive = Field(ConstantDrive(), description="drive of the crank: constant speed, measured angle or a motor")
-    start_angle: quantity("rad", ge=-1e4, le=1e4) = Field(0.0, description="first crank angle; 0: crank along +x")
-    revolutions: SampleCount = Field(4, description="number; the first starts with coincident joint centres")
+    drive: Drive = Field(
+        ConstantDrive(), description="drive of the crank: constant speed, measured angle or a motor"
+    )
+    start_angle: quantity("rad", ge=-1e4, le=1e4) = Field(
+        0.0, description="first crank angle; 0: crank along +x"
+    )
+    revolutions: SampleCount = Field(
+        4, description="number; the first starts with coincident joint centres"
+    )
     samples_per_revolution: SampleCount = Field(3600, description="samples, uniform in crank angle")
-    tolerance: quantity("m", gt=0, le=1e-7) = Field(1e-12, description="local error of positions in a step")
+    tolerance: quantity("m", gt=0, le=1e-7) = Field(
+        1e-12, description="local error of positions in a step"
+    )
 
     @property
     def highest_speed(self) -> float:
         """Largest speed [rad/s] of the crank; 0 for a measured angle."""
         if isinstance(self.drive, MeasuredDrive):
             return 0.0
-        return max(abs(self.speed), self.drive.no_load_speed if isinstance(self.drive, MotorDrive) else 0.0)
+        return max(
+            abs(self.speed), self.drive.no_load_speed if isinstance(self.drive, MotorDrive) else 0.0
+        )
 
     def errors(self) -> Iterator[str]:
         if self.speed == 0 and self.drive.kind == "constant":
-            yield "speed 0: the crank does not turn; give a speed, or a motor, which starts from rest"
+            yield (
+                "speed 0: the crank does not turn; give a speed, or a motor, which starts from rest"
+            )
         if self.speed < 0 and self.drive.kind == "measured":
-            yield "speed is negative, but a measured drive takes its direction from the angles; remove speed"
+            yield (
+                "speed is negative, but a measured drive takes its direction from the angles;"
+                " remove speed"
+            )
         per_revolution = self.samples_per_revolution
         if self.revolutions * per_revolution > MOST_SAMPLES:
-            product = f"revolutions {self.revolutions} times samples_per_revolution {per_revolution}"
+            product = (
+                f"revolutions {self.revolutions} times samples_per_revolution {per_revolution}"
+            )
             yield f"{product} is more than {MOST_SAMPLES:g} samples; lower one of them"
 
 
 def check_tolerance(mechanism: Mechanism, options: Simulate) -> None:
     """InputError where the tolerance is too large for the clearances."""
-    clearance, name = min(((mechanism.clearance(name), name) for name in mechanism.loose), default=(math.inf, ""))
+    clearance, name = min(
+        ((mechanism.clearance(name), name) for name in mechanism.loose), default=(math.inf, "")
+    )
     most = TOLERANCE_SHARE * clearance
     if options.tolerance > most * (1 + _CLEARANCE_ROUNDING):
         raise InputError(
-            f"simulate.tolerance {options.tolerance:g} m is more than {TOLERANCE_SHARE:g} of the clearance "
-            f"{clearance:g} m of {name}, the smallest of the loose joints; steps would miss contacts: give "
-            f"at most {most:.3g} m, or make the joint ideal"
+            f"simulate.tolerance {options.tolerance:g} m is more than {TOLERANCE_SHARE:g} of the"
+            f" clearance {clearance:g} m of {name}, the smallest of the loose joints; steps would"
+            f" miss contacts: give at most {most:.3g} m, or make the joint ideal"
         )
 
 
@@ -124,21 +170,34 @@ def check_drive(mechanism: Mechanism, options: Simulate) -> None:
     for effect in mechanism.effects:
         if effect.DRIVE not in ("", options.drive.kind):
             raise InputError(
-                f"mechanism.effects: {effect.name} requires simulate.drive.kind {effect.DRIVE}, not "
-                f"{options.drive.kind}; change one of them"
+                f"mechanism.effects: {effect.name} requires simulate.drive.kind {effect.DRIVE}, not"
+                f" {options.drive.kind}; change one of them"
             )
 
 
 class Surrogate(ConfigModel):
-    """The paper's networks (four per loose joint), regularised networks, and the second surrogate."""
+    """The paper's networks (four per loose joint), regularised networks, and the second
+    surrogate."""
 
     hidden: tuple[whole_number(ge=1, le=MOST_WEIGHTS), ...] = Field((10, 10, 10, 10), min_length=1)
-    training_points: whole_number(ge=3, le=10_001) = Field(361, description="in the first revolution, ends included")
-    iterations: Iterations = Field(300, description="largest number of Levenberg-Marquardt iterations, default seed")
-    seeds: Annotated[tuple[Seed, ...], AfterValidator(distinct)] = Field((0,), min_length=1, max_length=100)
-    seed_iterations: Iterations = Field(300, description="largest number of iterations of the other seeds")
-    regularised_neurons: whole_number(ge=4, le=500) = Field(100, description="neurons of a regularised network")
-    regularised_iterations: Iterations = Field(100, description="largest number of iterations of regularised networks")
+    training_points: whole_number(ge=3, le=10_001) = Field(
+        361, description="in the first revolution, ends included"
+    )
+    iterations: Iterations = Field(
+        300, description="largest number of Levenberg-Marquardt iterations, default seed"
+    )
+    seeds: Annotated[tuple[Seed, ...], AfterValidator(distinct)] = Field(
+        (0,), min_length=1, max_length=100
+    )
+    seed_iterations: Iterations = Field(
+        300, description="largest number of iterations of the other seeds"
+    )
+    regularised_neurons: whole_number(ge=4, le=500) = Field(
+        100, description="neurons of a regularised network"
+    )
+    regularised_iterations: Iterations = Field(
+        100, description="largest number of iterations of regularised networks"
+    )
     clearance_sampling: whole_number(ge=4, le=MOST_SAMPLES) = Field(
         100, description="samples for the second surrogate, as a multiple of the simulation's"
     )
@@ -148,7 +207,10 @@ class Surrogate(ConfigModel):
         weights = sum((sources + 1) * neurons for sources, neurons in pairwise(layers))
         if weights > MOST_WEIGHTS:
             layers = list(self.hidden)[:10]
-            yield f"hidden {layers} has {weights} weights, more than {MOST_WEIGHTS}; use fewer neurons"
+            yield (
+                f"hidden {layers} has {weights} weights, more than {MOST_WEIGHTS}; use fewer"
+                " neurons"
+            )
 
 
 _END = {"type": ["number", "string"]}
@@ -167,9 +229,13 @@ def _limits(kind: Any, exact: bool = True) -> Any:
         return Annotated[tuple[kind, kind], AfterValidator(ordered)]
     return Annotated[
         tuple[kind, kind],
-        BeforeValidator(lambda value: value if isinstance(value, list | tuple) else (checked(kind, value),) * 2),
+        BeforeValidator(
+            lambda value: value if isinstance(value, list | tuple) else (checked(kind, value),) * 2
+        ),
         AfterValidator(ordered),
-        WithJsonSchema({"anyOf": [_END, {"type": "array", "items": _END, "minItems": 2, "maxItems": 2}]}),
+        WithJsonSchema(
+            {"anyOf": [_END, {"type": "array", "items": _END, "minItems": 2, "maxItems": 2}]}
+        ),
     ]
 
 
@@ -180,14 +246,19 @@ Angles = _limits(Angle)
 class Box(ConfigModel):
     """Bounds of the link lengths."""
 
-    crank_length: _limits(PositiveLength, exact=False) = Field(description="bounds of the crank's length")
-    rod_length: _limits(PositiveLength, exact=False) = Field(description="bounds of the rod's length")
+    crank_length: _limits(PositiveLength, exact=False) = Field(
+        description="bounds of the crank's length"
+    )
+    rod_length: _limits(PositiveLength, exact=False) = Field(
+        description="bounds of the rod's length"
+    )
 
     def errors(self) -> Iterator[str]:
         if self.crank_length[1] >= self.rod_length[0]:
             yield (
-                f"crank_length is up to {self.crank_length[1]:g} m and rod_length from {self.rod_length[0]:g} m: "
-                "the crank could not turn; keep all rods longer than all cranks"
+                f"crank_length is up to {self.crank_length[1]:g} m and rod_length from"
+                f" {self.rod_length[0]:g} m: the crank could not turn; keep all rods longer than"
+                " all cranks"
             )
 
 
@@ -196,36 +267,65 @@ class Genetic(ConfigModel):
 
     population: whole_number(ge=4, le=10_000) = Field(20, description="individuals")
     generations: whole_number(ge=1, le=10_000) = Field(50, description="generations")
-    elites: whole_number(ge=0, le=10_000) = Field(2, description="best individuals that are kept unchanged")
-    crossover_fraction: OpenFraction = Field(0.8, description="share of the other children; the rest mutate")
+    elites: whole_number(ge=0, le=10_000) = Field(
+        2, description="best individuals that are kept unchanged"
+    )
+    crossover_fraction: OpenFraction = Field(
+        0.8, description="share of the other children; the rest mutate"
+    )
     seed: Seed = Field(0, description="seed")
 
     def errors(self) -> Iterator[str]:
         if self.elites >= self.population:
-            yield f"elites {self.elites} must be less than population {self.population}; lower elites"
+            yield (
+                f"elites {self.elites} must be less than population {self.population}; lower elites"
+            )
 
 
 class Ensemble(ConfigModel):
     """Perturbed starts for the re-simulation of an optimum."""
 
-    members: whole_number(ge=2, le=10_000) = Field(15, description="simulations for each pair of lengths")
-    perturbation: PositiveLength = Field(1e-7, description="standard deviation of the perturbed starting positions")
-    settled_revolution: SampleCount = Field(4, description="revolution taken as settled (1 = the first)")
+    members: whole_number(ge=2, le=10_000) = Field(
+        15, description="simulations for each pair of lengths"
+    )
+    perturbation: PositiveLength = Field(
+        1e-7, description="standard deviation of the perturbed starting positions"
+    )
+    settled_revolution: SampleCount = Field(
+        4, description="revolution taken as settled (1 = the first)"
+    )
     seed: Seed = Field(0, description="seed")
 
 
 class Constraints(ConfigModel):
-    """Constraints besides the bounds of the lengths: a value for equality, or a range [lower, upper]."""
+    """Constraints besides the bounds of the lengths: a value for equality, or a range [lower,
+    upper]."""
 
     crank_length: Lengths | None = Field(None, description="length of the crank")
-    stroke: Lengths | None = Field(None, description="distance of the dead centres, without clearance")
-    outer_dead_centre: Lengths | None = Field(None, description="slider position farthest from the crank pivot")
-    inner_dead_centre: Lengths | None = Field(None, description="slider position nearest to the crank pivot")
-    outer_dead_centre_angle: Angles | None = Field(None, description="crank angle there; 0 without offset")
-    inner_dead_centre_angle: Angles | None = Field(None, description="crank angle there; 180 deg without offset")
-    length_along: PositiveLength | None = Field(None, description="of the joints' space along the slide, at most")
-    length_across: PositiveLength | None = Field(None, description="of the joints' space across the slide, at most")
-    largest_pin_force: quantity("N", gt=0) | None = Field(None, description="in either pin, settled, with clearance")
+    stroke: Lengths | None = Field(
+        None, description="distance of the dead centres, without clearance"
+    )
+    outer_dead_centre: Lengths | None = Field(
+        None, description="slider position farthest from the crank pivot"
+    )
+    inner_dead_centre: Lengths | None = Field(
+        None, description="slider position nearest to the crank pivot"
+    )
+    outer_dead_centre_angle: Angles | None = Field(
+        None, description="crank angle there; 0 without offset"
+    )
+    inner_dead_centre_angle: Angles | None = Field(
+        None, description="crank angle there; 180 deg without offset"
+    )
+    length_along: PositiveLength | None = Field(
+        None, description="of the joints' space along the slide, at most"
+    )
+    length_across: PositiveLength | None = Field(
+        None, description="of the joints' space across the slide, at most"
+    )
+    largest_pin_force: quantity("N", gt=0) | None = Field(
+        None, description="in either pin, settled, with clearance"
+    )
 
     @property
     def decide_crank(self) -> bool:
@@ -240,12 +340,24 @@ class Optimise(ConfigModel):
     objective: Literal["transmission_angle", "largest_pin_force", "torque_ripple"] = Field(
         "transmission_angle", description="quantity to minimise"
     )
-    window: Window = Field((0.0, 2 * math.pi), description="crank angles after the start over which the error counts")
-    boxes: dict[Word, Box] = Field({}, description="bounds by name, the main ones first; none: the rod within 5 %")
-    ratio_limit: OpenFraction | None = Field(None, description="of crank length to rod length; null: no limit")
-    constraints: Constraints = Field(Constraints(), description="constraints besides the bounds of the lengths")
-    rod_tolerance: PositiveLength | None = Field(None, description="width of the tolerance; null: IT7 of ISO 286")
-    local_tolerance: quantity("", gt=0) = Field(1e-8, description="stopping tolerance of the local optimiser")
+    window: Window = Field(
+        (0.0, 2 * math.pi), description="crank angles after the start over which the error counts"
+    )
+    boxes: dict[Word, Box] = Field(
+        {}, description="bounds by name, the main ones first; none: the rod within 5 %"
+    )
+    ratio_limit: OpenFraction | None = Field(
+        None, description="of crank length to rod length; null: no limit"
+    )
+    constraints: Constraints = Field(
+        Constraints(), description="constraints besides the bounds of the lengths"
+    )
+    rod_tolerance: PositiveLength | None = Field(
+        None, description="width of the tolerance; null: IT7 of ISO 286"
+    )
+    local_tolerance: quantity("", gt=0) = Field(
+        1e-8, description="stopping tolerance of the local optimiser"
+    )
     genetic: Genetic = Genetic()
     ensemble: Ensemble = Ensemble()
 
@@ -253,18 +365,27 @@ class Optimise(ConfigModel):
     @classmethod
     def _boxes_set_to_null_are_left_out(cls, boxes: Any) -> Any:
         """An overriding configuration removes a box with null."""
-        return {name: box for name, box in boxes.items() if box is not None} if isinstance(boxes, dict) else boxes
+        return (
+            {name: box for name, box in boxes.items() if box is not None}
+            if isinstance(boxes, dict)
+            else boxes
+        )
 
     def errors(self) -> Iterator[str]:
         whole = type(self).model_fields["window"].default
         if self.objective != "transmission_angle" and self.window != whole:
-            yield f"window belongs to the transmission angle; remove it: {self.objective} is of a settled revolution"
+            yield (
+                f"window belongs to the transmission angle; remove it: {self.objective} is of a"
+                " settled revolution"
+            )
 
 
 class Figures(ConfigModel):
     """Options of the figures."""
 
-    animation_frames: whole_number(ge=1, le=600) = Field(120, description="frames of the first revolution")
+    animation_frames: whole_number(ge=1, le=600) = Field(
+        120, description="frames of the first revolution"
+    )
     magnification: quantity("", gt=0) | None = Field(
         None, description="of the clearances in the animation; null: automatic"
     )
@@ -275,14 +396,20 @@ def _spread(values: Any) -> Any:
     if isinstance(values, list | tuple) and values:
         return values
     if not isinstance(values, dict) or set(values) != {"from", "to", "number"}:
-        raise ValueError("must be a list of values, or {from: ..., to: ..., number: ...} for equidistant values")
+        raise ValueError(
+            "must be a list of values, or {from: ..., to: ..., number: ...} for equidistant values"
+        )
     span = Uniform.model_validate(values)
     (low, unit), (high, other) = (split_quantity(str(end)) for end in (span.from_, span.to))
     if unit != other:
-        raise ValueError(f"from has the unit '{unit}' and to the unit '{other}'; give both in the same unit")
+        raise ValueError(
+            f"from has the unit '{unit}' and to the unit '{other}'; give both in the same unit"
+        )
     if not math.isfinite(float(high) - float(low)):
         raise ValueError(f"from = {span.from_!r} and to = {span.to!r} must be finite")
-    between = [float(f"{value:.12g}") for value in np.linspace(float(low), float(high), span.number)]
+    between = [
+        float(f"{value:.12g}") for value in np.linspace(float(low), float(high), span.number)
+    ]
     return [f"{value!r} {unit}" for value in between] if unit else between
 
 
@@ -293,23 +420,34 @@ _SPAN = {
     "properties": {"from": _END, "to": _END, "number": {"type": "integer", "minimum": 2}},
 }
 VariedValues = Annotated[
-    tuple[Any, ...], BeforeValidator(_spread), WithJsonSchema({"anyOf": [{"type": "array", "minItems": 1}, _SPAN]})
+    tuple[Any, ...],
+    BeforeValidator(_spread),
+    WithJsonSchema({"anyOf": [{"type": "array", "minItems": 1}, _SPAN]}),
 ]
 
 
 class Runs(ConfigModel):
     """The runs of an ensemble: all combinations of varied values, each from several starts."""
 
-    vary: dict[str, VariedValues] = Field({}, description="lists of values, or from, to, number, by parameter")
-    members: whole_number(ge=1, le=10_000) = Field(10, description="starts per combination, one not perturbed")
-    perturbation: PositiveLength = Field(1e-7, description="standard deviation of the perturbed initial positions")
+    vary: dict[str, VariedValues] = Field(
+        {}, description="lists of values, or from, to, number, by parameter"
+    )
+    members: whole_number(ge=1, le=10_000) = Field(
+        10, description="starts per combination, one not perturbed"
+    )
+    perturbation: PositiveLength = Field(
+        1e-7, description="standard deviation of the perturbed initial positions"
+    )
     seed: Seed = Field(0, description="seed of the perturbations")
 
     def errors(self) -> Iterator[str]:
         combinations = math.prod(map(len, self.vary.values()))
         if combinations > MOST_COMBINATIONS:
             factors = " x ".join(f"{len(values)} of {name}" for name, values in self.vary.items())
-            yield f"{factors} are {combinations} combinations, more than {MOST_COMBINATIONS}; give fewer values"
+            yield (
+                f"{factors} are {combinations} combinations, more than {MOST_COMBINATIONS}; give"
+                " fewer values"
+            )
 
 
 class DrivenMechanism(ConfigModel):
@@ -337,8 +475,12 @@ class Scenario(DrivenMechanism):
         ),
     }
 
-    description: str = Field("", max_length=1000, description="purpose of the scenario in one sentence, for the report")
-    networks: bool = Field(False, description="train networks on the motion in the joints, as in the paper")
+    description: str = Field(
+        "", max_length=1000, description="purpose of the scenario in one sentence, for the report"
+    )
+    networks: bool = Field(
+        False, description="train networks on the motion in the joints, as in the paper"
+    )
     paper: bool = Field(False, description="compare the results with the paper; requires networks")
     surrogate: Surrogate = Surrogate()
     optimise: Optimise = Optimise()
@@ -381,29 +523,53 @@ class Scenario(DrivenMechanism):
         object.__setattr__(self, "optimise", self.optimise.model_copy(update=found))
 
     def _errors_of_samples(self) -> Iterator[str]:
-        samples, intervals = self.simulate.samples_per_revolution, self.surrogate.training_points - 1
+        samples, intervals = (
+            self.simulate.samples_per_revolution,
+            self.surrogate.training_points - 1,
+        )
         if samples % intervals or samples < 5 * intervals:
-            product = f"a multiple of surrogate.training_points - 1 = {intervals}, at least five times it"
+            product = (
+                f"a multiple of surrogate.training_points - 1 = {intervals}, at least five times it"
+            )
             yield f"simulate.samples_per_revolution {samples} must be {product}"
         multiple = self.surrogate.clearance_sampling
         if samples * multiple > MOST_SAMPLES:
-            product = f"surrogate.clearance_sampling {multiple} times simulate.samples_per_revolution {samples}"
+            product = (
+                f"surrogate.clearance_sampling {multiple} times simulate.samples_per_revolution"
+                f" {samples}"
+            )
             yield f"{product} is more than {MOST_SAMPLES:g} samples; lower one of them"
 
     def _errors_of_lengths(self) -> Iterator[str]:
-        applied, boxes, width = self.mechanism.applied(), self.optimise.boxes, self.optimise.rod_tolerance
+        applied, boxes, width = (
+            self.mechanism.applied(),
+            self.optimise.boxes,
+            self.optimise.rod_tolerance,
+        )
         crank, rod, offset = applied.crank.length, applied.rod.length, abs(applied.slider.offset)
         if width is not None and width > 0.1 * rod:
             tolerance = f"optimise.rod_tolerance {1e3 * width:g} mm"
-            yield f"{tolerance} is more than a tenth of the rod, {1e3 * rod:g} mm; give its unit, such as 35 um"
-        if not any(_holds(box.crank_length, crank) and _holds(box.rod_length, rod) for box in boxes.values()):
+            yield (
+                f"{tolerance} is more than a tenth of the rod, {1e3 * rod:g} mm; give its unit,"
+                " such as 35 um"
+            )
+        if not any(
+            _holds(box.crank_length, crank) and _holds(box.rod_length, rod)
+            for box in boxes.values()
+        ):
             lengths = f"crank {1e3 * crank:g} mm and rod {1e3 * rod:g} mm"
-            yield f"optimise.boxes ({', '.join(boxes)}): none contains the original {lengths}; give bounds around them"
+            yield (
+                f"optimise.boxes ({', '.join(boxes)}): none contains the original {lengths}; give"
+                " bounds around them"
+            )
         for name, box in boxes.items():
             crank, rod = box.crank_length[1], box.rod_length[0]
             if crank + offset >= rod:
                 lengths = f"a crank of {1e3 * crank:g} mm with an offset of {1e3 * offset:g} mm"
-                yield f"optimise.boxes.{name}: {lengths} cannot turn with a rod of {1e3 * rod:g} mm; lengthen the rod"
+                yield (
+                    f"optimise.boxes.{name}: {lengths} cannot turn with a rod of {1e3 * rod:g} mm;"
+                    " lengthen the rod"
+                )
 
     def _errors_of_objective(self) -> Iterator[str]:
         """Sections that concern the transmission angle only."""
@@ -412,12 +578,19 @@ class Scenario(DrivenMechanism):
             "sweep.best_lengths": self.sweep.best_lengths,
             "optimise_robust.uncertain": self.optimise_robust.uncertain,
         }
-        if self.optimise.objective != "transmission_angle" and (given := [key for key, on in set_so.items() if on]):
+        if self.optimise.objective != "transmission_angle" and (
+            given := [key for key, on in set_so.items() if on]
+        ):
             objective = f"optimise.objective {self.optimise.objective}"
-            yield f"{objective} cannot be combined with {given[0]}, which is for transmission_angle; remove one"
+            yield (
+                f"{objective} cannot be combined with {given[0]}, which is for transmission_angle;"
+                " remove one"
+            )
 
     def _errors_of_measures(self) -> Iterator[str]:
-        known = {column.name for column in measured(self.sweep.best_lengths, self.sweep.printed_numbers)}
+        known = {
+            column.name for column in measured(self.sweep.best_lengths, self.sweep.printed_numbers)
+        }
         for name in self.sensitivity.measures if self.sensitivity else ():
             if name not in known:
                 key = "printed_numbers" if name in PRINTED_OPTIMA.names else "best_lengths"

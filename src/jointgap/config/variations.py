@@ -19,21 +19,27 @@ OF_LOOSE_JOINTS = {"clearance": "m", "friction": "1", "restitution": "1", "stiff
 _LINKS = {"crank_length": "crank", "rod_length": "rod"}
 
 _LENGTHS = [("mechanism", link, "length") for link in _LINKS.values()]
-"""Paths of lengths, with which the mass centres of the links are scaled unless they are given too."""
+"""Paths of lengths, with which the mass centres of the links are scaled unless they are given
+too."""
 
 VARIED_BY_WORD = {"speed": "rad/s"} | OF_LOOSE_JOINTS | dict.fromkeys(_LINKS, "m")
 """Words for varied parameters, with their units."""
 
 
 def set_at(data: Any, path: Sequence[str], value: Any, named: str) -> Any:
-    """A copy of `data`, sections or mappings, with a `value` at a `path`; `named` is for error messages.
+    """A copy of `data`, sections or mappings, with a `value` at a `path`; `named` is for error
+    messages.
 
-    Effects are identified by their name, or by name@site where one is listed twice. A mapping is merged with the
-    existing one, unless its kind differs.
+    Effects are identified by their name, or by name@site where one is listed twice. A mapping is
+    merged with the existing one, unless its kind differs.
     """
     if not path:
         inner = _entries(data)
-        if not isinstance(value, Mapping) or not inner or value.get("kind") not in (None, inner.get("kind")):
+        if (
+            not isinstance(value, Mapping)
+            or not inner
+            or value.get("kind") not in (None, inner.get("kind"))
+        ):
             return value
         for key, own in value.items():
             data = set_at(data, str(key).split("."), own, named)
@@ -43,7 +49,10 @@ def set_at(data: Any, path: Sequence[str], value: Any, named: str) -> Any:
     if isinstance(data, list | tuple):
         entry(data, step, named, "effects")
         if not rest and not isinstance(value, Mapping):
-            raise InputError(f"{named}: is a whole effect; give the path of a number, such as {step}.parameters.<name>")
+            raise InputError(
+                f"{named}: is a whole effect; give the path of a number, such as"
+                f" {step}.parameters.<name>"
+            )
     entries[step] = set_at(entries.get(step), rest, value, named)
     return list(entries.values()) if isinstance(data, list | tuple) else entries
 
@@ -62,7 +71,10 @@ def entry(data: Any, step: str, named: str, place: str) -> Any:
         return entries[step]
     hint = did_you_mean(step, entries) if entries else "it is empty"
     if place == "mechanism.effects":
-        hint += "; effects that only change data are applied: vary the key itself, such as mechanism.slider.mass"
+        hint += (
+            "; effects that only change data are applied: vary the key itself, such as"
+            " mechanism.slider.mass"
+        )
     raise InputError(f"{named}: {place} has no '{step}'; {hint}")
 
 
@@ -74,7 +86,10 @@ def _entries(data: Any) -> dict[str, Any]:
         return {}
     effects = [dict(each) for each in data]
     names = [effect.get("name") for effect in effects]
-    keys = (n if names.count(n) == 1 else f"{n}@{one.get('site')}" for n, one in zip(names, effects, strict=True))
+    keys = (
+        n if names.count(n) == 1 else f"{n}@{one.get('site')}"
+        for n, one in zip(names, effects, strict=True)
+    )
     return dict(zip(keys, data, strict=True))
 
 
@@ -88,12 +103,13 @@ def change(section: AnyConfigModel, changes: Mapping[str, Any]) -> AnyConfigMode
     section : Mechanism, Simulate, Joint, Contact or another section
         ConfigModel to copy.
     changes : mapping
-        New values by key, nested as in a file (``{"slider": {"mass": "1.2 kg"}}``) or by the path of a key
-        (``{"slider.mass": "1.2 kg"}``). Additional keys of a mechanism: ``clearance`` (radial), ``friction``,
-        ``restitution`` and ``stiffness`` change every loose joint; ``joints.crank_pin.clearance`` changes the bearing's
-        radius of one; an entry of ``contacts`` changes the joints that refer to it. The length of a link scales its
-        mass centre, as in sweeps and in `optimise`, unless ``mass_centre`` is given too. Effects are identified by name
-        (``effects.gravity.parameters...``), or by ``name@site`` where one is listed twice.
+        New values by key, nested as in a file (``{"slider": {"mass": "1.2 kg"}}``) or by the path
+        of a key (``{"slider.mass": "1.2 kg"}``). Additional keys of a mechanism: ``clearance``
+        (radial), ``friction``, ``restitution`` and ``stiffness`` change every loose joint;
+        ``joints.crank_pin.clearance`` changes the bearing's radius of one; an entry of ``contacts``
+        changes the joints that refer to it. The length of a link scales its mass centre, as in
+        sweeps and in `optimise`, unless ``mass_centre`` is given too. Effects are identified by
+        name (``effects.gravity.parameters...``), or by ``name@site`` where one is listed twice.
 
     Returns
     -------
@@ -116,8 +132,14 @@ def change(section: AnyConfigModel, changes: Mapping[str, Any]) -> AnyConfigMode
     data, changes = dict(section), plain_numbers(changes)
     words = OF_LOOSE_JOINTS if isinstance(section, Mechanism) else ()
     # apply contacts to the joints that refer to them before the joints' own changes
-    for key, value in sorted(changes.items(), key=lambda change: not str(change[0]).startswith("contacts")):
-        paths = _of_loose_joints(section.loose, key, f"{name}: {key}") if key in words else [str(key).split(".")]
+    for key, value in sorted(
+        changes.items(), key=lambda change: not str(change[0]).startswith("contacts")
+    ):
+        paths = (
+            _of_loose_joints(section.loose, key, f"{name}: {key}")
+            if key in words
+            else [str(key).split(".")]
+        )
         for path in paths:
             data = set_at(data, path, value, name)
         if isinstance(section, Mechanism) and str(key).startswith("contacts"):
@@ -146,7 +168,8 @@ def _paths_in(changes: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _scaled_centre(link: Mapping[str, Any], length: Any, named: str) -> float:
-    """The mass centre [m] of a `link` that gets another length, as in the optimisation of the lengths."""
+    """The mass centre [m] of a `link` that gets another length, as in the optimisation of the
+    lengths."""
     return link["mass_centre"] * (_metres(length, named) / link["length"])
 
 
@@ -159,16 +182,23 @@ def _of_loose_joints(joints: Sequence[str], word: str, named: str) -> list[tuple
 
 
 def _with_contacts(mechanism: Mechanism, data: dict[str, Any], name: str) -> dict[str, Any]:
-    """`data` whose joints follow the entries of contacts that they refer to; validated joints contain copies."""
+    """`data` whose joints follow the entries of contacts that they refer to; validated joints
+    contain copies."""
     joints = {joint: mechanism.joint(joint) for joint in JOINTS}
     for key, old in mechanism.contacts.items():
-        following = [joint for joint, own in joints.items() if own is not None and own.contact == old]
+        following = [
+            joint for joint, own in joints.items() if own is not None and own.contact == old
+        ]
         if not following or not isinstance(data["contacts"].get(key), Mapping):
             continue
-        if alike := [other for other, contact in mechanism.contacts.items() if contact == old and other != key]:
+        if alike := [
+            other
+            for other, contact in mechanism.contacts.items()
+            if contact == old and other != key
+        ]:
             raise InputError(
-                f"{name}: contacts.{key} equals contacts.{alike[0]}, so the joints that refer to it are ambiguous; "
-                f"change joints.{following[0]}.contact and so on instead"
+                f"{name}: contacts.{key} equals contacts.{alike[0]}, so the joints that refer to it"
+                f" are ambiguous; change joints.{following[0]}.contact and so on instead"
             )
         for joint in following:
             data = set_at(data, ("joints", joint, "contact"), data["contacts"][key], name)
@@ -182,7 +212,9 @@ def _clearances_to_radii(joints: Any, name: str) -> None:
             clearance, named = joint.pop("clearance"), f"{name}: joints.{key}.clearance"
             if "journal_radius" not in joint:
                 raise InputError(f"{named}: the joint has no journal_radius; give it too")
-            joint["bearing_radius"] = _metres(joint["journal_radius"], named) + _metres(clearance, named)
+            joint["bearing_radius"] = _metres(joint["journal_radius"], named) + _metres(
+                clearance, named
+            )
 
 
 def _metres(value: Any, named: str) -> float:
@@ -195,7 +227,9 @@ def _metres(value: Any, named: str) -> float:
 def with_values(base: DrivenMechanism, changes: dict[str, Any], source: str) -> DrivenMechanism:
     """A driven mechanism with other values; unchanged sections are not validated again."""
     data = dict(base)
-    for key, value in sorted(changes.items(), key=lambda change: change[0] in VARIED_BY_WORD):  # paths before words
+    for key, value in sorted(
+        changes.items(), key=lambda change: change[0] in VARIED_BY_WORD
+    ):  # paths before words
         named = f"{source}.{key}"
         for path in _paths(data, key, named):
             if path in _LENGTHS:
@@ -215,7 +249,10 @@ def with_values(base: DrivenMechanism, changes: dict[str, Any], source: str) -> 
     changed = validate(DrivenMechanism, data, f"{source}, {words}")
     unread = [key for key in changes if key in ("speed", "simulate.speed")]
     if unread and changed.simulate.drive.kind == "measured":
-        raise InputError(f"{source}.{unread[0]}: a measured drive does not use simulate.speed; vary another parameter")
+        raise InputError(
+            f"{source}.{unread[0]}: a measured drive does not use simulate.speed; vary another"
+            " parameter"
+        )
     return changed
 
 
@@ -227,15 +264,20 @@ def _paths(data: Any, key: str, named: str) -> list[tuple[str, ...]]:
         return [("mechanism", _LINKS[key], "length")]
     if key in OF_LOOSE_JOINTS:
         joints = dict(value_at(data, ("mechanism", "joints"), named))
-        loose = [name for name in FROM_FRAME if joints[name] != "ideal" and dict(joints[name])["loose"]]
+        loose = [
+            name for name in FROM_FRAME if joints[name] != "ideal" and dict(joints[name])["loose"]
+        ]
         return [("mechanism", *path) for path in _of_loose_joints(loose, key, named)]
     path = tuple(key.split("."))
     if path[:2] == ("mechanism", "contacts"):
         raise InputError(
-            f"{named}: contacts are copied into the joints; vary mechanism.joints.<joint>.contact.{path[-1]}"
+            f"{named}: contacts are copied into the joints; vary"
+            f" mechanism.joints.<joint>.contact.{path[-1]}"
         )
     if len(path) < 2:
-        raise InputError(f"{named}: no such word; {did_you_mean(key, VARIED_BY_WORD)} Or give the path of a key")
+        raise InputError(
+            f"{named}: no such word; {did_you_mean(key, VARIED_BY_WORD)} Or give the path of a key"
+        )
     return [path]
 
 
@@ -249,14 +291,22 @@ def unit_of(base: DrivenMechanism, key: str, source: str) -> str:
         return VARIED_BY_WORD["clearance"]
     value_at(base, path, named)
     section = value_at(base, path[:-1], named)
-    described = type(section).model_json_schema()["properties"][path[-1]] if isinstance(section, ConfigModel) else {}
+    described = (
+        type(section).model_json_schema()["properties"][path[-1]]
+        if isinstance(section, ConfigModel)
+        else {}
+    )
     units = {kind["unit"] for kind in (described, *described.get("anyOf", ())) if "unit" in kind}
     if not units:
-        raise InputError(f"{named}: is not a number with a unit; list its values instead of a range")
+        raise InputError(
+            f"{named}: is not a number with a unit; list its values instead of a range"
+        )
     return units.pop().replace("1", "")
 
 
-def stored_value(changed: DrivenMechanism, key: str, value: Any, source: str) -> float | int | str | bool | None:
+def stored_value(
+    changed: DrivenMechanism, key: str, value: Any, source: str
+) -> float | int | str | bool | None:
     """A varied value in the table of runs: in SI, as read by the scenario."""
     path, named = _paths(changed, key, f"{source}.{key}")[0], f"{source}.{key}"
     if path[-1] == "clearance":

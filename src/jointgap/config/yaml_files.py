@@ -1,7 +1,8 @@
 """YAML and JSON files, read strictly and merged, with the source of each value.
 
-A mechanism is the path of a file, the name of a shipped one, or its content, complete. It may instead modify another
-one: ``base``, the path or name of that one, together with the keys that differ. A file may have a ``base`` too.
+A mechanism is the path of a file, the name of a shipped one, or its content, complete. It may
+instead modify another one: ``base``, the path or name of that one, together with the keys that
+differ. A file may have a ``base`` too.
 """
 
 import json
@@ -26,7 +27,8 @@ FILL_IN = "FILL_IN"
 """Value of a key that `jointgap new` cannot know."""
 
 _TWO_MEANINGS = re.compile(
-    r"[-+]?0[0-9_]+|[-+]?[0-9][0-9.]*[_:][0-9._:]*|[-+]?0(?:b[01_]*|o[0-7_]*|x[0-9a-f_]*)|yes|no|on|off",
+    r"[-+]?0[0-9_]+|[-+]?[0-9][0-9.]*[_:][0-9._:]*"
+    r"|[-+]?0(?:b[01_]*|o[0-7_]*|x[0-9a-f_]*)|yes|no|on|off",
     re.IGNORECASE,
 )
 """Numbers and words that differ between YAML 1.1, which Snakemake reads, and YAML 1.2."""
@@ -38,7 +40,11 @@ class _StrictLoader(yaml.SafeLoader):
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node:
         node = super().compose_node(parent, index)
         _refuse_decimal_commas(node, is_key=isinstance(parent, yaml.MappingNode) and index is None)
-        if isinstance(node, yaml.ScalarNode) and node.style is None and _TWO_MEANINGS.fullmatch(node.value):
+        if (
+            isinstance(node, yaml.ScalarNode)
+            and node.style is None
+            and _TWO_MEANINGS.fullmatch(node.value)
+        ):
             problem = (
                 f"{node.value} differs between YAML versions; write a plain decimal number, true "
                 f'or false, or "{node.value}" in quotation marks for a text'
@@ -48,7 +54,10 @@ class _StrictLoader(yaml.SafeLoader):
         for key, _ in node.value if isinstance(node, yaml.MappingNode) else ():
             name, line = str(key.value), key.start_mark.line + 1
             if name in lines:
-                problem = f"the key '{name}' is a duplicate, in lines {lines[name]} and {line}; remove one"
+                problem = (
+                    f"the key '{name}' is a duplicate, in lines {lines[name]} and {line};"
+                    " remove one"
+                )
                 raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
             lines[name] = line
         return node
@@ -68,14 +77,21 @@ def _refuse_decimal_commas(node: yaml.Node, is_key: bool) -> None:
         numbers = [_with_point(entry) for entry in node.value[1:]]
         before = [_text_before(entry) for entry in node.value[1:]]
         is_spaced = any(re.search(", +$", text) for text in before)
-        if is_spaced and all(bool(one) == text.endswith(",") for one, text in zip(numbers, before, strict=True)):
+        if is_spaced and all(
+            bool(one) == text.endswith(",") for one, text in zip(numbers, before, strict=True)
+        ):
             for entry, number in zip(node.value[1:], numbers, strict=True):
                 _refuse(entry, number, ", or a space after every comma")
 
 
 def _with_point(node: yaml.Node) -> str:
-    """The number that a decimal comma before an unquoted `node` would give, with a decimal point; else ''."""
-    if not isinstance(node, yaml.ScalarNode) or node.style or not re.match(r"[0-9]+(?![0-9.])", node.value):
+    """The number that a decimal comma before an unquoted `node` would give, with a decimal point;
+    else ''."""
+    if (
+        not isinstance(node, yaml.ScalarNode)
+        or node.style
+        or not re.match(r"[0-9]+(?![0-9.])", node.value)
+    ):
         return ""
     before = re.search(r"(?<![\w.,])([-+]?[0-9]+),$", _text_before(node))
     return f"{before[1]}.{node.value}" if before else ""
@@ -88,7 +104,9 @@ def _text_before(node: yaml.Node) -> str:
 def _refuse(node: yaml.Node, number: str, or_else: str = "") -> None:
     if number:
         given = number.replace(".", ",", 1)
-        problem = f"{given} has a decimal comma, which separates entries here; write {number}{or_else}"
+        problem = (
+            f"{given} has a decimal comma, which separates entries here; write {number}{or_else}"
+        )
         raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
 
 
@@ -109,24 +127,30 @@ def read_yaml(path: Path | str) -> dict[str, Any]:
     Raises
     ------
     InputError
-        No such file, not a mapping, a duplicate key, an ambiguous value, or values to fill in; the message contains
-        file and line or key.
+        No such file, not a mapping, a duplicate key, an ambiguous value, or values to fill in; the
+        message contains file and line or key.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check the path") from error
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not text in UTF-8 (byte {error.start}); save the file as UTF-8") from error
+        raise InputError(
+            f"{path}: is not text in UTF-8 (byte {error.start}); save the file as UTF-8"
+        ) from error
     # YAML would read 1e-9 as text
-    content = read_json(text, str(path)) if str(path).endswith(".json") else _parse_yaml(text, str(path))
+    content = (
+        read_json(text, str(path)) if str(path).endswith(".json") else _parse_yaml(text, str(path))
+    )
     if isinstance(content, dict):
         if missing := [".".join(key) for key, value in _items(content) if value == FILL_IN]:
             keys = f"{joined(missing)} {'is' if len(missing) == 1 else 'are'} not filled in"
             raise InputError(f"{path}: {keys}; replace each {FILL_IN} by the value, with its unit")
         return content
     what = "is empty" if content is None else "has no keys"
-    raise InputError(f"{path}: {what}; write a mapping of keys to values, such as 'key: value', one per line")
+    raise InputError(
+        f"{path}: {what}; write a mapping of keys to values, such as 'key: value', one per line"
+    )
 
 
 def _parse_yaml(text: str, source: str) -> Any:
@@ -137,7 +161,11 @@ def _parse_yaml(text: str, source: str) -> Any:
         where = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
         what = "" if type(error) is yaml.MarkedYAMLError else "is not YAML: "
         raise InputError(f"{source}{where}: {what}{error.problem or error.context}") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # invalid characters, endless digits, nesting
+    except (
+        yaml.YAMLError,
+        ValueError,
+        RecursionError,
+    ) as error:  # invalid characters, endless digits, nesting
         raise InputError(f"{source}: is not YAML: {error}") from error
 
 
@@ -183,7 +211,11 @@ def sources(layers: Iterable[Layer]) -> dict[tuple[str, ...], tuple[Any, str]]:
     known: dict[tuple[str, ...], tuple[Any, str]] = {}
     for layer in layers:
         for path, value in leaves(layer.data):
-            replaced = [other for other in known if path[: len(other)] == other or other[: len(path)] == path]
+            replaced = [
+                other
+                for other in known
+                if path[: len(other)] == other or other[: len(path)] == path
+            ]
             for other in replaced:
                 del known[other]
             known[path] = (value, layer.source)
@@ -191,7 +223,8 @@ def sources(layers: Iterable[Layer]) -> dict[tuple[str, ...], tuple[Any, str]]:
 
 
 def leaves(data: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Path and value of each key in nested mappings `data` that is not a mapping itself, below a `path`."""
+    """Path and value of each key in nested mappings `data` that is not a mapping itself, below a
+    `path`."""
     if not isinstance(data, Mapping):
         yield path, data
         return
@@ -214,20 +247,23 @@ _SPEEDS = {"speed", "no_load_speed"}  # of cranks and motors
 
 
 def plain_speeds(path: Path | str) -> list[str]:
-    """A remark on each crank or motor speed without a unit in a YAML file; programs write JSON files in SI units."""
+    """A remark on each crank or motor speed without a unit in a YAML file; programs write JSON
+    files in SI units."""
     if str(path).endswith(".json"):
         return []
     found = {}
     for keys, value in _items(read_yaml(path)):
         try:
-            speed = float(value) if _SPEEDS & {*keys} and keys[-1] != "number" else None  # of values of a sweep
+            speed = (
+                float(value) if _SPEEDS & {*keys} and keys[-1] != "number" else None
+            )  # of values of a sweep
         except (TypeError, ValueError):  # with a unit
             continue
         if speed is not None:
             found[".".join(keys)] = speed
     return [
-        f"{path}: {key} = {speed:g} has no unit and is read as {speed:g} rad/s, {60 * speed / tau:.5g} rpm; write "
-        f"'{speed:g} rad/s' or '{speed:g} rpm'"
+        f"{path}: {key} = {speed:g} has no unit and is read as {speed:g} rad/s,"
+        f" {60 * speed / tau:.5g} rpm; write '{speed:g} rad/s' or '{speed:g} rpm'"
         for key, speed in found.items()
     ]
 
@@ -240,9 +276,16 @@ def mechanism_layers(mechanism: Any, folders: Sequence[Path], source: str, key: 
         if isinstance(mechanism, str):
             file = mechanism_file(mechanism, folders, key)
             if file.resolve() in passed:
-                raise InputError(f"{key}: '{mechanism}' is its own base; remove the last reference to it")
+                raise InputError(
+                    f"{key}: '{mechanism}' is its own base; remove the last reference to it"
+                )
             passed.append(file.resolve())
-            mechanism, source, folders, key = read_yaml(file), str(file), (file.parent, *folders), f"{file}: {BASE}"
+            mechanism, source, folders, key = (
+                read_yaml(file),
+                str(file),
+                (file.parent, *folders),
+                f"{file}: {BASE}",
+            )
         own = with_effect_files(mechanism, folders, key.removesuffix(f": {BASE}"))
         if not isinstance(mechanism, Mapping) or BASE not in mechanism:
             return [Layer(source, {"mechanism": own}), *reversed(layers)]
@@ -253,22 +296,33 @@ def mechanism_layers(mechanism: Any, folders: Sequence[Path], source: str, key: 
 
 
 def with_effect_files(mechanism: Any, folders: Sequence[Path], key: str) -> Any:
-    """The content of a `mechanism`, or of a run, with the files of its effects resolved in `folders`."""
+    """The content of a `mechanism`, or of a run, with the files of its effects resolved in
+    `folders`."""
     if not isinstance(mechanism, Mapping):
         return mechanism
     mechanism = dict(mechanism)
     if isinstance(effects := mechanism.get("effects"), list | tuple):
         mechanism["effects"] = [
-            with_file(effect, "parameters", folders, f"{key}: effects.{effect.get('name')}.parameters.file")
-            if isinstance(effect, Mapping)
-            else effect
+            (
+                with_file(
+                    effect,
+                    "parameters",
+                    folders,
+                    f"{key}: effects.{effect.get('name')}.parameters.file",
+                )
+                if isinstance(effect, Mapping)
+                else effect
+            )
             for effect in effects
         ]
     return mechanism
 
 
-def with_file(data: Mapping[str, Any], section: str, folders: Sequence[Path], key: str) -> dict[str, Any]:
-    """`data` with the ``file`` in a `section`, if any, resolved in `folders`; `key` is for error messages."""
+def with_file(
+    data: Mapping[str, Any], section: str, folders: Sequence[Path], key: str
+) -> dict[str, Any]:
+    """`data` with the ``file`` in a `section`, if any, resolved in `folders`; `key` is for error
+    messages."""
     inner = data.get(section)
     if not isinstance(inner, Mapping) or not isinstance(inner.get("file"), str):
         return dict(data)
@@ -277,7 +331,10 @@ def with_file(data: Mapping[str, Any], section: str, folders: Sequence[Path], ke
 
 def shipped_mechanisms() -> dict[str, Path]:
     """The shipped mechanism files by name; a name can replace a path."""
-    return {file.stem: file for file in sorted((Path(__file__).parents[1] / "data/mechanisms").glob("*.yaml"))}
+    return {
+        file.stem: file
+        for file in sorted((Path(__file__).parents[1] / "data/mechanisms").glob("*.yaml"))
+    }
 
 
 def mechanism_file(mechanism: str, folders: Sequence[Path], key: str) -> Path:
@@ -285,7 +342,9 @@ def mechanism_file(mechanism: str, folders: Sequence[Path], key: str) -> Path:
     return existing_file(mechanism, folders, key, shipped_mechanisms())
 
 
-def existing_file(path: str, folders: Sequence[Path], key: str, named: Mapping[str, Path] | None = None) -> Path:
+def existing_file(
+    path: str, folders: Sequence[Path], key: str, named: Mapping[str, Path] | None = None
+) -> Path:
     """The file at `path` in `folders`, or one of the files `named`; `key` is for error messages."""
     for folder in folders:
         if os.path.isfile(folder / path):  # Path.is_file raises for a name that is too long
@@ -294,4 +353,6 @@ def existing_file(path: str, folders: Sequence[Path], key: str, named: Mapping[s
         return named[path]
     places = ", ".join(dict.fromkeys(map(str, folders)))
     more = f", or one of the names {', '.join(named)}" if named else ""
-    raise InputError(f"{key}: no file '{path}' (looked in {places}); give a path relative to one of these{more}")
+    raise InputError(
+        f"{key}: no file '{path}' (looked in {places}); give a path relative to one of these{more}"
+    )

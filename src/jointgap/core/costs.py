@@ -15,5 +15,6 @@ def count_run(revolutions: float) -> None:
 
 
 def costs_so_far() -> dict[str, float]:
-    """Processor time [s] with that of ended child processes, simulated runs, and revolutions of their records."""
+    """Processor time [s] with that of ended child processes, simulated runs, and revolutions of
+    their records."""
     return {"cpu_seconds": sum(os.times()[:4]), **_simulated}

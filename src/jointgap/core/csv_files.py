@@ -17,7 +17,11 @@ from jointgap.core.section import ConfigModel
 from jointgap.core.units import respelled, unit_factor
 
 SEPARATORS = ("\t", ";", ",", "|", " ")
-_BINARY = (b"PK\x03\x04", b"\x1f\x8b", b"\xd0\xcf\x11\xe0")  # first bytes of archives and spreadsheets
+_BINARY = (
+    b"PK\x03\x04",
+    b"\x1f\x8b",
+    b"\xd0\xcf\x11\xe0",
+)  # first bytes of archives and spreadsheets
 _DATE = re.compile(r"\d{4}-\d\d-\d\d")
 _COMMA_NUMBER = r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?"
 _MOST_ABOVE = 1000  # lines searched for the headings
@@ -33,13 +37,19 @@ class Csv(ConfigModel):
     )
     decimal: Literal[".", ","] | None = Field(None, description="decimal mark; null: detected")
     skip_rows: Annotated[int, Field(ge=0)] | None = Field(
-        None, description="number of lines above the headings; null: the headings are detected by name"
+        None,
+        description="number of lines above the headings; null: the headings are detected by name",
     )
 
     @model_validator(mode="after")
     def _marks_differ(self):
-        if self.separator is not None and (self.separator == self.decimal or self.separator in '"#\n\r.0123456789'):
-            raise ValueError(f"separator {self.separator!r} cannot separate columns; write one such as ';' or '\\t'")
+        if self.separator is not None and (
+            self.separator == self.decimal or self.separator in '"#\n\r.0123456789'
+        ):
+            raise ValueError(
+                f"separator {self.separator!r} cannot separate columns; write one such as ';' or"
+                " '\\t'"
+            )
         return self
 
 
@@ -48,13 +58,18 @@ class Columns:
     """Numbers of a file by column."""
 
     values: dict[str, np.ndarray]  # As in the file; NaN for gaps
-    rows: np.ndarray  # Line of the file (CSV) or row counted from 1 (Parquet) of each sample, for messages
+    rows: (
+        np.ndarray
+    )  # Line of the file (CSV) or row counted from 1 (Parquet) of each sample, for messages
     units: dict[str, str]  # From a row of units below the headings, without brackets
     remarks: tuple[str, ...] = ()  # Skipped or converted content
-    began: pd.Timestamp | None = None  # The first of times that were dates, converted to seconds since it
+    began: pd.Timestamp | None = (
+        None  # The first of times that were dates, converted to seconds since it
+    )
 
     def other_unit(self, column: str, factor: float, unit: str) -> str | None:
-        """The unit of a column in the row of units, where its factor to the SI `unit` is not `factor`."""
+        """The unit of a column in the row of units, where its factor to the SI `unit` is not
+        `factor`."""
         written = self.units.get(column)
         try:
             own = unit_factor(respelled(written, unit) or written, unit) if written else factor
@@ -63,15 +78,19 @@ class Columns:
         return None if np.isclose(own, factor, rtol=1e-6) else written
 
 
-def read_columns(path: Path, wanted: Sequence[str], form: Csv, clock: str = "", partly: bool = False) -> Columns:
-    """The columns `wanted` of a file; dates in the column `clock` become seconds. `partly`: the clock and those of the
-    others that the file has.
+def read_columns(
+    path: Path, wanted: Sequence[str], form: Csv, clock: str = "", partly: bool = False
+) -> Columns:
+    """The columns `wanted` of a file; dates in the column `clock` become seconds. `partly`: the
+    clock and those of the others that the file has.
     """
     content = _content(path)
     if _is_parquet(path, content):
         texts, units, remarks = _parquet(path, wanted, clock, partly), {}, ()
     else:
-        texts, units, remarks = _csv(path, _decoded(path, content), wanted, form, clock if partly else "")
+        texts, units, remarks = _csv(
+            path, _decoded(path, content), wanted, form, clock if partly else ""
+        )
     if texts.empty:
         raise InputError(f"{path}: has headings but no samples; give the file of the measurement")
     began, dates, remark = _seconds(path, texts[clock]) if clock else (None, None, "")
@@ -84,7 +103,8 @@ def read_columns(path: Path, wanted: Sequence[str], form: Csv, clock: str = "", 
 
 
 def find_headings(path: Path) -> list[str]:
-    """The headings of a file, found without their names: the row above the numbers, or above a row of units."""
+    """The headings of a file, found without their names: the row above the numbers, or above a row
+    of units."""
     content = _content(path)
     if _is_parquet(path, content):
         import pyarrow.parquet as pq
@@ -97,11 +117,19 @@ def find_headings(path: Path) -> list[str]:
         return sum(max(_numbers_less_texts(row), 0) for row in rows)
 
     rows = max(([_split(line, mark) for line in kept] for mark in SEPARATORS), key=merit)
-    ((width, _),) = Counter(len(row) for row in rows if _numbers_less_texts(row) > 0).most_common(1) or [(0, 0)]
-    data = next((n for n, row in enumerate(rows) if _numbers_less_texts(row) > 0 and len(row) == width), 0)
+    ((width, _),) = Counter(len(row) for row in rows if _numbers_less_texts(row) > 0).most_common(
+        1
+    ) or [(0, 0)]
+    data = next(
+        (n for n, row in enumerate(rows) if _numbers_less_texts(row) > 0 and len(row) == width), 0
+    )
     if not data:
-        raise InputError(f"{path}: has no headings above its numbers; write a line with the name of each column")
-    above = [row for row in rows[:data] if len(row) >= width - 1 and not any(map(_is_number, row))] or rows[:data]
+        raise InputError(
+            f"{path}: has no headings above its numbers; write a line with the name of each column"
+        )
+    above = [
+        row for row in rows[:data] if len(row) >= width - 1 and not any(map(_is_number, row))
+    ] or rows[:data]
     below = [cell.strip("[]() ") for cell in above[-1]]
     has_units = len(above) > 1 and all(text in ("", "-", "1") or respelled(text) for text in below)
     return [name for name in above[-2 if has_units else -1] if name]
@@ -119,7 +147,9 @@ def _content(path: Path) -> bytes:
         why = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: cannot be read ({why}); check the name of the file") from error
     if content.startswith(_BINARY):
-        raise InputError(f"{path}: is a spreadsheet or an archive; save the samples as CSV or Parquet")
+        raise InputError(
+            f"{path}: is a spreadsheet or an archive; save the samples as CSV or Parquet"
+        )
     return content
 
 
@@ -137,7 +167,9 @@ def _decoded(path: Path, content: bytes) -> str:
     except UnicodeDecodeError as error:
         before = content[: error.start]
     row = before.count(b"\n") + 1
-    raise InputError(f"{path}, row {row}: is not text in UTF-8 (byte {len(before)}); save it as UTF-8")
+    raise InputError(
+        f"{path}, row {row}: is not text in UTF-8 (byte {len(before)}); save it as UTF-8"
+    )
 
 
 def _csv(
@@ -147,31 +179,55 @@ def _csv(
     lines, comments = _lines(text)
     lines = {number: line for number, line in lines.items() if number > (form.skip_rows or 0)}
     if not lines:
-        what = f"has no rows below the {form.skip_rows} of csv.skip_rows" if form.skip_rows else "is empty"
+        what = (
+            f"has no rows below the {form.skip_rows} of csv.skip_rows"
+            if form.skip_rows
+            else "is empty"
+        )
         raise InputError(f"{path}: {what}; give a table with headings and samples")
     header_row, separator = _place_of_headings(lines, wanted, form)
     headings = _split(lines[header_row], separator)
     while headings and not headings[-1]:  # a trailing separator
         headings.pop()
-    hidden = [n for n, line in comments.items() if any(set(wanted) <= set(_split(line, m)) for m in SEPARATORS)]
+    hidden = [
+        n
+        for n, line in comments.items()
+        if any(set(wanted) <= set(_split(line, m)) for m in SEPARATORS)
+    ]
     fix = f"row {hidden[0]} has them in a comment: remove the '#'" if hidden else ""
-    wanted = [column for column in wanted if column == clock or column in headings] if clock else wanted
-    also = "" if set(wanted) & set(headings) else "; if the headings are in another row, give csv.skip_rows"
+    wanted = (
+        [column for column in wanted if column == clock or column in headings] if clock else wanted
+    )
+    also = (
+        ""
+        if set(wanted) & set(headings)
+        else "; if the headings are in another row, give csv.skip_rows"
+    )
     _check_headings(f"{path}, row {header_row}", headings, wanted, fix, also)
     above = sum(number < header_row for number in lines)
     remarks = ()
     if above and form.skip_rows is None:
         skipped = "1 line" if above == 1 else f"{above} lines"
         remarks = (f"{path}: the headings are in row {header_row}; {skipped} above them skipped",)
-    rows = {number: _cells(line, separator) for number, line in lines.items() if number > header_row}
+    rows = {
+        number: _cells(line, separator) for number, line in lines.items() if number > header_row
+    }
     for number, cells in rows.items():
         if lines[number].count('"') % 2:
-            raise InputError(f"{path}, row {number}: a quotation mark is not closed; correct the row")
-        if len(cells) < len(headings) or any(map(str.strip, cells[len(headings) :])):
-            fix = _fix_of_length(len(cells), len(headings), separator, all(len(r) == len(cells) for r in rows.values()))
             raise InputError(
-                f"{path}, row {number}: has {len(cells)} cells, but there are {len(headings)} headings in row "
-                f"{header_row} (separator {separator!r}); {fix}, or give csv.skip_rows, csv.separator and csv.decimal"
+                f"{path}, row {number}: a quotation mark is not closed; correct the row"
+            )
+        if len(cells) < len(headings) or any(map(str.strip, cells[len(headings) :])):
+            fix = _fix_of_length(
+                len(cells),
+                len(headings),
+                separator,
+                all(len(r) == len(cells) for r in rows.values()),
+            )
+            raise InputError(
+                f"{path}, row {number}: has {len(cells)} cells, but there are {len(headings)}"
+                f" headings in row {header_row} (separator {separator!r}); {fix}, or give"
+                " csv.skip_rows, csv.separator and csv.decimal"
             )
     places = {column: headings.index(column) for column in wanted}
     texts = {column: [cells[n].strip() for cells in rows.values()] for column, n in places.items()}
@@ -184,8 +240,12 @@ def _csv(
 
 def _lines(text: str) -> tuple[dict[int, str], dict[int, str]]:
     """Lines that are not empty, by number: rows and comments."""
-    lines = {number: line for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1) if line.strip()}
-    comments = {number: line.lstrip(" #") for number, line in lines.items() if line.lstrip().startswith("#")}
+    lines = {
+        number: line for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1) if line.strip()
+    }
+    comments = {
+        number: line.lstrip(" #") for number, line in lines.items() if line.lstrip().startswith("#")
+    }
     return {number: line for number, line in lines.items() if number not in comments}, comments
 
 
@@ -193,7 +253,9 @@ def _fix_of_length(length: int, width: int, separator: str, all_alike: bool) -> 
     if length < width and all_alike:
         return "all rows have the same number; remove the additional heading"
     if separator == "," and length == 2 * width:
-        return "if decimals have a comma too, use another separator between the columns, such as ';'"
+        return (
+            "if decimals have a comma too, use another separator between the columns, such as ';'"
+        )
     return "correct the row"
 
 
@@ -206,12 +268,14 @@ def _cells(line: str, separator: str) -> list[str]:
         return line.replace('"', "").split()
     if '"' not in line:
         return line.split(separator)
-    return next(csv.reader([line[: csv.field_size_limit()]], delimiter=separator, skipinitialspace=True))
+    return next(
+        csv.reader([line[: csv.field_size_limit()]], delimiter=separator, skipinitialspace=True)
+    )
 
 
 def _place_of_headings(lines: dict[int, str], wanted: Sequence[str], form: Csv) -> tuple[int, str]:
-    """Row of the headings and separator: the first line with the most `wanted` columns, and the separator that gives
-    the most cells; with `skip_rows` the first line.
+    """Row of the headings and separator: the first line with the most `wanted` columns, and the
+    separator that gives the most cells; with `skip_rows` the first line.
     """
     rows = list(lines)[: _MOST_ABOVE if form.skip_rows is None else 1]
 
@@ -223,10 +287,16 @@ def _place_of_headings(lines: dict[int, str], wanted: Sequence[str], form: Csv) 
     return max(((row, mark) for row in rows for mark in form.separator or SEPARATORS), key=merit)
 
 
-def _check_headings(where: str, headings: Sequence[str], wanted: Sequence[str], fix: str = "", also: str = "") -> None:
+def _check_headings(
+    where: str, headings: Sequence[str], wanted: Sequence[str], fix: str = "", also: str = ""
+) -> None:
     for column in wanted:
         if column not in headings:
-            hint = fix or did_you_mean(column, (_shortened(heading) for heading in headings if heading)) + also
+            hint = (
+                fix
+                or did_you_mean(column, (_shortened(heading) for heading in headings if heading))
+                + also
+            )
             raise InputError(f"{where}: has no column '{column}' among its headings; {hint}")
         if list(headings).count(column) > 1:
             raise InputError(f"{where}: has the column '{column}' twice; give each its own heading")
@@ -247,7 +317,8 @@ def _decimal(cells: dict[str, pd.Series]) -> str:
 
 
 def _seconds(path: Path, stamps: pd.Series) -> tuple[pd.Timestamp | None, np.ndarray | None, str]:
-    """The first date in a column, the seconds since it, and a remark; None if the column does not begin with a date."""
+    """The first date in a column, the seconds since it, and a remark; None if the column does not
+    begin with a date."""
     written = stamps.notna() & (stamps != "")
     first = next(iter(stamps[written]), None)
     if isinstance(first, str) and _DATE.match(first):
@@ -257,12 +328,16 @@ def _seconds(path: Path, stamps: pd.Series) -> tuple[pd.Timestamp | None, np.nda
     dates = pd.to_datetime(stamps.where(written), format="ISO8601", utc=True, errors="coerce")
     if (wrong := stamps[written & dates.isna()]).size:
         raise InputError(
-            f"{path}, column {stamps.name}, row {wrong.index[0]}: '{_shortened(wrong.iloc[0])}' is not a date; write "
-            "the whole column as 2026-03-01T12:00:00.125"
+            f"{path}, column {stamps.name}, row {wrong.index[0]}: '{_shortened(wrong.iloc[0])}' is"
+            " not a date; write the whole column as 2026-03-01T12:00:00.125"
         )
     began = dates[written].iloc[0]
     elapsed = (dates - began).dt.total_seconds().to_numpy(dtype=float)
-    return began, elapsed, f"{path}, column {stamps.name}: dates are converted to seconds since {first}"
+    return (
+        began,
+        elapsed,
+        f"{path}, column {stamps.name}: dates are converted to seconds since {first}",
+    )
 
 
 def _numbers(path: Path, cells: pd.Series, decimal: str) -> np.ndarray:
@@ -271,20 +346,25 @@ def _numbers(path: Path, cells: pd.Series, decimal: str) -> np.ndarray:
     fix = "correct it, or leave the cell empty if nothing was measured"
     plain = cells
     if not pd.api.types.is_numeric_dtype(cells):
-        # float() would accept '1_000'; a point in addition to a decimal comma would be a thousands separator
+        # float() would accept '1_000'; a point in addition to a decimal comma would be a thousands
+        # separator
         odd = cells.str.contains("[_.]" if decimal == "," else "_")
         plain = cells.str.replace(",", ".", regex=False) if decimal == "," else cells
         plain = plain.mask(odd, "x").mask(cells == "", "nan")
     try:
         values = plain.to_numpy(dtype=float)
     except ValueError:
-        place = next(place for place, text in enumerate(plain) if not _is_number(text) or "," in text)
+        place = next(
+            place for place, text in enumerate(plain) if not _is_number(text) or "," in text
+        )
         text = cells.iloc[place]
         if ":" in text:
             fix += "; write times as numbers or as ISO dates such as 2026-03-01T12:00:00.125"
         elif decimal == "," and "." in text:
             fix += "; other numbers have a decimal comma: use the same mark everywhere"
-        raise InputError(f"{where} {cells.index[place]}: '{_shortened(text)}' is not a number; {fix}") from None
+        raise InputError(
+            f"{where} {cells.index[place]}: '{_shortened(text)}' is not a number; {fix}"
+        ) from None
     if (infinite := cells.index[np.isinf(values)]).size:
         raise InputError(f"{where} {infinite[0]}: is infinite; {fix}")
     return values
@@ -301,7 +381,11 @@ def _parquet(path: Path, wanted: Sequence[str], clock: str, partly: bool) -> pd.
         raise InputError(
             f"{path}: cannot be read as Parquet ({_shortened(str(error))}); write the file again"
         ) from error
-    wanted = [column for column in wanted if column == clock or column in table.column_names] if partly else wanted
+    wanted = (
+        [column for column in wanted if column == clock or column in table.column_names]
+        if partly
+        else wanted
+    )
     _check_headings(str(path), file.schema_arrow.names, wanted)
     columns = {}
     for column in wanted:
@@ -311,7 +395,9 @@ def _parquet(path: Path, wanted: Sequence[str], clock: str, partly: bool) -> pd.
         elif column == clock and pa.types.is_timestamp(kind) and cells.null_count < len(cells):
             pass  # dates
         elif not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
-            raise InputError(f"{path}, column {column}: contains {kind}, not numbers; write it as numbers")
+            raise InputError(
+                f"{path}, column {column}: contains {kind}, not numbers; write it as numbers"
+            )
         columns[column] = cells.to_pandas()
     return pd.DataFrame(columns).set_index(pd.RangeIndex(1, table.num_rows + 1))
 

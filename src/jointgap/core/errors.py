@@ -7,24 +7,28 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 
 _OBEYED = {"Cc", "Cf", "Cs", "Zl", "Zp"}
-"""Unicode categories that terminals interpret: control characters, writing direction, line breaks."""
+"""Unicode categories that terminals interpret: control characters, writing direction, line
+breaks."""
 
 
 _LONGEST = 2000  # [characters] of a line; longer values are shortened
 
 
 def visible(text: str) -> str:
-    """`text` on one line, shortened in the middle; characters that a terminal interprets are escaped, such as
-    ``\\x1b``.
+    """`text` on one line, shortened in the middle; characters that a terminal interprets are
+    escaped, such as ``\\x1b``.
     """
-    shown = "".join(repr(sign)[1:-1] if unicodedata.category(sign) in _OBEYED else sign for sign in text)
+    shown = "".join(
+        repr(sign)[1:-1] if unicodedata.category(sign) in _OBEYED else sign for sign in text
+    )
     if len(shown) <= _LONGEST:
         return shown
     return f"{shown[: _LONGEST // 2]} ... {shown[-_LONGEST // 4 :]}"  # the end says what to do
 
 
 class InputError(ValueError):
-    """An invalid input; each line contains the key or file and what to do, with special characters escaped.
+    """An invalid input; each line contains the key or file and what to do, with special characters
+    escaped.
 
     Parameters
     ----------
@@ -53,7 +57,8 @@ class MissingPackage(InputError, ImportError):
 
 @contextmanager
 def needs(what: str, extra: str) -> Iterator[None]:
-    """Context for imports of optional packages: the error for a missing one says how to install it."""
+    """Context for imports of optional packages: the error for a missing one says how to install
+    it."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -61,7 +66,8 @@ def needs(what: str, extra: str) -> Iterator[None]:
         # pip keeps the installed jointgap and adds the packages of the extra
         group = "" if extra in ("learn", "workflow") else f" {extra}"
         raise MissingPackage(
-            f"{what} requires {package}: pip install 'jointgap[{extra}]' (in a clone: scripts/set-up{group})"
+            f"{what} requires {package}: pip install 'jointgap[{extra}]' (in a clone:"
+            f" scripts/set-up{group})"
         ) from error
 
 
@@ -72,17 +78,24 @@ class SimulationError(RuntimeError):
 MEANINGS: dict[str, str] = {}
 """Descriptions of names that several modules suggest, such as effects."""
 
-_MISSPELT, _SIMILAR = 0.85, 0.6  # least similarity of a mistyped word, and of a word of another meaning
+_MISSPELT, _SIMILAR = (
+    0.85,
+    0.6,
+)  # least similarity of a mistyped word, and of a word of another meaning
 _MOST_SUGGESTED = 12
 
 
 def did_you_mean(word: object, accepted: Iterable[object]) -> str:
-    """A hint: the accepted name of similar spelling, else those of similar meaning, else all of them.
+    """A hint: the accepted name of similar spelling, else those of similar meaning, else all of
+    them.
 
     Meanings are the texts in `accepted`, if it maps names to texts, and `MEANINGS`.
     """
     texts = dict(accepted) if isinstance(accepted, Mapping) else dict.fromkeys(accepted)
-    meanings = {str(name): text if isinstance(text, str) else MEANINGS.get(name, "") for name, text in texts.items()}
+    meanings = {
+        str(name): text if isinstance(text, str) else MEANINGS.get(name, "")
+        for name, text in texts.items()
+    }
     names = sorted(meanings)
     near = difflib.get_close_matches(str(word), names, n=1, cutoff=_SIMILAR)
     if not near or difflib.SequenceMatcher(None, near[0], str(word)).ratio() < _MISSPELT:
@@ -98,7 +111,11 @@ def _alike(word: str, meanings: Mapping[str, str]) -> list[str]:
     own = {name: (set(_words(name)), set(_words(text))) for name, text in meanings.items()}
     merits = dict.fromkeys(sorted(own), 0.0)
     for part in _words(word):
-        having = {name: 1.0 if part in words else 0.5 for name, (words, text) in own.items() if part in words | text}
+        having = {
+            name: 1.0 if part in words else 0.5
+            for name, (words, text) in own.items()
+            if part in words | text
+        }
         for name, weight in having.items():
             merits[name] += weight / len(having)
     best = max(merits.values(), default=0.0)

@@ -13,11 +13,13 @@ from jointgap.core.parquet import batches, describe
 from jointgap.core.units import unit_factor
 
 
-def export(source: Path, to: Path | None = None, units: Sequence[str] = (), force: bool = False) -> list[Path]:
+def export(
+    source: Path, to: Path | None = None, units: Sequence[str] = (), force: bool = False
+) -> list[Path]:
     """Convert Parquet tables to CSV files, which are returned.
 
-    The first line contains names with units, ``crank_angle [rad]``. Missing values are empty; numbers have full
-    precision.
+    The first line contains names with units, ``crank_angle [rad]``. Missing values are empty;
+    numbers have full precision.
     """
     for unit in units:
         try:
@@ -27,14 +29,20 @@ def export(source: Path, to: Path | None = None, units: Sequence[str] = (), forc
     root = source if source.is_dir() else source.parent
     files = [source]
     if source.is_dir():
-        files = sorted(path for path in source.rglob("[!.]*.parquet") if "/." not in f"/{path.relative_to(source)}")
+        files = sorted(
+            path
+            for path in source.rglob("[!.]*.parquet")
+            if "/." not in f"/{path.relative_to(source)}"
+        )
     if not files:
         raise InputError(f"{source}: contains no Parquet file; give a folder of results, or a file")
     targets = [((to or root) / path.relative_to(root)).with_suffix(".csv") for path in files]
     taken = [target for target in targets if target.exists()]
     if taken and not force:
         more = f" (and {len(taken) - 1} more)" if len(taken) > 1 else ""
-        raise InputError(f"{taken[0]}: already exists{more}; overwrite with --force, or give --to DIR")
+        raise InputError(
+            f"{taken[0]}: already exists{more}; overwrite with --force, or give --to DIR"
+        )
     columns = [_columns(path, units) for path in files]  # before anything is written
     check_writable(*targets)
     for path, target, converted in zip(files, targets, columns, strict=True):
@@ -48,8 +56,13 @@ def _columns(path: Path, units: Sequence[str]) -> dict[str, tuple[str, float]]:
     for row in describe(path).itertuples():
         unit, factor = row.unit, 1.0
         if unit not in ("", "1"):
-            unit, factor = next((found for wanted in units if (found := _converted(unit, wanted))), (unit, factor))
-        columns[row.column] = (f"{row.column} [{unit}]" if unit not in ("", "1") else row.column, factor)
+            unit, factor = next(
+                (found for wanted in units if (found := _converted(unit, wanted))), (unit, factor)
+            )
+        columns[row.column] = (
+            f"{row.column} [{unit}]" if unit not in ("", "1") else row.column,
+            factor,
+        )
     return columns
 
 
@@ -64,7 +77,9 @@ def _converted(unit: str, wanted: str) -> tuple[str, float] | None:
 
 def _save(path: Path, columns: Mapping[str, tuple[str, float]], temporary: str) -> None:
     with open(temporary, "w", encoding="utf-8", newline="") as file:
-        pd.DataFrame(columns=[name for name, _ in columns.values()]).to_csv(file, index=False, lineterminator="\n")
+        pd.DataFrame(columns=[name for name, _ in columns.values()]).to_csv(
+            file, index=False, lineterminator="\n"
+        )
         for frame in batches(path):
             for name, (_, factor) in columns.items():
                 if factor != 1.0:

@@ -10,14 +10,17 @@ from jointgap.core.errors import InputError
 
 @contextmanager
 def _beside(path: Path) -> Iterator[Path]:
-    """A temporary path in the folder of `path`, which is created if necessary; removed in the end."""
+    """A temporary path in the folder of `path`, which is created if necessary; removed in the
+    end."""
     temporary = path.with_name(f".{path.stem}-{os.getpid()}{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
     except OSError as error:
         why = error.strerror or error
-        raise InputError(f"{path}: cannot be written ({why}); check permissions and disk space") from error
+        raise InputError(
+            f"{path}: cannot be written ({why}); check permissions and disk space"
+        ) from error
     finally:
         with suppress(OSError):
             temporary.unlink()

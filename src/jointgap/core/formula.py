@@ -1,8 +1,8 @@
 """Formulas such as ``-a*v*|v| + b*sin(theta)``, compiled to programs for a stack machine.
 
-They are Python expressions of numbers, names and functions, with ``^`` for powers and bars for absolute values. The
-machine is in `jointgap.dynamics.equations`; each row of `Program.codes` is an operation and an index, used by NUMBER
-and VARIABLE.
+They are Python expressions of numbers, names and functions, with ``^`` for powers and bars for
+absolute values. The machine is in `jointgap.dynamics.equations`; each row of `Program.codes` is an
+operation and an index, used by NUMBER and VARIABLE.
 """
 
 import ast
@@ -49,7 +49,9 @@ _OPERATIONS: dict[type, tuple[int, Callable[[float, float], float]]] = {
     ast.Pow: (POWER, math.pow),
 }
 _RESERVED = {*VARIABLES, *_FUNCTIONS, "pi"}
-_TOKEN = re.compile(r"\s*((?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[A-Za-z_]\w*|\*\*|[-+*/^()|])", re.ASCII)
+_TOKEN = re.compile(
+    r"\s*((?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[A-Za-z_]\w*|\*\*|[-+*/^()|])", re.ASCII
+)
 
 
 @dataclass(frozen=True)
@@ -69,18 +71,25 @@ def compile_formula(text: str, coefficients: Mapping[str, float]) -> Program:
     for name in coefficients:
         if name in _RESERVED or not (name.isascii() and name.isidentifier()):
             raise InputError(
-                f"coefficient '{name}' is a reserved or invalid name; use a name of letters, digits and "
-                f"'_' other than {', '.join(sorted(_RESERVED))}"
+                f"coefficient '{name}' is a reserved or invalid name; use a name of letters, digits"
+                f" and '_' other than {', '.join(sorted(_RESERVED))}"
             )
     if len(text) > LONGEST_FORMULA:
-        raise InputError(f"the formula has {len(text)} characters, more than {LONGEST_FORMULA}; shorten it")
+        raise InputError(
+            f"the formula has {len(text)} characters, more than {LONGEST_FORMULA}; shorten it"
+        )
     steps, used = _Steps(text, coefficients), set(_TOKEN.findall(text))
     if unused := sorted(set(coefficients) - used):
         raise InputError(f"formula '{text}' does not use the coefficient '{unused[0]}'; remove it")
     program = steps.of(_parsed(text))
-    depth = np.cumsum([1 if code <= VARIABLE else -1 if ADD <= code <= POWER else 0 for code, _ in program]).max()
+    depth = np.cumsum(
+        [1 if code <= VARIABLE else -1 if ADD <= code <= POWER else 0 for code, _ in program]
+    ).max()
     if depth > DEEPEST_STACK:
-        raise InputError(f"formula '{text}' needs a stack of {depth} numbers, more than {DEEPEST_STACK}; nest it less")
+        raise InputError(
+            f"formula '{text}' needs a stack of {depth} numbers, more than {DEEPEST_STACK}; nest it"
+            " less"
+        )
     numbers = [operand for code, operand in program if code == NUMBER]
     places = iter(range(len(numbers)))
     codes = [(code, next(places) if code == NUMBER else operand) for code, operand in program]
@@ -88,14 +97,18 @@ def compile_formula(text: str, coefficients: Mapping[str, float]) -> Program:
 
 
 def _parsed(text: str) -> ast.expr:
-    """The syntax tree of a formula; bars become sets, which open after an operation or an opening bracket."""
+    """The syntax tree of a formula; bars become sets, which open after an operation or an opening
+    bracket."""
     if not text.strip():
         raise InputError("the formula is empty; write e.g. '-a*v*|v|'")
     python, place, end = "", 0, len(text.rstrip())
     while place < end:
         found = _TOKEN.match(text, place)
         if not found:
-            raise InputError(f"formula '{text}', after '{text[:place]}': the next character is invalid; remove it")
+            raise InputError(
+                f"formula '{text}', after '{text[:place]}': the next character is invalid;"
+                " remove it"
+            )
         token, place = found[1], found.end()
         if token == "|":
             token = "{" if not python or python[-1] in "({*+-/" else "}"
@@ -104,8 +117,8 @@ def _parsed(text: str) -> ast.expr:
         return ast.parse(python.strip(), mode="eval").body
     except (SyntaxError, RecursionError, MemoryError) as error:
         raise InputError(
-            f"formula '{text}' cannot be read; write every operation (2*v, not 2 v), close every bracket and bar, and "
-            "nest it less"
+            f"formula '{text}' cannot be read; write every operation (2*v, not 2 v), close every"
+            " bracket and bar, and nest it less"
         ) from error
 
 
@@ -114,8 +127,8 @@ _Step = tuple[int, float]
 
 @dataclass(frozen=True)
 class _Steps:
-    """Converts a tree to operations in order of execution, each with its number or variable index; subexpressions
-    without variables become one number.
+    """Converts a tree to operations in order of execution, each with its number or variable index;
+    subexpressions without variables become one number.
     """
 
     text: str
@@ -144,7 +157,10 @@ class _Steps:
                 if isinstance(op, ast.Div) and second == [(NUMBER, 0.0)]:
                     raise InputError(f"formula '{self.text}' divides by 0")
                 return self.operation(*_OPERATIONS[type(op)], first, second)
-        raise InputError(f"formula '{self.text}': '{ast.unparse(tree)}' is not supported; use + - * / ^ and functions")
+        raise InputError(
+            f"formula '{self.text}': '{ast.unparse(tree)}' is not supported; use + - * / ^ and"
+            " functions"
+        )
 
     def name(self, name: str) -> list[_Step]:
         if name in VARIABLES:
@@ -160,7 +176,9 @@ class _Steps:
         listed = "" if hint.startswith("known") else f" Known here: {', '.join(sorted(accepted))}."
         raise InputError(f"formula '{self.text}': unknown name '{name}'; {hint}{listed}")
 
-    def operation(self, code: int, evaluate: Callable[..., float], *operands: list[_Step]) -> list[_Step]:
+    def operation(
+        self, code: int, evaluate: Callable[..., float], *operands: list[_Step]
+    ) -> list[_Step]:
         if all(map(_is_number, operands)):
             return self.number(evaluate, *(operand[0][1] for operand in operands))
         return [*(step for operand in operands for step in operand), (code, 0)]
@@ -171,7 +189,9 @@ class _Steps:
         except (ValueError, OverflowError):
             number = math.nan
         if not math.isfinite(number):
-            raise InputError(f"formula '{self.text}': a part without variables is not a finite number")
+            raise InputError(
+                f"formula '{self.text}': a part without variables is not a finite number"
+            )
         return [(NUMBER, number)]
 
 

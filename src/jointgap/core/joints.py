@@ -1,7 +1,7 @@
 """The three revolute joints of a slider-crank and defaults of their contacts.
 
-A joint's clearance vector r points from the centre of its partner to the centre of its body. The joint's force acts on
-its body, and the opposite force on its partner."""
+A joint's clearance vector r points from the centre of its partner to the centre of its body. The
+joint's force acts on its body, and the opposite force on its partner."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -9,7 +9,9 @@ from typing import NamedTuple
 
 class RevoluteJoint(NamedTuple):
     name: str  # Key in mechanism files and prefix of column names
-    number: int  # The paper's number: its clearance vector has the length r<number> and the direction gamma<number>
+    # The paper's number: its clearance vector has the length r<number> and the direction
+    # gamma<number>
+    number: int
     index: int  # In everything compiled, and in the clearance vectors of a start
     partner: str  # Body at the beginning of its clearance vector
     body: str  # Body at the end of its clearance vector
@@ -52,7 +54,8 @@ REFERENCE_APPROACH_SPEED = 0.05
 
 
 def outputs(loose: Iterable[str]) -> tuple[str, ...]:
-    """Outputs of the networks for the joints `loose`: columns of the trajectory, in the paper's order."""
+    """Outputs of the networks for the joints `loose`: columns of the trajectory, in the paper's
+    order."""
     numbers = sorted(JOINT_NUMBERS[joint] for joint in loose)
     names = ("r{}", "gamma{}", "gamma{}_dot", "gamma{}_ddot")
     return tuple(name.format(number) for name in names for number in numbers)

@@ -22,9 +22,12 @@ def data_address(path: Path) -> str:
     return f"data:image/{path.suffix[1:]};base64,{b64encode(path.read_bytes()).decode()}"
 
 
-_UNBROKEN = 24  # [characters] shorter cells stay on one line: tables scroll instead of squeezing words
+_UNBROKEN = (
+    24  # [characters] shorter cells stay on one line: tables scroll instead of squeezing words
+)
 _CONTENTS_FROM, _PARTS_UP_TO = 4, 30
-"""Number of sections above which a page has a table of contents, and its largest number of entries."""
+"""Number of sections above which a page has a table of contents, and its largest number of
+entries."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,8 @@ class Heading:
 
 @dataclass(frozen=True)
 class Paragraph:
-    """Text with code between backticks, as in lists and tables; a strong one is the main result of the page."""
+    """Text with code between backticks, as in lists and tables; a strong one is the main result of
+    the page."""
 
     kind: ClassVar = "paragraph"
     text: str
@@ -98,7 +102,9 @@ class TableBlock:
     caption: str = ""
 
     @classmethod
-    def of(cls, rows: Iterable[Mapping[str, "str | Cell | Link"]], align: str = "", caption: str = "") -> "TableBlock":
+    def of(
+        cls, rows: Iterable[Mapping[str, "str | Cell | Link"]], align: str = "", caption: str = ""
+    ) -> "TableBlock":
         """A table from at least one row of cells by column head."""
         rows = list(rows)
         return cls(tuple(rows[0]), tuple(tuple(row.values()) for row in rows), align, caption)
@@ -111,7 +117,10 @@ class TableBlock:
     @property
     def lines(self) -> list[list[tuple[str | Link, str]]]:
         """Rows of (text, CSS class)."""
-        return [[_styled(cell, rule) for cell, rule in zip(row, self.rules, strict=True)] for row in self.rows]
+        return [
+            [_styled(cell, rule) for cell, rule in zip(row, self.rules, strict=True)]
+            for row in self.rows
+        ]
 
 
 def _styled(cell: str | Cell | Link, rule: str) -> tuple[str | Link, str]:
@@ -126,10 +135,11 @@ def _styled(cell: str | Cell | Link, rule: str) -> tuple[str | Link, str]:
 
 @dataclass(frozen=True)
 class FigureBlock:
-    """A saved figure by the stem of its files, relative to the folder of figures, with title and caption.
+    """A saved figure by the stem of its files, relative to the folder of figures, with title and
+    caption.
 
-    HTML omits missing figures. A `moving` one is a GIF, a still one PNG and SVG; `small` ones are placed side by side.
-    `narrow` is the stem of a variant for phones.
+    HTML omits missing figures. A `moving` one is a GIF, a still one PNG and SVG; `small` ones are
+    placed side by side. `narrow` is the stem of a variant for phones.
     """
 
     kind: ClassVar = "figure"
@@ -181,7 +191,8 @@ def written_today() -> str:
 
 
 def write_page(stem: Path, page: Page, figures: str = ".") -> str:
-    """Write a page to ``stem.html`` and ``stem.md``, with `figures` in that folder next to it; returns the Markdown."""
+    """Write a page to ``stem.html`` and ``stem.md``, with `figures` in that folder next to it;
+    returns the Markdown."""
     text = to_markdown(page, figures)
     write_text(stem.with_name(f"{stem.name}.html"), to_html(page, stem.parent / figures))
     write_text(stem.with_name(f"{stem.name}.md"), text)
@@ -197,7 +208,9 @@ def to_markdown(page: Page, figures: str = "figures") -> str:
 def to_html(page: Page, figures: Path | str = "figures") -> str:
     """The page as one HTML file, with embedded images from the folder `figures`."""
     there = [
-        block for block in page.blocks if not isinstance(block, FigureBlock) or Path(figures, block.image).exists()
+        block
+        for block in page.blocks
+        if not isinstance(block, FigureBlock) or Path(figures, block.image).exists()
     ]
     shown = tuple(_with_images(one, Path(figures)) for one in _numbered(there))
     ahead = next((n for n, one in enumerate(shown) if isinstance(one.block, Heading)), len(shown))
@@ -217,7 +230,8 @@ def _with_images(one: _Shown, figures: Path) -> _Shown:
         return one
     narrow = figures / f"{one.block.narrow}.png"
     return one._replace(
-        image=data_address(figures / one.block.image), narrow=data_address(narrow) if narrow.is_file() else ""
+        image=data_address(figures / one.block.image),
+        narrow=data_address(narrow) if narrow.is_file() else "",
     )
 
 
@@ -261,8 +275,11 @@ _BEGINNING = re.compile(r"^(#+|[-+>=]+)(?=\s|$)|^(>)|^(\d{1,9})(?=[.)](?:\s|$))"
 
 
 def markdown_text(text: str) -> str:
-    """`text` as a paragraph with Markdown's special characters escaped, except backticks around code."""
-    return _BEGINNING.sub(lambda found: f"{found[0]}\\" if found[3] else f"\\{found[0]}", _markdown_words(text))
+    """`text` as a paragraph with Markdown's special characters escaped, except backticks around
+    code."""
+    return _BEGINNING.sub(
+        lambda found: f"{found[0]}\\" if found[3] else f"\\{found[0]}", _markdown_words(text)
+    )
 
 
 def _markdown_words(text: str) -> str:
@@ -289,7 +306,8 @@ def _html_point(point: str | Link) -> Markup:
     if not isinstance(point, Link):
         return _with_code(point)
     return Markup(
-        f"<a href='{escape(point.address)}'>{_with_code(point.text)}</a>{point.gap}{_with_code(point.then.strip())}"
+        f"<a href='{escape(point.address)}'>{_with_code(point.text)}</a>"
+        f"{point.gap}{_with_code(point.then.strip())}"
     )
 
 

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from jointgap.core.errors import InputError, did_you_mean
-from jointgap.core.files import check_writable, write_atomically, write_text  # noqa: F401  re-exported
+from jointgap.core.files import check_writable, write_atomically, write_text  # noqa: F401 re-exported
 from jointgap.core.schema import Table
 
 _TYPES = {
@@ -28,7 +28,8 @@ _PANDAS = "PANDAS_ATTRS"  # where pandas writes the attrs of a frame
 
 
 def schema(table: Table) -> pa.Schema:
-    """The Arrow schema of a table, with unit and description of each column, and name and description of the table.
+    """The Arrow schema of a table, with unit and description of each column, and name and
+    description of the table.
 
     The units are also stored where ``pandas.read_parquet`` finds them.
     """
@@ -57,27 +58,40 @@ def to_arrow(table: Table, frame: pd.DataFrame) -> pa.Table:
     """`frame` as an Arrow table with exactly the columns of `table`."""
     wanted = table.names
     if sorted(frame.columns) != sorted(wanted):
-        missing, extra = sorted(set(wanted) - set(frame.columns)), sorted(set(frame.columns) - set(wanted))
+        missing, extra = (
+            sorted(set(wanted) - set(frame.columns)),
+            sorted(set(frame.columns) - set(wanted)),
+        )
         raise ValueError(f"table {table.name}: missing columns {missing}, unknown columns {extra}")
     for column in table.columns:
-        if column.kind == "float" and np.isinf(frame[column.name].to_numpy(dtype=float, na_value=np.nan)).any():
+        if (
+            column.kind == "float"
+            and np.isinf(frame[column.name].to_numpy(dtype=float, na_value=np.nan)).any()
+        ):
             raise ValueError(f"table {table.name}: column {column.name} contains an infinite value")
     columns = schema(table)
     arrow = pa.Table.from_pandas(frame[wanted], columns, preserve_index=False)
     return arrow.replace_schema_metadata(columns.metadata)
 
 
-def write(table: Table, frame: pd.DataFrame, path: Path | str, metadata: Mapping[str, str] | None = None) -> None:
-    """Write `frame` with the columns of `table` to `path`, with unit and description of each column.
+def write(
+    table: Table, frame: pd.DataFrame, path: Path | str, metadata: Mapping[str, str] | None = None
+) -> None:
+    """Write `frame` with the columns of `table` to `path`, with unit and description of each
+    column.
 
     `metadata` is additional metadata.
     """
     arrow = to_arrow(table, frame)
     arrow = arrow.replace_schema_metadata({**arrow.schema.metadata, **(metadata or {})})
-    floats = {column.name: "BYTE_STREAM_SPLIT" for column in table.columns if column.kind == "float"}
+    floats = {
+        column.name: "BYTE_STREAM_SPLIT" for column in table.columns if column.kind == "float"
+    }
     others = [column.name for column in table.columns if column.kind != "float"]
     options = {"compression": "zstd", "use_dictionary": others, "column_encoding": floats or None}
-    write_atomically(path, lambda file: pq.write_table(arrow, file, write_page_checksum=True, **options))
+    write_atomically(
+        path, lambda file: pq.write_table(arrow, file, write_page_checksum=True, **options)
+    )
 
 
 def read(table: Table, path: Path | str) -> pd.DataFrame:
@@ -86,19 +100,24 @@ def read(table: Table, path: Path | str) -> pd.DataFrame:
     held = _word((arrow.schema.metadata or {}).get(b"jointgap_table", b"?"))
     if held != table.name:
         raise InputError(
-            f"{path}: contains table '{held}', not '{table.name}'; give the right file, or run its stage again"
+            f"{path}: contains table '{held}', not '{table.name}'; give the right file, or run its"
+            " stage again"
         )
-    there, wanted = ([(field.name, field.type) for field in one] for one in (arrow.schema, schema(table)))
+    there, wanted = (
+        [(field.name, field.type) for field in one] for one in (arrow.schema, schema(table))
+    )
     if there != wanted:
         differ = sorted({f"{name} ({kind})" for name, kind in set(there) ^ set(wanted)})
         raise InputError(
-            f"{path}: table '{held}' has other columns than in this version ({', '.join(differ) or 'order'}); "
-            "run its stage again"
+            f"{path}: table '{held}' has other columns than in this version"
+            f" ({', '.join(differ) or 'order'}); run its stage again"
         )
     return arrow.to_pandas()
 
 
-def _open(reader: Callable[[Path | str], Any], path: Path | str, fix: str = "check the path") -> Any:
+def _open(
+    reader: Callable[[Path | str], Any], path: Path | str, fix: str = "check the path"
+) -> Any:
     """`reader(path)`; InputError where the file is missing, not Parquet, or damaged."""
     try:
         return reader(path)
@@ -106,7 +125,8 @@ def _open(reader: Callable[[Path | str], Any], path: Path | str, fix: str = "che
         raise InputError(f"{path}: no such file; {fix}") from error
     except (pa.ArrowException, OSError, ValueError) as error:
         raise InputError(
-            f"{path}: cannot be read as Parquet ({error}); give a Parquet file, or run its stage again"
+            f"{path}: cannot be read as Parquet ({error}); give a Parquet file, or run its stage"
+            " again"
         ) from error
 
 
@@ -121,7 +141,8 @@ def read_table(path: Path | str) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        In SI units (``frame.attrs["units"]`` by column, empty if the file has none); null is NaN, None in text.
+        In SI units (``frame.attrs["units"]`` by column, empty if the file has none); null is NaN,
+        None in text.
 
     Raises
     ------
@@ -148,7 +169,8 @@ def _units(arrow: pa.Schema) -> dict[str, str]:
     except (KeyError, TypeError, ValueError):  # not there, or of another program
         kept = {}
     return {
-        field.name: _word((field.metadata or {}).get(b"unit", b"")) or str(kept.get(field.name, "")) for field in arrow
+        field.name: _word((field.metadata or {}).get(b"unit", b"")) or str(kept.get(field.name, ""))
+        for field in arrow
     }
 
 

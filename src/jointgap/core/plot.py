@@ -26,7 +26,8 @@ _NOTEBOOK_DOTS = 110
 
 INK = "#222222"
 COLOURS = {
-    # After Okabe and Ito's palette for all types of colour vision; colours in one panel differ also in lightness
+    # After Okabe and Ito's palette for all types of colour vision; colours in one panel differ also
+    # in lightness
     "ideal": "#000000",
     "simulation": "#0072B2",
     "network": "#D55E00",
@@ -99,17 +100,25 @@ class Drawing:
         """
         path, writers = Path(path), self.writers()
         if path.suffix not in writers:
-            raise InputError(f"{path}: no figure format '{path.suffix}'; use {' or '.join(writers)}")
+            raise InputError(
+                f"{path}: no figure format '{path.suffix}'; use {' or '.join(writers)}"
+            )
         parquet.write_atomically(path, writers[path.suffix])
         return path
 
     def writers(self) -> dict[str, Callable]:
         """Functions that write the file, by suffix."""
-        return {".gif": self._write_gif} if self.frames else {".png": self._write_png, ".svg": self._write_svg}
+        return (
+            {".gif": self._write_gif}
+            if self.frames
+            else {".png": self._write_png, ".svg": self._write_svg}
+        )
 
     def _write_svg(self, file) -> None:
         with matplotlib_style():
-            self.figure.savefig(file, format="svg", dpi=DOTS_PER_INCH, metadata={"Date": None, "Creator": None})
+            self.figure.savefig(
+                file, format="svg", dpi=DOTS_PER_INCH, metadata={"Date": None, "Creator": None}
+            )
 
     def _write_png(self, file) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -127,14 +136,19 @@ class Drawing:
     def _write_gif(self, file) -> None:
         from PIL import Image
 
-        # one palette for all frames, from the last one, which has all colours: static parts do not flicker
+        # one palette for all frames, from the last one, which has all colours: static parts do not
+        # flicker
         frames = [Image.fromarray(frame) for frame in self.frames]
         palette = frames[-1].quantize(128, method=Image.Quantize.MAXCOVERAGE)
-        first, *others = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
+        first, *others = (
+            frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames
+        )
         timing = {"duration": round(1000 * self.frame_duration), "loop": 0}
         first.save(file, format="GIF", save_all=True, append_images=others, optimize=True, **timing)
 
-    def _repr_mimebundle_(self, include=None, exclude=None) -> tuple[dict[str, str], dict[str, dict[str, int]]]:
+    def _repr_mimebundle_(
+        self, include=None, exclude=None
+    ) -> tuple[dict[str, str], dict[str, dict[str, int]]]:
         """The image for a notebook."""
         suffix, content = ".gif" if self.frames else ".png", BytesIO()
         self.writers()[suffix](content)
@@ -185,7 +199,8 @@ class FigureSpec:
     template: tuple[str, str] = ("", "")  # Title and caption with conditional parts
 
     def where(self, **conditions: bool) -> "FigureSpec":
-        """The figure with the parts ``[name:words]`` or ``[not name:words]`` whose condition holds."""
+        """The figure with the parts ``[name:words]`` or ``[not name:words]`` whose condition
+        holds."""
 
         def kept(part: re.Match) -> str:
             return part[3] if conditions.get(part[2], True) != bool(part[1]) else ""
@@ -198,17 +213,32 @@ class Figures(dict[str, FigureSpec]):
     """Registry of the figures of a kind of results by name, in order of registration."""
 
     def figure(
-        self, name: str, title: str, category: str, tables: Iterable[str], caption: str = "", nothing: str = "", **more
+        self,
+        name: str,
+        title: str,
+        category: str,
+        tables: Iterable[str],
+        caption: str = "",
+        nothing: str = "",
+        **more,
     ) -> Callable[[Callable], Callable]:
-        """A decorator for functions from tables and a scenario (or a verdict) to a `Drawing`; the docstring is the
-        default caption. Title and caption of the registry have every conditional part, see `FigureSpec.where`.
+        """A decorator for functions from tables and a scenario (or a verdict) to a `Drawing`; the
+        docstring is the default caption. Title and caption of the registry have every conditional
+        part, see `FigureSpec.where`.
         """
 
         def register(function: Callable) -> Callable:
             given = {"call": getattr(function, "__name__", name)} | more
             template = title, caption or " ".join(function.__doc__.split())
             spec = FigureSpec(
-                title, category, tuple(tables), template[1], nothing, function, template=template, **given
+                title,
+                category,
+                tuple(tables),
+                template[1],
+                nothing,
+                function,
+                template=template,
+                **given,
             )
             self[name] = spec.where()
             return function
@@ -230,12 +260,14 @@ class Figures(dict[str, FigureSpec]):
         return tuple(sorted({table for name in names for table in self.spec(name).tables}))
 
     def draw(self, name: str, frames: Mapping[str, pd.DataFrame | None], of: Any) -> Drawing:
-        """Draw one figure from `frames` of its tables, `of` a scenario or the content of a verdict."""
+        """Draw one figure from `frames` of its tables, `of` a scenario or the content of a
+        verdict."""
         spec = self.spec(name)
         missing = [table for table in spec.tables if frames.get(table) is None]
         if missing and not spec.nothing:
             raise InputError(
-                f"figure {name} requires the table '{missing[0]}'; give it (required: {', '.join(spec.tables)})"
+                f"figure {name} requires the table '{missing[0]}'; give it (required:"
+                f" {', '.join(spec.tables)})"
             )
         with matplotlib_style():
             if spec.nothing and (missing or frames[spec.tables[0]].empty):
@@ -261,11 +293,14 @@ class Quantity:
 def round_up(value: float) -> float:
     """The next larger number of the form 1, 2 or 5 times a power of ten."""
     decade = 10.0 ** np.floor(np.log10(value))
-    return float(next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= value * (1 - 1e-9)))
+    return float(
+        next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= value * (1 - 1e-9))
+    )
 
 
 def tick_label(value: float, position: int) -> str:
-    """Tick label of a `value`: plain below 10 000, a power of ten beyond. Matplotlib passes the `position`."""
+    """Tick label of a `value`: plain below 10 000, a power of ten beyond. Matplotlib passes the
+    `position`."""
     if abs(value) < 1e4:
         return f"{value:g}".replace("-", "−")
     exponent = int(np.floor(np.log10(abs(value)) + 1e-9))
@@ -284,22 +319,26 @@ def label_ticks(axis, locator) -> None:
 
 
 def label_log_ticks(axis, low: float, high: float) -> None:
-    """Plain labels of a logarithmic matplotlib `axis` from `low` to `high`, at least three; no minor ticks."""
+    """Plain labels of a logarithmic matplotlib `axis` from `low` to `high`, at least three; no
+    minor ticks."""
     from matplotlib.ticker import LogLocator, MaxNLocator
 
     ratio = high / low if low > 0.0 else np.inf
-    # LogLocator gives no tick at all with several steps over many decades, and one alone within a few per cent
+    # LogLocator gives no tick at all with several steps over many decades, and one alone within a
+    # few per cent
     steps = (1.0, 2.0, 5.0) if ratio < 1e3 else (1.0,)
     label_ticks(axis, LogLocator(subs=steps) if ratio > 10.0 else MaxNLocator(5))
 
 
 def width_for(columns: int) -> float:
-    """Width [inches] of a figure with one column per loose joint; two columns have the default width."""
+    """Width [inches] of a figure with one column per loose joint; two columns have the default
+    width."""
     return WIDTH * max(1.0, columns / 2)
 
 
 BULK = 95.0  # [%] of the samples in the linear part of a linear-logarithmic scale
-IMPACTS_DWARF = 4.0  # ratio of the largest value to the bulk (or the desired motion) above which a scale is logarithmic
+# ratio of the largest value to the bulk (or the desired motion) above which a scale is logarithmic
+IMPACTS_DWARF = 4.0
 LINEAR_BAND = "grey band: linear scale; outside: logarithmic"
 DENSE_LINE, DENSE_MARKS = 5000, 300
 """Numbers of points above which a curve, or marks, are rasterised in SVG to limit its size."""
@@ -318,7 +357,8 @@ class Panel:
         axes.set_ylabel(y.label)
 
     def line(self, series: str, x: ArrayLike, y: ArrayLike, colour: str, **style) -> None:
-        """A curve `x`, `y`, each (n,) in the unit of its axis, called `series`; gaps where `y` is nan.
+        """A curve `x`, `y`, each (n,) in the unit of its axis, called `series`; gaps where `y` is
+        nan.
 
         `colour` is a name of `COLOURS`, `style` are matplotlib's options.
         """
@@ -327,9 +367,19 @@ class Panel:
         self.record(series, x, y)
 
     def marks(
-        self, series: str, x: ArrayLike, y: ArrayLike, colour: str, low=None, high=None, labels=None, along="y", **style
+        self,
+        series: str,
+        x: ArrayLike,
+        y: ArrayLike,
+        colour: str,
+        low=None,
+        high=None,
+        labels=None,
+        along="y",
+        **style,
     ) -> None:
-        """Points `x`, `y`, each (n,) in the unit of its axis; `series`, `colour` and `style` as in `line`.
+        """Points `x`, `y`, each (n,) in the unit of its axis; `series`, `colour` and `style` as in
+        `line`.
 
         Optional bars from `low` to `high` (n,) `along` an axis; `labels` are names of categories.
         """
@@ -338,16 +388,24 @@ class Panel:
         if low is not None:
             centre = np.asarray(y if along == "y" else x)
             spread = {f"{along}err": np.abs([centre - np.asarray(low), np.asarray(high) - centre])}
-            self.axes.errorbar(x, y, **spread, label=series, color=COLOURS[colour], capsize=2.5, **style)
+            self.axes.errorbar(
+                x, y, **spread, label=series, color=COLOURS[colour], capsize=2.5, **style
+            )
         else:
             self.axes.plot(x, y, label=series, color=COLOURS[colour], **style)
         self.record(series, x, y, low=low, high=high, label=labels)
 
     def contours(
-        self, series: str, x: np.ndarray, y: np.ndarray, value: np.ndarray, quantity: Quantity, **style
+        self,
+        series: str,
+        x: np.ndarray,
+        y: np.ndarray,
+        value: np.ndarray,
+        quantity: Quantity,
+        **style,
     ) -> "QuadContourSet":
-        """Filled contours of a `value` (len(y), len(x)) over the grid of `x` and `y`; returns the artist for a colour
-        bar.
+        """Filled contours of a `value` (len(y), len(x)) over the grid of `x` and `y`; returns the
+        artist for a colour bar.
 
         `quantity` is the name and unit of the value; `series` and `style` as in `line`.
         """
@@ -378,21 +436,37 @@ class Panel:
         self.axes.set_yticks(places, names)
         self.axes.grid(False, axis="y")
 
-    def bands(self, row: float, label: str, x: np.ndarray, values: np.ndarray, kinds: Sequence[str]) -> None:
-        """A band at height `row`, recorded as `label`; the colour shows the kind of the text `values` (n,) over `x`."""
+    def bands(
+        self, row: float, label: str, x: np.ndarray, values: np.ndarray, kinds: Sequence[str]
+    ) -> None:
+        """A band at height `row`, recorded as `label`; the colour shows the kind of the text
+        `values` (n,) over `x`."""
         starts = np.flatnonzero(np.append(True, values[1:] != values[:-1]))
         edges = np.append(x[starts], x[-1])
         for kind in kinds:
             low, high = (edges[i:][: len(starts)][values[starts] == kind] for i in (0, 1))
             spans = list(zip(low, high - low, strict=True))
-            self.axes.broken_barh(spans, (row - 0.4, 0.8), color=COLOURS[kind], label=kind, linewidth=0.0)
+            self.axes.broken_barh(
+                spans, (row - 0.4, 0.8), color=COLOURS[kind], label=kind, linewidth=0.0
+            )
             self.record(
-                kind, (low + high) / 2.0, np.full(len(low), float(row)), low=low, high=high, label=[label] * len(low)
+                kind,
+                (low + high) / 2.0,
+                np.full(len(low), float(row)),
+                low=low,
+                high=high,
+                label=[label] * len(low),
             )
 
     def vertical_line(self, series: str, x: float, named: bool = True) -> None:
         """A vertical line at `x`, in the legend as `series` if `named`."""
-        self.axes.axvline(x, label=series if named else None, color=COLOURS["limit"], linewidth=0.9, linestyle="--")
+        self.axes.axvline(
+            x,
+            label=series if named else None,
+            color=COLOURS["limit"],
+            linewidth=0.9,
+            linestyle="--",
+        )
         self.record(series, [x], [np.nan])
 
     def over_crank_angle(self, start: float, end: float, step: float | None = None) -> None:
@@ -416,7 +490,8 @@ class Panel:
         label_log_ticks(self.axes.yaxis, *self.axes.dataLim.intervaly)
 
     def linear_then_logarithmic(self, threshold: float, named: bool = True) -> None:
-        """An ordinate that is linear within +-`threshold` (grey band) and logarithmic beyond; call it after plotting.
+        """An ordinate that is linear within +-`threshold` (grey band) and logarithmic beyond; call
+        it after plotting.
 
         The legend explains it if `named`.
         """
@@ -424,8 +499,16 @@ class Panel:
 
         bottom, top = self.axes.dataLim.intervaly
         decades = 10.0 ** np.arange(np.floor(np.log10(threshold)) + 1.0, 20.0)
-        beyond = decades[decades > 4.0 * threshold]  # nearer labels would overlap that of the threshold
-        ticks = [-threshold, 0.0, threshold, *beyond[beyond <= 1.3 * top], *-beyond[beyond <= -1.3 * bottom]]
+        beyond = decades[
+            decades > 4.0 * threshold
+        ]  # nearer labels would overlap that of the threshold
+        ticks = [
+            -threshold,
+            0.0,
+            threshold,
+            *beyond[beyond <= 1.3 * top],
+            *-beyond[beyond <= -1.3 * bottom],
+        ]
         self.axes.set_yscale("symlog", linthresh=threshold, linscale=1.2)
         label_ticks(self.axes.yaxis, FixedLocator(sorted(ticks)))
         self.axes.set_ylim(min(1.5 * bottom, -1.2 * threshold), max(1.5 * top, 1.2 * threshold))
@@ -434,14 +517,16 @@ class Panel:
             self.record(LINEAR_BAND, [np.nan], [0.0], low=[-threshold], high=[threshold])
 
     def spread_scale(self, shown: np.ndarray) -> None:
-        """A linear-logarithmic ordinate where the largest of the values `shown` exceed the bulk by far."""
+        """A linear-logarithmic ordinate where the largest of the values `shown` exceed the bulk by
+        far."""
         size = np.abs(shown[np.isfinite(shown)])
         bulk = np.percentile(size, BULK)
         if size.max() > IMPACTS_DWARF * bulk > 0.0:
             self.linear_then_logarithmic(round_up(bulk))
 
     def record(self, series: str, x: ArrayLike, y: ArrayLike, **more) -> None:
-        """Record points `x`, `y` (n,) of a `series` in the plotted data; `more` are further columns of `PLOTTED`."""
+        """Record points `x`, `y` (n,) of a `series` in the plotted data; `more` are further columns
+        of `PLOTTED`."""
         constant = {
             "panel": self.title,
             "series": series,
@@ -450,12 +535,18 @@ class Panel:
             "y_quantity": self.y.name,
             "y_unit": self.y.unit,
         }
-        given = {"x": x, "y": y} | constant | {name: values for name, values in more.items() if values is not None}
+        given = (
+            {"x": x, "y": y}
+            | constant
+            | {name: values for name, values in more.items() if values is not None}
+        )
         rows = len(np.asarray(x))
         record = {}
         for column in schema.PLOTTED.columns:
             kind, absent = (float, np.nan) if column.kind == "float" else (object, None)
-            record[column.name] = np.broadcast_to(np.asarray(given.get(column.name, absent), dtype=kind), rows)
+            record[column.name] = np.broadcast_to(
+                np.asarray(given.get(column.name, absent), dtype=kind), rows
+            )
         self.records.append(record)
 
 
@@ -469,8 +560,11 @@ class Sheet:
         self.grid = self.figure.add_gridspec(rows, columns, **grid)
         self.panels: list[Panel] = []
 
-    def panel(self, place: tuple, title: str, x: Quantity, y: Quantity, below: Panel | None = None) -> Panel:
-        """A panel at `place` = (row, column) of the grid with axes `x` and `y`; it shares the abscissa of `below`."""
+    def panel(
+        self, place: tuple, title: str, x: Quantity, y: Quantity, below: Panel | None = None
+    ) -> Panel:
+        """A panel at `place` = (row, column) of the grid with axes `x` and `y`; it shares the
+        abscissa of `below`."""
         axes = self.figure.add_subplot(self.grid[place], sharex=below.axes if below else None)
         panel = Panel(axes, title, x, y)
         if below:
@@ -480,8 +574,8 @@ class Sheet:
         return panel
 
     def legend(self, panels: Sequence[Panel] | None = None, columns: int | None = None) -> None:
-        """One legend above the given panels (all by default), without duplicates, in `columns` (as many as fit by
-        default).
+        """One legend above the given panels (all by default), without duplicates, in `columns` (as
+        many as fit by default).
         """
         handles: dict[str, object] = {}
         for panel in panels or self.panels:
@@ -491,14 +585,20 @@ class Sheet:
             handles[LINEAR_BAND] = handles.pop(LINEAR_BAND)
         if columns is None:
             longest = max(map(len, handles))
-            columns = max(1, min(len(handles), int(14 * self.figure.get_figwidth() / (longest + 7))))
-        self.figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=columns)
+            columns = max(
+                1, min(len(handles), int(14 * self.figure.get_figwidth() / (longest + 7)))
+            )
+        self.figure.legend(
+            handles.values(), handles.keys(), loc="outside upper center", ncols=columns
+        )
 
     def drawing(self) -> Drawing:
         """The figure with its data."""
         records = [record for panel in self.panels for record in panel.records]
         names = [column.name for column in schema.PLOTTED.columns]
-        data = pd.DataFrame({name: np.concatenate([record[name] for record in records]) for name in names})
+        data = pd.DataFrame(
+            {name: np.concatenate([record[name] for record in records]) for name in names}
+        )
         return Drawing(self.figure, data)
 
 

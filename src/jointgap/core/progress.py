@@ -1,4 +1,5 @@
-"""Progress of long computations: loops report it, and a listener such as `jointgap.app.cli` may show it."""
+"""Progress of long computations: loops report it, and a listener such as `jointgap.app.cli` may
+show it."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -48,4 +49,7 @@ MOST_PARTS = 100
 def parts(number: int, per_job: int) -> dict[str, tuple[int, int]]:
     """Split `number` items into parts of `per_job` each; the last part has the remainder."""
     firsts = range(0, number, per_job)
-    return {f"part_{part:06d}": (first, min(per_job, number - first)) for part, first in enumerate(firsts)}
+    return {
+        f"part_{part:06d}": (first, min(per_job, number - first))
+        for part, first in enumerate(firsts)
+    }

@@ -1,7 +1,8 @@
-"""Publishes results to MLflow: `publish_records` writes the content of each `Record`, without duplicates.
+"""Publishes results to MLflow: `publish_records` writes the content of each `Record`, without
+duplicates.
 
-A run is identified by scenario, stage, output and digest of its content. An unchanged run is kept, a changed one
-replaced, an incomplete one deleted and written again.
+A run is identified by scenario, stage, output and digest of its content. An unchanged run is kept,
+a changed one replaced, an incomplete one deleted and written again.
 """
 
 import getpass
@@ -42,11 +43,15 @@ for _name, _value in {
     "GIT_PYTHON_REFRESH": "quiet",  # no warning from mlflow without git
     "PGCONNECT_TIMEOUT": "5",  # [s] of PostgreSQL
 }.items():
-    os.environ.setdefault(_name, _value)  # before mlflow is imported; does not override the user's settings
+    os.environ.setdefault(
+        _name, _value
+    )  # before mlflow is imported; does not override the user's settings
 
 EXPERIMENT = "jointgap-"
 """Prefix of a stage in the name of its experiment."""
-SCENARIO, STAGE, OUTPUT, DIGEST = (f"jointgap.{key}" for key in ("scenario", "stage", "output", "digest"))
+SCENARIO, STAGE, OUTPUT, DIGEST = (
+    f"jointgap.{key}" for key in ("scenario", "stage", "output", "digest")
+)
 PARENT = "mlflow.parentRunId"
 
 _SQLITE = "sqlite:///"
@@ -91,16 +96,24 @@ class Record:
     metrics: Mapping[str, float] = field(default_factory=dict)  # non-finite values are skipped
     curves: Mapping[str, pd.Series] = field(default_factory=dict)  # values by iteration
     datasets: tuple[Dataset, ...] = ()
-    files: Mapping[str, Path | bytes] = field(default_factory=dict)  # artifacts by their path in the run
-    costs: Mapping[str, float] = field(default_factory=dict)  # metrics that are not part of the digest
+    files: Mapping[str, Path | bytes] = field(
+        default_factory=dict
+    )  # artifacts by their path in the run
+    costs: Mapping[str, float] = field(
+        default_factory=dict
+    )  # metrics that are not part of the digest
     notes: Mapping[str, str] = field(default_factory=dict)  # tags
 
     @cached_property
     def digest(self) -> str:
         """SHA-256 of the run's content without its costs."""
         metrics = {name: float(value) for name, value in self.metrics.items()}
-        curves = {name: [curve.index.tolist(), curve.tolist()] for name, curve in self.curves.items()}
-        datasets = sorted([dataset.name, dataset.context, dataset.sha256] for dataset in self.datasets)
+        curves = {
+            name: [curve.index.tolist(), curve.tolist()] for name, curve in self.curves.items()
+        }
+        datasets = sorted(
+            [dataset.name, dataset.context, dataset.sha256] for dataset in self.datasets
+        )
         files = {name: sha256(source) for name, source in self.files.items()}
         held = [dict(self.params), metrics, curves, datasets, files, dict(self.notes)]
         return sha256(json.dumps(held, sort_keys=True).encode())
@@ -109,7 +122,11 @@ class Record:
         """Every metric as (name, value, step); single numbers at step 0."""
         single = [(name, float(value), 0) for name, value in {**self.metrics, **self.costs}.items()]
         curves = ((name, thinned(curve)) for name, curve in self.curves.items())
-        along = [(name, float(value), int(step)) for name, curve in curves for step, value in curve.items()]
+        along = [
+            (name, float(value), int(step))
+            for name, curve in curves
+            for step, value in curve.items()
+        ]
         return [point for point in single + along if np.isfinite(point[1])]
 
 
@@ -130,23 +147,33 @@ def thinned(curve: pd.Series, points: int = CURVE_POINTS) -> pd.Series:
 
 
 def configuration(options: "BaseModel", sections: set[str]) -> dict[str, Any]:
-    """Parameters, flattened from the `sections` of a configuration, and a file with these sections."""
+    """Parameters, flattened from the `sections` of a configuration, and a file with these
+    sections."""
     given = options.model_dump(mode="json", by_alias=True, include=sections, exclude_none=True)
     flat = pd.json_normalize(given).iloc[0].to_dict()
-    params = {re.sub(r"[^\w\-./ ]", "_", key): str(value)[:_LONGEST_VALUE] for key, value in flat.items()}
+    params = {
+        re.sub(r"[^\w\-./ ]", "_", key): str(value)[:_LONGEST_VALUE] for key, value in flat.items()
+    }
     text = options.model_dump_json(include=sections, by_alias=True, indent=2) + "\n"
     return {"params": params, "files": {"options.json": text.encode()}}
 
 
 def costs(benchmarks: list[Path]) -> dict[str, float]:
     """Total time [s] and peak memory from Snakemake's benchmark files."""
-    files = [pd.read_csv(path, sep="\t", na_values="-")[["s", "max_rss"]].mean() for path in benchmarks]
+    files = [
+        pd.read_csv(path, sep="\t", na_values="-")[["s", "max_rss"]].mean() for path in benchmarks
+    ]
     measured = pd.DataFrame(files, columns=["s", "max_rss"])
-    return {} if measured.empty else {"seconds": measured["s"].sum(), "peak_memory_mb": measured["max_rss"].max()}
+    return (
+        {}
+        if measured.empty
+        else {"seconds": measured["s"].sum(), "peak_memory_mb": measured["max_rss"].max()}
+    )
 
 
 def name_and_factor(column: Column) -> tuple[str, float]:
-    """Name of a metric, with its unit, and its number of units per SI unit; errors of an angle in mdeg."""
+    """Name of a metric, with its unit, and its number of units per SI unit; errors of an angle in
+    mdeg."""
     unit, factor = reading_unit(column.unit)
     if unit == "deg" and "error" in column.name:
         unit, factor = "mdeg", 1e3 * np.rad2deg(1.0)
@@ -154,11 +181,17 @@ def name_and_factor(column: Column) -> tuple[str, float]:
     return (column.name if ending in ("1", "") else f"{column.name}_{ending}"), factor
 
 
-def numbers(table: Table, row: Mapping[str, Any], *names: str, section: str = "") -> dict[str, float]:
+def numbers(
+    table: Table, row: Mapping[str, Any], *names: str, section: str = ""
+) -> dict[str, float]:
     """The numbers of a row of `table`, all or those of the columns `names`; shares in percent."""
     metrics = {}
     for column in table.columns:
-        if column.kind not in ("int", "float") or (names and column.name not in names) or pd.isna(row[column.name]):
+        if (
+            column.kind not in ("int", "float")
+            or (names and column.name not in names)
+            or pd.isna(row[column.name])
+        ):
             continue
         is_share = column.kind == "float" and column.unit == "1"
         name, factor = (f"{column.name}_percent", 100) if is_share else name_and_factor(column)
@@ -167,8 +200,11 @@ def numbers(table: Table, row: Mapping[str, Any], *names: str, section: str = ""
 
 
 def store_address(results: Path, tracking_uri: str | None = None) -> str:
-    """Address of the store: `tracking_uri`, ``MLFLOW_TRACKING_URI``, or a SQLite file in the folder `results`."""
-    address = tracking_uri or os.environ.get("MLFLOW_TRACKING_URI") or f"{_SQLITE}{results / 'mlflow.db'}"
+    """Address of the store: `tracking_uri`, ``MLFLOW_TRACKING_URI``, or a SQLite file in the folder
+    `results`."""
+    address = (
+        tracking_uri or os.environ.get("MLFLOW_TRACKING_URI") or f"{_SQLITE}{results / 'mlflow.db'}"
+    )
     return f"{_SQLITE}{file.resolve()}" if (file := sqlite_file(address)) else address
 
 
@@ -178,7 +214,8 @@ def sqlite_file(address: str) -> Path | None:
 
 
 def artifact_folder(address: str, results: Path) -> Path | None:
-    """The folder of artifacts: next to a SQLite file, in `results` for other databases; None with a server."""
+    """The folder of artifacts: next to a SQLite file, in `results` for other databases; None with a
+    server."""
     file = sqlite_file(address)
     folder = results if file is None else file.parent
     return folder.resolve() / "mlflow-artifacts" if _DATABASE.match(address) else None
@@ -186,14 +223,17 @@ def artifact_folder(address: str, results: Path) -> Path | None:
 
 @contextmanager
 def opened(address: str) -> Iterator["MlflowClient"]:
-    """A client of the store at `address`, after a successful request; errors of the store become one InputError."""
+    """A client of the store at `address`, after a successful request; errors of the store become
+    one InputError."""
     try:
         with needs("publishing to MLflow", "workflow"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             import sqlalchemy
             from mlflow.tracking import MlflowClient
         logging.getLogger("mlflow").setLevel(logging.WARNING)
-        logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)  # its errors are raised too
+        logging.getLogger("mlflow.store.db.utils").setLevel(
+            logging.CRITICAL
+        )  # its errors are raised too
         if (file := sqlite_file(address)) is not None and not file.exists():
             _make(file)
         elif _DATABASE.match(address):
@@ -206,14 +246,20 @@ def opened(address: str) -> Iterator["MlflowClient"]:
         raise
     except Exception as error:
         kinds = {kind.__module__.partition(".")[0] for kind in type(error).__mro__}
-        if not (isinstance(error, OSError | ImportError) or kinds & {"mlflow", "sqlalchemy", "alembic", "sqlite3"}):
+        if not (
+            isinstance(error, OSError | ImportError)
+            or kinds & {"mlflow", "sqlalchemy", "alembic", "sqlite3"}
+        ):
             raise
         reason = without_password((str(error).strip() or repr(error)).splitlines()[0])[:300]
-        fix = "check the file, permissions and disk space, or move the file away to start a new store"
+        fix = (
+            "check the file, permissions and disk space, or move the file away to start a new store"
+        )
         if sqlite_file(address) is None:
             fix = (
-                "start the server, correct its address, user or password, install its driver (pip install "
-                "'jointgap[cluster]'), or unset MLFLOW_TRACKING_URI to use the store in the results folder"
+                "start the server, correct its address, user or password, install its driver (pip"
+                " install 'jointgap[cluster]'), or unset MLFLOW_TRACKING_URI to use the store in"
+                " the results folder"
             )
         raise InputError(
             f"MLflow store {without_password(address)} cannot be reached or used ({reason}); {fix}"
@@ -221,7 +267,8 @@ def opened(address: str) -> Iterator["MlflowClient"]:
 
 
 def _make(file: Path) -> None:
-    """Create a SQLite store under a temporary name, then rename it: an interrupted one would be unusable."""
+    """Create a SQLite store under a temporary name, then rename it: an interrupted one would be
+    unusable."""
     from mlflow.tracking import MlflowClient
 
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -237,7 +284,8 @@ def without_password(address: str) -> str:
 
 
 def check_store(address: str) -> None:
-    """InputError where the store at `address` is unavailable; a missing SQLite file is created later."""
+    """InputError where the store at `address` is unavailable; a missing SQLite file is created
+    later."""
     if sqlite_file(address) is None:
         with opened(address):
             pass
@@ -272,7 +320,9 @@ def publish_records(
     with opened(address) as client:
         for stage in dict.fromkeys(record.stage for record in content):
             experiment = _experiment(client, stage, address, results)
-            found = client.search_runs([experiment], f"tags.`{SCENARIO}` = '{name}'", max_results=_MOST_RUNS)
+            found = client.search_runs(
+                [experiment], f"tags.`{SCENARIO}` = '{name}'", max_results=_MOST_RUNS
+            )
             whole = {
                 (run.data.tags.get(OUTPUT), run.data.tags.get(DIGEST)): run
                 for run in reversed(found)
@@ -285,7 +335,13 @@ def publish_records(
                 present = whole.get((record.output, record.digest))
                 if present is None:
                     notes = {f"jointgap.{key}": text for key, text in record.notes.items()}
-                    run_id = _write(client, experiment, f"{name} {record.output}".strip(), record, shared | notes | own)
+                    run_id = _write(
+                        client,
+                        experiment,
+                        f"{name} {record.output}".strip(),
+                        record,
+                        shared | notes | own,
+                    )
                 else:
                     run_id = present.info.run_id
                     if record.output and present.data.tags.get(PARENT) != parent:
@@ -313,15 +369,18 @@ def _experiment(client: "MlflowClient", stage: str, address: str, results: Path)
         return client.create_experiment(EXPERIMENT + stage, artifact_location=place, tags=tags)
     if sqlite_file(address) and experiment.artifact_location != place:
         raise InputError(
-            f"MLflow store {address} was created elsewhere: its artifacts are in {experiment.artifact_location}, not "
-            f"in {place}; move it back, or move the file away and publish again (make run ARGS='--forcerun track')"
+            f"MLflow store {address} was created elsewhere: its artifacts are in"
+            f" {experiment.artifact_location}, not in {place}; move it back, or move the file away"
+            " and publish again (make run ARGS='--forcerun track')"
         )
     if experiment.lifecycle_stage == "deleted":
         client.restore_experiment(experiment.experiment_id)
     return experiment.experiment_id
 
 
-def _write(client: "MlflowClient", experiment: str, name: str, record: Record, tags: dict[str, str]) -> str:
+def _write(
+    client: "MlflowClient", experiment: str, name: str, record: Record, tags: dict[str, str]
+) -> str:
     """Log a `record`; the run is marked as finished last."""
     from mlflow.entities import Metric, Param
 
@@ -349,11 +408,14 @@ def _write(client: "MlflowClient", experiment: str, name: str, record: Record, t
 
 
 def _input(dataset: Dataset):
-    """A table as MLflow's dataset, with a short digest (at most 36 digits) and the full one as a tag."""
+    """A table as MLflow's dataset, with a short digest (at most 36 digits) and the full one as a
+    tag."""
     from mlflow import entities
 
     footers = [read_footer(path) for path in dataset.files]
-    columns = [{"name": one.name, "type": str(one.type)} for one in footers[0].schema.to_arrow_schema()]
+    columns = [
+        {"name": one.name, "type": str(one.type)} for one in footers[0].schema.to_arrow_schema()
+    ]
     source, schema = {"uri": str(dataset.path.resolve())}, {"mlflow_colspec": columns}
     profile = {"num_rows": sum(footer.num_rows for footer in footers)}
     described = (json.dumps(part) for part in (source, schema, profile))
@@ -371,7 +433,10 @@ def commit() -> str:
     command = ["git", "-C", str(Path(__file__).parent), "-c", "safe.directory=*", *words]
     try:
         return (
-            subprocess.run(command, capture_output=True, text=True, timeout=20, check=False).stdout.strip() or "unknown"
+            subprocess.run(
+                command, capture_output=True, text=True, timeout=20, check=False
+            ).stdout.strip()
+            or "unknown"
         )
     except (OSError, subprocess.TimeoutExpired):
         return "unknown"

@@ -17,7 +17,8 @@ Frames = dict[str, pd.DataFrame]
 class ResultsFolder:
     """Reads and writes the tables in one folder.
 
-    Tables are given as such or by name; `part` is an output, or one of several stages, of a divided table.
+    Tables are given as such or by name; `part` is an output, or one of several stages, of a divided
+    table.
     """
 
     def __init__(self, path: Path, places: Mapping[str, Path] | None = None):
@@ -56,8 +57,9 @@ class ResultsFolder:
         for path in inputs:
             if Path(path).resolve() in results:
                 raise InputError(
-                    f"{path}: is an input of the campaign and would be overwritten by a result; copy the file "
-                    "elsewhere and give the path of the copy, or give another --folder"
+                    f"{path}: is an input of the campaign and would be overwritten by a result;"
+                    " copy the file elsewhere and give the path of the copy, or give another"
+                    " --folder"
                 )
 
 

@@ -26,7 +26,8 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of a stage: its columns in the order of the file, and its path in a folder of results."""
+    """A table of a stage: its columns in the order of the file, and its path in a folder of
+    results."""
 
     name: str
     description: str
@@ -43,7 +44,10 @@ class Table:
 
     def filled(self, **groups: Iterable[Column]) -> "Table":
         """The same table with columns that depend on the configuration in place of ``{group}``."""
-        own = ([column] if column.name[0] != "{" else groups[column.name[1:-1]] for column in self.columns)
+        own = (
+            [column] if column.name[0] != "{" else groups[column.name[1:-1]]
+            for column in self.columns
+        )
         return replace(self, columns=tuple(column for columns in own for column in columns))
 
 

@@ -22,7 +22,10 @@ from jointgap.core.units import plain_numbers
 
 _LONGEST = 200  # [characters] of a value in messages
 _MOST_LISTED = 8  # choices in a message; of more, the most similar one is shown
-_ALSO = {"mechanism": "the path of a mechanism file, or ", "contact": "the name of an entry of contacts, or "}
+_ALSO = {
+    "mechanism": "the path of a mechanism file, or ",
+    "contact": "the name of an entry of contacts, or ",
+}
 _PLAIN = {
     "string": "text",
     "path": "a path, written as text",
@@ -36,13 +39,21 @@ _PLAIN = {
 _WRONG_TYPE = {"type", "parsing", "from_float"}
 _SUBJECT = re.compile(r"^(Value error, )?((Input|String|Tuple|List|Dictionary) should )?")
 _COUNTED = re.compile(r" after validation, not \d+$")
-_IMPLICIT = ("[key]", "uniform", "log_uniform", "normal", "triangular", "values")  # pydantic's steps that no file has
+_IMPLICIT = (
+    "[key]",
+    "uniform",
+    "log_uniform",
+    "normal",
+    "triangular",
+    "values",
+)  # pydantic's steps that no file has
 
 
 class _Called(type(BaseModel)):
     """Gives errors in Python, ``Simulate(sped="600 rpm")``, the same text as errors in files.
 
-    Not in ``__init__``, which pydantic calls for nested sections too: their errors would lose the path of the key.
+    Not in ``__init__``, which pydantic calls for nested sections too: their errors would lose the
+    path of the key.
     """
 
     if not TYPE_CHECKING:  # type checkers read the keys from the fields
@@ -50,12 +61,16 @@ class _Called(type(BaseModel)):
         def __call__(cls, *args: Any, **keys: Any) -> Any:
             if args:
                 example = f"{cls.__name__}({next(iter(cls.model_fields))}=...)"
-                raise InputError(f"{cls.__name__}: accepts keyword arguments only, such as {example}")
+                raise InputError(
+                    f"{cls.__name__}: accepts keyword arguments only, such as {example}"
+                )
             keys = plain_numbers(keys)
             try:
                 return super().__call__(**keys)
             except ValidationError as error:
-                raise InputError(*(f"{cls.__name__}: {line}" for line in complaints(error, keys))) from error
+                raise InputError(
+                    *(f"{cls.__name__}: {line}" for line in complaints(error, keys))
+                ) from error
 
 
 class ConfigModel(BaseModel, metaclass=_Called):
@@ -68,7 +83,9 @@ class ConfigModel(BaseModel, metaclass=_Called):
     @model_validator(mode="before")
     @classmethod
     def _keys_are_known(cls, data: Any) -> Any:
-        fields = cls.__pydantic_fields__  # model_fields takes a tenth of the time of a sweep's design
+        fields = (
+            cls.__pydantic_fields__
+        )  # model_fields takes a tenth of the time of a sweep's design
         if isinstance(data, dict) and not fields.keys() >= data.keys():
             known = {field.alias or name: field.description or "" for name, field in fields.items()}
             words = {}  # by key: text before and after its path
@@ -115,18 +132,29 @@ def _complaint(item: Mapping, data: object) -> list[str]:
     kind, value, context = item["type"], item["input"], item.get("ctx", {})
     if kind == "unknown_keys":
         inside = f"{key}." if key else ""
-        return [f"{before}key '{inside}{name}'{after}" for name, (before, after) in context["keys"].items()]
+        return [
+            f"{before}key '{inside}{name}'{after}"
+            for name, (before, after) in context["keys"].items()
+        ]
     if kind == "missing":
         laid_over = ", or the key base, the path of a mechanism file that these keys modify"
-        return [f"key '{key}' is missing; add it{laid_over if 'mechanism' in item['loc'][-2:-1] else ''}"]
+        return [
+            f"key '{key}' is missing; add"
+            f" it{laid_over if 'mechanism' in item['loc'][-2:-1] else ''}"
+        ]
     if kind == "union_tag_not_found":
         return [f"key '{key}.{_unquoted(context['discriminator'])[0]}' is missing; add it"]
     if kind.startswith("union_tag"):
         (choice,), tag = _unquoted(context["discriminator"]), context["tag"]
         what = "effect" if choice == "name" else choice
-        return [f"{key}.{choice} = {tag!r}: no such {what}; {did_you_mean(tag, _unquoted(context['expected_tags']))}"]
+        return [
+            f"{key}.{choice} = {tag!r}: no such {what};"
+            f" {did_you_mean(tag, _unquoted(context['expected_tags']))}"
+        ]
     shown = "" if isinstance(value, dict | BaseModel) else f" = {_shortened(repr(value))}"
-    if isinstance(value, float) and isinstance(written, str):  # converted before its range was checked
+    if isinstance(value, float) and isinstance(
+        written, str
+    ):  # converted before its range was checked
         shown = f" = {_shortened(repr(written))}, {value:.6g} in SI"
     message = _message(item)
     return [f"{key}{shown}: {message[0].lower() + message[1:]}" if key else message]
@@ -137,7 +165,8 @@ def _unquoted(words: str) -> list[str]:
 
 
 def _found(location: tuple, data: object) -> tuple[str, object]:
-    """The path of a key as in the file, with the ids or names of the entries of lists, and its value there."""
+    """The path of a key as in the file, with the ids or names of the entries of lists, and its
+    value there."""
     steps = []
     for place, step in enumerate(location):
         if isinstance(data, Mapping) and step in data:
@@ -146,7 +175,9 @@ def _found(location: tuple, data: object) -> tuple[str, object]:
             step, data = entry_name(data, step, location[place + 1 :]), data[step]
         elif step in _IMPLICIT:
             continue
-        elif not (isinstance(data, Mapping) and step in data.values()):  # the name of an effect, or a kind of drive
+        elif not (
+            isinstance(data, Mapping) and step in data.values()
+        ):  # the name of an effect, or a kind of drive
             data = None
         elif str(step) == steps[-1].partition("@")[0]:  # an effect that is called so
             continue
@@ -155,10 +186,15 @@ def _found(location: tuple, data: object) -> tuple[str, object]:
 
 
 def entry_name(entries: list | tuple, place: int, following: tuple = ()) -> str:
-    """The id of an entry of a list, or the name of an effect (with its site if there are several); else `place`."""
+    """The id of an entry of a list, or the name of an effect (with its site if there are several);
+    else `place`."""
 
     def label(entry: Any, *keys: str) -> str:
-        return "@".join(str(entry[key]) for key in keys) if isinstance(entry, Mapping) and {*keys} <= {*entry} else ""
+        return (
+            "@".join(str(entry[key]) for key in keys)
+            if isinstance(entry, Mapping) and {*keys} <= {*entry}
+            else ""
+        )
 
     is_effect = label(entries[place], "name") in following[:1]
     for keys in (("id",), *((("name",), ("name", "site")) if is_effect else ())):
@@ -172,13 +208,20 @@ def _message(item: Mapping) -> str:
     """The expected value, without Python terms."""
     kind, given = item["type"], item["input"]
     if kind in ("model_type", "model_attributes_type", "dict_type"):
-        return f"must be {_ALSO.get(item['loc'][-1], '') if item['loc'] else ''}a mapping of keys to values"
-    if kind == "literal_error" and len(choices := _unquoted(item["ctx"]["expected"])) > _MOST_LISTED:
+        return (
+            f"must be {_ALSO.get(item['loc'][-1], '') if item['loc'] else ''}a mapping of keys to"
+            " values"
+        )
+    if (
+        kind == "literal_error"
+        and len(choices := _unquoted(item["ctx"]["expected"])) > _MOST_LISTED
+    ):
         return f"is not one of the choices; {did_you_mean(given, choices)}"
     family, _, what = kind.partition("_")
     if what in _WRONG_TYPE and family in _PLAIN:
         is_scalar = given is not None and not isinstance(given, list | dict)
-        return f"must be {_PLAIN[family]}{'; write it in quotation marks' * (family == 'string' and is_scalar)}"
+        quotes = "; write it in quotation marks" if family == "string" and is_scalar else ""
+        return f"must be {_PLAIN[family]}{quotes}"
     message = _COUNTED.sub("", item["msg"])
     return _SUBJECT.sub(lambda found: "must " if found[2] else "", message)
 
@@ -188,7 +231,8 @@ def _shortened(text: str) -> str:
 
 
 def whole_number(**limits: float) -> Any:
-    """Type of an integer within `limits` (gt, ge, lt, le); true and false, 1 and 0 in Python, are rejected."""
+    """Type of an integer within `limits` (gt, ge, lt, le); true and false, 1 and 0 in Python, are
+    rejected."""
 
     def no_truth(value: Any) -> Any:
         if isinstance(value, bool):
@@ -216,14 +260,23 @@ def text_of(value: Any) -> Any:
 def word(name: str) -> str:
     """`name`, valid in names of files, folders and MLflow's parameters; ValueError otherwise."""
     if re.fullmatch(r"[\w-]+", name) is None:
-        raise ValueError("use letters, digits, '_' and '-' only: it becomes the name of files or folders")
-    if len(name) > 60 or len(name.encode()) > 180:  # file names with prefix and suffix have at most 255 bytes
-        raise ValueError(f"use at most 60 letters, not {len(name)}, and fewer of other alphabets than Latin")
+        raise ValueError(
+            "use letters, digits, '_' and '-' only: it becomes the name of files or folders"
+        )
+    if (
+        len(name) > 60 or len(name.encode()) > 180
+    ):  # file names with prefix and suffix have at most 255 bytes
+        raise ValueError(
+            f"use at most 60 letters, not {len(name)}, and fewer of other alphabets than Latin"
+        )
     return name
 
 
 Name = Annotated[
-    str, Field(min_length=1), BeforeValidator(text_of), WithJsonSchema({"type": ["string", "integer"], "minLength": 1})
+    str,
+    Field(min_length=1),
+    BeforeValidator(text_of),
+    WithJsonSchema({"type": ["string", "integer"], "minLength": 1}),
 ]
 Word = Annotated[Name, AfterValidator(word)]
 """A name of files or folders."""

@@ -20,8 +20,8 @@ _ROOT = Path(__file__).parent.parent
 
 @cache
 def code_digest(function: Callable[..., Any], *tables: Table) -> str:
-    """Twelve hexadecimal digits of the package's code that a function runs (without dependencies), and of `tables` and
-    those used in the code.
+    """Twelve hexadecimal digits of the package's code that a function runs (without dependencies),
+    and of `tables` and those used in the code.
     """
     own, modules = code_of(function)
     digest, named = hashlib.sha256(own.encode()), {*tables, *_tables_in(own)}
@@ -29,7 +29,9 @@ def code_digest(function: Callable[..., Any], *tables: Table) -> str:
         source = source_of(name)
         named |= _tables_of(name)
         digest.update(name.encode() + source.read_bytes())
-        data = source.parent.glob("templates/*" if source.name == "__init__.py" else f"{source.stem}.yaml")
+        data = source.parent.glob(
+            "templates/*" if source.name == "__init__.py" else f"{source.stem}.yaml"
+        )
         for file in sorted(data):  # templates and data files count as code
             digest.update(file.name.encode() + file.read_bytes())
     for table in sorted(map(repr, named)):
@@ -38,7 +40,9 @@ def code_digest(function: Callable[..., Any], *tables: Table) -> str:
 
 
 def _tables_in(code: str) -> frozenset[Table]:
-    return frozenset(TABLES[word.lower()] for word in re.findall("[A-Z_]+", code) if word.lower() in TABLES)
+    return frozenset(
+        TABLES[word.lower()] for word in re.findall("[A-Z_]+", code) if word.lower() in TABLES
+    )
 
 
 @cache
@@ -48,7 +52,10 @@ def _tables_of(module: str) -> frozenset[Table]:
 
 def code_of(function: Callable[..., Any]) -> tuple[str, frozenset[str]]:
     """The code that a function runs, and the modules that it imports."""
-    own = _used(ast.parse(source_of(function.__module__.removeprefix("jointgap.")).read_bytes()), function.__name__)
+    own = _used(
+        ast.parse(source_of(function.__module__.removeprefix("jointgap.")).read_bytes()),
+        function.__name__,
+    )
     return "\n".join(map(ast.unparse, own)), frozenset().union(*map(closure, _imported(own)))
 
 
@@ -73,11 +80,14 @@ def source_of(module: str) -> Path:
 
 @cache
 def _imports_of(module: str) -> frozenset[str]:
-    return _imported([ast.parse(source_of(module).read_bytes())]) | ({module.rpartition(".")[0]} - {""})
+    return _imported([ast.parse(source_of(module).read_bytes())]) | (
+        {module.rpartition(".")[0]} - {""}
+    )
 
 
 def _imported(nodes: Iterable[ast.AST]) -> frozenset[str]:
-    """Modules of the package imported by the code in `nodes`; all of a room with a computed module name."""
+    """Modules of the package imported by the code in `nodes`; all of a room with a computed module
+    name."""
     names: set[str] = set()
     for node in (inner for root in nodes for inner in ast.walk(root)):
         if isinstance(node, ast.ImportFrom):
@@ -85,7 +95,9 @@ def _imported(nodes: Iterable[ast.AST]) -> frozenset[str]:
             if package == "jointgap":
                 names |= {base, *(f"{base}.{alias.name}".strip(".") for alias in node.names)}
         elif isinstance(node, ast.JoinedStr) and isinstance(start := node.values[0], ast.Constant):
-            if room := re.fullmatch(r"jointgap\.(\w+)\.", start.value):  # f"jointgap.designs.{name}"
+            if room := re.fullmatch(
+                r"jointgap\.(\w+)\.", start.value
+            ):  # f"jointgap.designs.{name}"
                 names |= {f"{room[1]}.{file.stem}" for file in (_ROOT / room[1]).glob("[!_]*.py")}
     return frozenset(name for name in names if name and source_of(name).is_file())
 
@@ -93,12 +105,20 @@ def _imported(nodes: Iterable[ast.AST]) -> frozenset[str]:
 def _used(module: ast.Module, name: str) -> list[ast.stmt]:
     """The statements of a module that define `name`, and all that they use from the module."""
     defined: dict[str, ast.stmt] = {}
-    typed_only = [inner for statement in module.body if isinstance(statement, ast.If) for inner in statement.body]
+    typed_only = [
+        inner
+        for statement in module.body
+        if isinstance(statement, ast.If)
+        for inner in statement.body
+    ]
     for statement in (*typed_only, *module.body):
         if isinstance(statement, ast.FunctionDef | ast.ClassDef):
             defined[statement.name] = statement
         elif isinstance(statement, ast.Import | ast.ImportFrom):
-            defined |= {(alias.asname or alias.name).partition(".")[0]: statement for alias in statement.names}
+            defined |= {
+                (alias.asname or alias.name).partition(".")[0]: statement
+                for alias in statement.names
+            }
         elif isinstance(statement, ast.Assign | ast.AnnAssign):
             targets = (node for node in ast.walk(statement) if isinstance(node, ast.Name))
             defined |= {node.id: statement for node in targets if isinstance(node.ctx, ast.Store)}
@@ -131,18 +151,23 @@ class Option:
         self.flags, self.settings = flags, settings
 
 
-Workers = Annotated[int | None, Option("--workers", type=1, help="Parallel runs; the number of cores by default.")]
+Workers = Annotated[
+    int | None, Option("--workers", type=1, help="Parallel runs; the number of cores by default.")
+]
 
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage of a scenario or of a campaign; command, workflow rule and documentation are generated from it."""
+    """A stage of a scenario or of a campaign; command, workflow rule and documentation are
+    generated from it."""
 
     name: str  # of the subcommand
     function: Callable[..., str | None]
     reads: tuple[Table, ...] = ()  # with their paths in the folder of results
     writes: tuple[Table, ...] = ()
-    files: tuple[str, ...] = ()  # output files besides tables, or the first of many files in a folder
+    files: tuple[
+        str, ...
+    ] = ()  # output files besides tables, or the first of many files in a folder
     sections: tuple[str, ...] = ()  # sections of the scenario that it depends on
     does: str = ""  # message of its job in the workflow
     after: tuple[str, ...] = ()  # stages whose files it also includes
@@ -181,15 +206,22 @@ class Stage:
         return scenario.model_dump_json(include=set(self.sections), by_alias=True)
 
     def outputs(self, part: int | str = 0) -> list[str]:
-        """Paths of its outputs in the folder of results; for a stage with parts, those of `part`."""
-        return [path.replace("{part}", str(part)) for path in (*(table.path for table in self.writes), *self.files)]
+        """Paths of its outputs in the folder of results; for a stage with parts, those of
+        `part`."""
+        return [
+            path.replace("{part}", str(part))
+            for path in (*(table.path for table in self.writes), *self.files)
+        ]
 
 
 class Stages(dict[str, Stage]):
     """Stages by name, in order of execution."""
 
-    def stage(self, **record: Any) -> Callable[[Callable[..., str | None]], Callable[..., str | None]]:
-        """A decorator that registers a function as the next stage; `record` contains attributes of `Stage`."""
+    def stage(
+        self, **record: Any
+    ) -> Callable[[Callable[..., str | None]], Callable[..., str | None]]:
+        """A decorator that registers a function as the next stage; `record` contains attributes of
+        `Stage`."""
 
         def keep(function: Callable[..., str | None]) -> Callable[..., str | None]:
             name = function.__name__.replace("_", "-")

@@ -1,7 +1,8 @@
 """Numbers with units in files and commands, converted to SI floats. Numbers without a unit are SI.
 
-Text is one number and one unit: ``7 mm``, ``600 rpm``, ``2 N*m/rad``, ``turn/3600``. Pint interprets the unit; because
-it would evaluate whole formulas, only text in the form of a unit is passed on.
+Text is one number and one unit: ``7 mm``, ``600 rpm``, ``2 N*m/rad``, ``turn/3600``. Pint
+interprets the unit; because it would evaluate whole formulas, only text in the form of a unit is
+passed on.
 """
 
 import math
@@ -17,18 +18,29 @@ from pydantic import BeforeValidator, Field, WithJsonSchema
 
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(.*?)\s*", re.DOTALL)
-_SHARE = re.compile(rf"\s*(.*[^*/\s])\s*/\s*({_NUMBER})\s*", re.DOTALL)  # turn/3600: a line of an encoder
-_UNIT = re.compile(r"(?!.*//)(?:1?\s*/)?(?:[^\W\d]\w*+|(?:\^|\*\*)\s*\(?\s*[-+]?[0-9](?:\.[0-9]+)?|[°%‰()*/\s])++")
+_SHARE = re.compile(
+    rf"\s*(.*[^*/\s])\s*/\s*({_NUMBER})\s*", re.DOTALL
+)  # turn/3600: a line of an encoder
+_UNIT = re.compile(
+    r"(?!.*//)(?:1?\s*/)?(?:[^\W\d]\w*+|(?:\^|\*\*)\s*\(?\s*[-+]?[0-9](?:\.[0-9]+)?|[°%‰()*/\s])++"
+)
 _LONGEST = 100  # [characters] of a number with its unit
 _SIGNS = str.maketrans({"\N{MINUS SIGN}": "-", "\N{MIDDLE DOT}": "*", "\N{DOT OPERATOR}": "*"})
 _RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
-_PLAIN_POWER = re.compile(r"(?<=[A-Za-z])([234])(?![\w.^])")  # m/s2, kg m2: no unit of pint ends in such a digit
+_PLAIN_POWER = re.compile(
+    r"(?<=[A-Za-z])([234])(?![\w.^])"
+)  # m/s2, kg m2: no unit of pint ends in such a digit
 # Nm, kNm, Nmm, in brackets after a stroke: pint reads Nm as a unit of yarn
 _TORQUE = re.compile(r"(/ ?)?\b([kmM]?N)([mc]?m)\b((?:\^|\*\*)-?\d)?")
 
-_COMMA = re.compile(r"\s*([-+]?[0-9]*),([0-9]+)((?:[eE][-+]?[0-9]+)?(?:\s*[^\s\d.,].*)?)", re.DOTALL)
+_COMMA = re.compile(
+    r"\s*([-+]?[0-9]*),([0-9]+)((?:[eE][-+]?[0-9]+)?(?:\s*[^\s\d.,].*)?)", re.DOTALL
+)
 
-_NO_QUANTITY = "is not a number with a unit; write one number, with a decimal point, and one unit, such as 1.5 mm"
+_NO_QUANTITY = (
+    "is not a number with a unit; write one number, with a decimal point, and one unit, such as"
+    " 1.5 mm"
+)
 
 
 @cache
@@ -39,11 +51,14 @@ def _registry():
 
 
 def to_si(value: Any, unit: str) -> float:
-    """A number or a text such as ``'7 mm'`` as a float in `unit`; ValueError where it is invalid."""
+    """A number or a text such as ``'7 mm'`` as a float in `unit`; ValueError where it is
+    invalid."""
     if type(value) is float and math.isfinite(value):  # fast path: a design of a sweep has dozens
         return value
     if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise ValueError(f"must be a number{f' in {unit}' if unit else ''} or text like '1.5 {unit}'")
+        raise ValueError(
+            f"must be a number{f' in {unit}' if unit else ''} or text like '1.5 {unit}'"
+        )
     try:
         number = _read(value, unit) if isinstance(value, str) else float(value)
     except OverflowError as error:
@@ -54,7 +69,8 @@ def to_si(value: Any, unit: str) -> float:
 
 
 def plain_numbers(value: Any) -> Any:
-    """`value` with Python's numbers and lists in place of those of NumPy, pandas, `decimal` and `fractions`.
+    """`value` with Python's numbers and lists in place of those of NumPy, pandas, `decimal` and
+    `fractions`.
 
     Also inside mappings and lists.
     """
@@ -100,7 +116,9 @@ def _split(text: str) -> tuple[str, str]:
         number = repr(1.0 / parts) if parts != 1.0 else ""
     own = _unit_for_pint(unit)
     if not number or (unit and not own):
-        raise ValueError(_with_point(*comma.groups()) if (comma := _COMMA.fullmatch(plain)) else _NO_QUANTITY)
+        raise ValueError(
+            _with_point(*comma.groups()) if (comma := _COMMA.fullmatch(plain)) else _NO_QUANTITY
+        )
     return number, own
 
 
@@ -110,12 +128,34 @@ def _with_point(before: str, after: str, rest: str) -> str:
 
 
 def split_share(unit: str) -> tuple[str, float]:
-    """The whole unit and the number of parts: turn and 4000 for ``turn/4000``; 1 for a whole unit."""
+    """The whole unit and the number of parts: turn and 4000 for ``turn/4000``; 1 for a whole
+    unit."""
     share = _SHARE.fullmatch(unit) if len(unit) <= _LONGEST else None
     return (share[1], float(share[2])) if share and float(share[2]) > 0 else (unit, 1.0)
 
 
-_LINES = (100, 128, 180, 200, 250, 256, 300, 360, 400, 500, 512, 600, 720, 1000, 1080, 1250, 1500, 1800, 2500, 3600)
+_LINES = (
+    100,
+    128,
+    180,
+    200,
+    250,
+    256,
+    300,
+    360,
+    400,
+    500,
+    512,
+    600,
+    720,
+    1000,
+    1080,
+    1250,
+    1500,
+    1800,
+    2500,
+    3600,
+)
 _COUNTS = sorted({lines * 2**doubled for lines in _LINES for doubled in range(12)})
 """Usual counts of encoders a turn: lines, with double and fourfold evaluation."""
 
@@ -128,7 +168,9 @@ def counts_near(counts: float) -> int | None:
 
 def _unit_for_pint(unit: str) -> str:
     """`unit` for pint; '' where it does not have the form of a unit."""
-    unit = re.sub("[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+", lambda raised: "^" + raised[0].translate(_RAISED), unit.translate(_SIGNS))
+    unit = re.sub(
+        "[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+", lambda raised: "^" + raised[0].translate(_RAISED), unit.translate(_SIGNS)
+    )
     unit = _TORQUE.sub(_torque_for_pint, _PLAIN_POWER.sub(r"^\1", " ".join(unit.split())))
     if len(unit) > _LONGEST or _UNIT.fullmatch(unit) is None:
         return ""
@@ -156,7 +198,9 @@ def _converted(number: float, own: str, unit: str) -> float:
         wanted = f"{unit} or a unit that converts to it" if unit else "a pure number"
         raise ValueError(f"has the unit '{quantity.units}' and requires {wanted}") from error
     if unit in _RATES and quantity.to_root_units().units != converted.to_root_units().units:
-        raise ValueError(f"has the unit '{quantity.units}', which is ambiguous for turns; write {_RATES[unit]}")
+        raise ValueError(
+            f"has the unit '{quantity.units}', which is ambiguous for turns; write {_RATES[unit]}"
+        )
     return float(converted.magnitude)
 
 
@@ -226,14 +270,17 @@ _WORDS = {
     "bar": "barg bara",
     "%": "pct percent",
 }
-UNIT_SPELLINGS = {written: unit for unit, spellings in _WORDS.items() for written in spellings.split()}
-"""Unit for pint, by spellings that pint does not know or reads as another unit: lower case, ``*`` for the point or
-hyphen of a product. See `respelled`.
+UNIT_SPELLINGS = {
+    written: unit for unit, spellings in _WORDS.items() for written in spellings.split()
+}
+"""Unit for pint, by spellings that pint does not know or reads as another unit: lower case, ``*``
+for the point or hyphen of a product. See `respelled`.
 """
 
 
 def respelled(unit: str, base: str | None = None) -> str:
-    """`unit` in a spelling that pint knows, such as N*m for ``N-m``; '' where that does not convert to `base`."""
+    """`unit` in a spelling that pint knows, such as N*m for ``N-m``; '' where that does not convert
+    to `base`."""
     text = re.sub(r"(?<=[^\W\d])(?=-[0-9])", "^", " ".join(unit.translate(_SIGNS).split()))  # min-1
     text = re.sub(r"(?<=[^\W\d]) ?[-. ] ?(?=[^\W\d])", "*", text)
     words = re.sub(r"[^\W\d_]+", lambda word: UNIT_SPELLINGS.get(word[0].lower(), word[0]), text)
@@ -248,14 +295,17 @@ def respelled(unit: str, base: str | None = None) -> str:
 
 @contextmanager
 def _suggesting(number: str, unit: str, base: str | None = None) -> Iterator[None]:
-    """Context in which an error about the `unit` of a `number` suggests another spelling, which converts to `base`."""
+    """Context in which an error about the `unit` of a `number` suggests another spelling, which
+    converts to `base`."""
     try:
         yield
     except ValueError as error:
         known = respelled(unit, base) if len(unit) <= _LONGEST else ""
         if known in ("", unit):
             raise
-        raise ValueError(f"{str(error).partition(';')[0]}; did you mean '{number}{known}'?") from error
+        raise ValueError(
+            f"{str(error).partition(';')[0]}; did you mean '{number}{known}'?"
+        ) from error
 
 
 Dimension = Any
@@ -298,8 +348,12 @@ _LIMITS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", 
 
 
 def quantity(unit: str, **limits: float) -> Any:
-    """Type of a quantity in `unit` (a pint name, '' for pure numbers) within `limits` (gt, ge, lt, le, multiple_of)."""
-    number = {"type": "number", **{_LIMITS.get(key, "multipleOf"): limit for key, limit in limits.items()}}
+    """Type of a quantity in `unit` (a pint name, '' for pure numbers) within `limits` (gt, ge, lt,
+    le, multiple_of)."""
+    number = {
+        "type": "number",
+        **{_LIMITS.get(key, "multipleOf"): limit for key, limit in limits.items()},
+    }
     text = {"type": "string", "description": f"number with a unit that converts to {unit or '1'}"}
     return Annotated[
         float,

@@ -7,8 +7,13 @@ from math import floor, log10, pi
 
 
 def format_name(name: str) -> str:
-    """Label of a name: ``crank pin`` for ``crank_pin``, ``sensor bias: encoder`` for ``sensor_bias:encoder``."""
-    return re.sub("coulomb|stribeck", lambda person: person[0].title(), name.replace("_", " ").replace(":", ": "))
+    """Label of a name: ``crank pin`` for ``crank_pin``, ``sensor bias: encoder`` for
+    ``sensor_bias:encoder``."""
+    return re.sub(
+        "coulomb|stribeck",
+        lambda person: person[0].title(),
+        name.replace("_", " ").replace(":", ": "),
+    )
 
 
 _NUISANCES = {
@@ -49,8 +54,8 @@ _READ_IN = {"m": ("mm", 1e3), "rad": ("deg", 180.0 / pi), "rad/s": ("rpm", 30.0 
 
 
 def reading_unit(unit: str, value: float | None = None) -> tuple[str, float]:
-    """Display unit of a quantity of the SI `unit`, and its number of units per SI unit: mm, deg and rpm; with a
-    `value`, a smaller unit for short lengths and times and for small angles.
+    """Display unit of a quantity of the SI `unit`, and its number of units per SI unit: mm, deg and
+    rpm; with a `value`, a smaller unit for short lengths and times and for small angles.
     """
     if value and unit in _FINER:
         factor, finer = _finer(value, unit)
@@ -67,11 +72,14 @@ def format_day(day: date) -> str:
 def joined(parts: Iterable[str]) -> str:
     """``a, b and c``."""
     parts = list(parts)
-    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}" if parts else ""
+    return (
+        parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}" if parts else ""
+    )
 
 
 def number(value: float | str | None, digits: int = 4) -> str:
-    """Four digits, or so many; larger numbers below 10 million are whole; a formula unchanged; a dash for None."""
+    """Four digits, or so many; larger numbers below 10 million are whole; a formula unchanged; a
+    dash for None."""
     if isinstance(value, str):
         return value
     if value is None or value != value:
@@ -82,8 +90,8 @@ def number(value: float | str | None, digits: int = 4) -> str:
 
 
 def with_error(value: float | str | None, error: float | None) -> tuple[str, str]:
-    """A `value` up to the second digit of its standard `error` (at most four digits), and the error; four digits
-    without an error."""
+    """A `value` up to the second digit of its standard `error` (at most four digits), and the
+    error; four digits without an error."""
     if isinstance(value, str) or not value or not error or error != error:
         return number(value), number(error)
     size = floor(log10(abs(value)))
@@ -97,7 +105,8 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def format_unit(unit: str) -> str:
-    """Typographic unit of a pint name: ``N*m`` gives ``N m``, ``m/s^2`` or ``m/s**2`` ``m/s²``, ``g_n`` ``g``."""
+    """Typographic unit of a pint name: ``N*m`` gives ``N m``, ``m/s^2`` or ``m/s**2`` ``m/s²``,
+    ``g_n`` ``g``."""
     shown = []
     for part in re.split(r"([*/ ])", unit.replace("**", "^")):
         name, _, power = part.partition("^")
@@ -111,18 +120,25 @@ _FINER = {
     "s": ((1.0, "s", 0.1), (1e-3, "ms", 1e-4), (1e-6, "µs", 0.0)),
     "rad": ((_DEGREE, "deg", 1e-3 * _DEGREE), (1e-3 * _DEGREE, "mdeg", 0.0)),
 }
-"""Display units by SI unit: value, name, and the smallest quantity that is shown in it, both in SI."""
+"""Display units by SI unit: value, name, and the smallest quantity that is shown in it, both in
+SI."""
 
 
 def _finer(value: float, unit: str) -> tuple[float, str]:
     """SI value and name of the display unit of a `value` of the SI `unit`."""
-    return next(((factor, name) for factor, name, least in _FINER[unit] if abs(value) >= least), (1.0, unit))
+    return next(
+        ((factor, name) for factor, name, least in _FINER[unit] if abs(value) >= least), (1.0, unit)
+    )
 
 
 def format_size(value: float, unit: str) -> str:
     """Two digits in a suitable unit: 0.00011 m gives ``0.11 mm``, 0.01 rad ``0.57 deg``."""
     factor, shown = _finer(value, unit) if value and unit in _FINER else (1.0, format_unit(unit))
-    size = f"{value / factor:#.2g}".rstrip(".") if abs(value) < 100 * factor else f"{value / factor:.0f}"
+    size = (
+        f"{value / factor:#.2g}".rstrip(".")
+        if abs(value) < 100 * factor
+        else f"{value / factor:.0f}"
+    )
     return with_unit(size, shown)
 
 
@@ -137,11 +153,14 @@ def rounded_gap(gap: float) -> str:
 
 
 def format_falls(falls: Iterable[float]) -> str:
-    """``falls by 3.1 to 5.0 %`` for `falls` [%]; ``changes by −5.0 to +1.2 %`` if not all are positive."""
+    """``falls by 3.1 to 5.0 %`` for `falls` [%]; ``changes by −5.0 to +1.2 %`` if not all are
+    positive."""
     low, high = min(falls := list(falls)), max(falls)
     if low > 0.0:
         return f"falls by {format_range(f'{low:.1f}', f'{high:.1f}')} %"
-    return f"changes by {format_range(f'{-high:+.1f}', f'{-low:+.1f}')} %".replace("-", "\N{MINUS SIGN}")
+    return f"changes by {format_range(f'{-high:+.1f}', f'{-low:+.1f}')} %".replace(
+        "-", "\N{MINUS SIGN}"
+    )
 
 
 def format_range(low: str, high: str) -> str:

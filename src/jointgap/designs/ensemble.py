@@ -1,4 +1,5 @@
-"""Ensembles: all combinations of varied values, each from several starts, written to Parquet with constant memory."""
+"""Ensembles: all combinations of varied values, each from several starts, written to Parquet with
+constant memory."""
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator
@@ -26,22 +27,34 @@ SAMPLES, EVENTS, RUNS = "samples.parquet", "events.parquet", "runs.parquet"
 
 _REPEATED = ("run", "time", "crank_angle", "crank_speed", "rod_deflection", "rod_deflection_dot")
 _VECTORS, _PIVOT = ("r2_x", "r2_y", "r3_x", "r3_y"), ("r1_x", "r1_y")
-_CATEGORIES = {"joint": JOINTS, "event": EVENT_NAMES, **{f"{joint}_mode": MODES for joint in JOINTS}}
+_CATEGORIES = {
+    "joint": JOINTS,
+    "event": EVENT_NAMES,
+    **{f"{joint}_mode": MODES for joint in JOINTS},
+}
 
-_KINDS = {"boolean": "bool", "integer": "int"} | dict.fromkeys(("floating", "mixed-integer-float", "empty"), "float")
+_KINDS = {"boolean": "bool", "integer": "int"} | dict.fromkeys(
+    ("floating", "mixed-integer-float", "empty"), "float"
+)
 """Column kind of a varied value, by pandas' inferred type; mixed values are text."""
 
 
 def ensemble_runs(mechanism: Mechanism, options: Simulate, runs: Runs) -> Iterator[Run]:
     """All combinations of the varied values, each from the same starts."""
     base = DrivenMechanism(mechanism=mechanism.applied(), simulate=options)
-    combinations = [dict(zip(runs.vary, values, strict=True)) for values in itertools.product(*runs.vary.values())]
+    combinations = [
+        dict(zip(runs.vary, values, strict=True))
+        for values in itertools.product(*runs.vary.values())
+    ]
     scenarios = [with_values(base, values, "ensemble.vary") for values in combinations]
     # Initial clearance vectors [m]: zero, then normally distributed in the loose joints
     starts = np.random.default_rng(runs.seed).normal(0.0, runs.perturbation, (runs.members, 6))
     starts[0] = 0.0
     for scenario, values in zip(scenarios, combinations, strict=True):
-        varied = {key: stored_value(scenario, key, value, "ensemble.vary") for key, value in values.items()}
+        varied = {
+            key: stored_value(scenario, key, value, "ensemble.vary")
+            for key, value in values.items()
+        }
         for start in perturbed_start(starts, scenario.mechanism.loose):
             yield Run(scenario.mechanism, scenario.simulate, start, values=varied)
 
@@ -49,10 +62,11 @@ def ensemble_runs(mechanism: Mechanism, options: Simulate, runs: Runs) -> Iterat
 def write_ensemble(
     runs: Iterable[Run], folder: Path | str, workers: int | None = None, total: int | None = None
 ) -> pd.DataFrame:
-    """Simulate runs and write their samples, events and outcomes to three Parquet files in `folder`.
+    """Simulate runs and write their samples, events and outcomes to three Parquet files in
+    `folder`.
 
-    The files `SAMPLES`, `EVENTS` and `RUNS` have rows in order of the runs and appear when all runs are finished. The
-    returned table of runs includes failed ones with their reason.
+    The files `SAMPLES`, `EVENTS` and `RUNS` have rows in order of the runs and appear when all runs
+    are finished. The returned table of runs includes failed ones with their reason.
     """
     samples, events, table = places = [Path(folder) / name for name in (SAMPLES, EVENTS, RUNS)]
     parquet.check_writable(*places)
@@ -72,7 +86,8 @@ def write_ensemble(
         _write_runs(rows, table)  # inside the context: no samples without their runs
 
     parquet.write_atomically(
-        samples, lambda path: parquet.write_atomically(events, lambda events_path: save(path, events_path))
+        samples,
+        lambda path: parquet.write_atomically(events, lambda events_path: save(path, events_path)),
     )
     return pd.DataFrame([row for _, row in rows])
 
@@ -81,18 +96,26 @@ def write_ensemble(
 def _gathered(table: schema.Table, path: str) -> Iterator[Callable[[dict[str, np.ndarray]], None]]:
     """A function that buffers columns of a table and writes them in large row groups."""
     waiting: list[dict[str, np.ndarray]] = []
-    repeated = [c.name for c in table.columns if c.name in _REPEATED or c.kind != "float" or "bristle" in c.name]
+    repeated = [
+        c.name
+        for c in table.columns
+        if c.name in _REPEATED or c.kind != "float" or "bristle" in c.name
+    ]
     settings = {
         "compression": "zstd",
         "compression_level": 1,
         "use_dictionary": repeated,
-        "column_encoding": {name: "BYTE_STREAM_SPLIT" for name in table.names if name not in repeated},
+        "column_encoding": {
+            name: "BYTE_STREAM_SPLIT" for name in table.names if name not in repeated
+        },
         "write_statistics": ["run"],
     }
     with parquet.writer(path, parquet.schema(table), **settings) as file:
 
         def flush() -> None:
-            frame = pd.DataFrame({name: np.concatenate([own[name] for own in waiting]) for name in table.names})
+            frame = pd.DataFrame(
+                {name: np.concatenate([own[name] for own in waiting]) for name in table.names}
+            )
             for name in _CATEGORIES.keys() & set(table.names):
                 frame[name] = pd.Categorical.from_codes(frame[name], _CATEGORIES[name])
             file.write_table(parquet.to_arrow(table, frame))
@@ -147,9 +170,13 @@ def _sample_columns(number: int, outcome: Outcome) -> dict[str, np.ndarray]:
 
 
 def _event_columns(number: int, outcome: Outcome) -> dict[str, np.ndarray]:
-    """Columns of the table of events for one run; joints and events as indices in `JOINTS` and `EVENT_NAMES`."""
+    """Columns of the table of events for one run; joints and events as indices in `JOINTS` and
+    `EVENT_NAMES`."""
     columns = dict(zip(EVENT, outcome.result.events.T, strict=True))
-    columns |= {"joint": columns["joint"].astype(np.int8), "event": columns.pop("begins").astype(np.int8)}
+    columns |= {
+        "joint": columns["joint"].astype(np.int8),
+        "event": columns.pop("begins").astype(np.int8),
+    }
     return {"run": np.full(len(columns["event"]), number), **columns}
 
 
@@ -157,8 +184,13 @@ def _write_runs(rows: list[tuple[dict, dict]], path: Path) -> None:
     varied, frame = [], pd.DataFrame([row for _, row in rows])
     for name in rows[0][0] if rows else ():
         own = pd.Series([values.get(name) for values, _ in rows], dtype=object)
-        kind, nullable = _KINDS.get(pd.api.types.infer_dtype(own, skipna=True), "text"), bool(own.isna().any())
-        if kind == "float" or (kind == "int" and nullable):  # in a frame only floats represent missing values
+        kind, nullable = (
+            _KINDS.get(pd.api.types.infer_dtype(own, skipna=True), "text"),
+            bool(own.isna().any()),
+        )
+        if kind == "float" or (
+            kind == "int" and nullable
+        ):  # in a frame only floats represent missing values
             kind, own = "float", own.astype(float)
         frame[name] = own.map(str, na_action="ignore") if kind == "text" else own
         unit = VARIED_BY_WORD.get(name, "")

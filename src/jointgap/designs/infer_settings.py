@@ -1,7 +1,8 @@
-"""Settings that the paper does not print, inferred by rejection sampling: designs that reproduce its printed numbers.
+"""Settings that the paper does not print, inferred by rejection sampling: designs that reproduce
+its printed numbers.
 
-The error of a number is relative to its printed value; for the ratio of the lengths, which varies by a percent only,
-to its printed change.
+The error of a number is relative to its printed value; for the ratio of the lengths, which varies
+by a percent only, to its printed change.
 """
 
 from collections.abc import Iterator
@@ -33,8 +34,15 @@ NEAREST_FILE, NEAREST_NAME = "nearest_scenario.yaml", "nearest_settings"
 _LEVEL = 0.01  # significance level for whether a setting is informative
 _FEW = 30  # accepted designs below which settings are not tested
 _SHOWN = 8  # nearest designs on the page
-_SAMPLING = ("revolutions", "samples_per_revolution", "tolerance")  # may be coarser in a sweep than in a scenario
-_NONE = "No design has the RMS over the first revolution as its error, which a scenario's optimum requires."
+_SAMPLING = (
+    "revolutions",
+    "samples_per_revolution",
+    "tolerance",
+)  # may be coarser in a sweep than in a scenario
+_NONE = (
+    "No design has the RMS over the first revolution as its error, which a scenario's optimum"
+    " requires."
+)
 
 
 class PrintedNumber(NamedTuple):
@@ -54,10 +62,18 @@ class PrintedNumber(NamedTuple):
 _RATIO = OPTIMA[0].crank_length / OPTIMA[0].rod_length
 NUMBERS = (
     *(
-        PrintedNumber(f"reduction_at_{one.key}", f"reduction, {one.name}", one.reduction, one.reduction)
+        PrintedNumber(
+            f"reduction_at_{one.key}", f"reduction, {one.name}", one.reduction, one.reduction
+        )
         for one in OPTIMA
     ),
-    PrintedNumber("best_ratio_in_window", "L2/L3 of the best lengths", _RATIO, abs(CRANK_M / ROD_M - _RATIO), "{:.5f}"),
+    PrintedNumber(
+        "best_ratio_in_window",
+        "L2/L3 of the best lengths",
+        _RATIO,
+        abs(CRANK_M / ROD_M - _RATIO),
+        "{:.5f}",
+    ),
 )
 """The printed numbers, the reductions first."""
 
@@ -66,12 +82,18 @@ def check(scenario: Scenario) -> None:
     """InputError where the section `infer_settings` of a `scenario` is infeasible."""
     if not scenario.sweep.parameters:
         raise InputError(
-            "infer_settings: sweep.parameters is empty; give the settings to infer, as in config/paper_unknowns.yaml"
+            "infer_settings: sweep.parameters is empty; give the settings to infer, as in"
+            " config/paper_unknowns.yaml"
         )
     if not scenario.sweep.printed_numbers:
-        raise InputError("infer_settings: requires the paper's printed numbers; set sweep.printed_numbers to true")
+        raise InputError(
+            "infer_settings: requires the paper's printed numbers; set sweep.printed_numbers to"
+            " true"
+        )
     if not any(axis.varies for axis in designs_of(scenario).axes):
-        raise InputError("infer_settings: every setting has one value; give a range or a list of values")
+        raise InputError(
+            "infer_settings: every setting has one value; give a range or a list of values"
+        )
 
 
 @dataclass(frozen=True)
@@ -96,8 +118,14 @@ class InferredSettings:
             own, common = self.frame[axis.key], {"setting": axis.key, "unit": axis.unit}
             kept = own[accepted]
             if axis.values is None:
-                chance = stats.ks_2samp(kept, own[~accepted]).pvalue if 0 < len(kept) < len(own) else np.nan
-                ends = dict(zip(("low", "median", "high"), kept.quantile((0.05, 0.5, 0.95)), strict=True))
+                chance = (
+                    stats.ks_2samp(kept, own[~accepted]).pvalue
+                    if 0 < len(kept) < len(own)
+                    else np.nan
+                )
+                ends = dict(
+                    zip(("low", "median", "high"), kept.quantile((0.05, 0.5, 0.95)), strict=True)
+                )
                 rows.append(common | ends | {"drawn": 1.0, "accepted": 1.0, "p_value": chance})
                 continue
             counts = pd.crosstab(own, accepted)
@@ -115,7 +143,8 @@ class InferredSettings:
 
     @property
     def nearest_scenario(self) -> pd.Series | None:
-        """The nearest design whose error is the RMS over the first revolution, as in a scenario's optimum."""
+        """The nearest design whose error is the RMS over the first revolution, as in a scenario's
+        optimum."""
         nearest = self.frame
         for key, value in (("error_measure", "rms"), ("revolution", 1)):
             if key in nearest:
@@ -125,15 +154,27 @@ class InferredSettings:
 
 def infer(designs: Designs, options: InferSettings | None, dataset: Path) -> InferredSettings:
     """The settings that reproduce the printed numbers, from the dataset of a sweep."""
-    columns = ["design", *(axis.key for axis in designs.axes), *(one.column for one in NUMBERS), "reason"]
-    return accept(designs, parquet.read_columns(dataset, columns).to_pandas(), (options or InferSettings()).within)
+    columns = [
+        "design",
+        *(axis.key for axis in designs.axes),
+        *(one.column for one in NUMBERS),
+        "reason",
+    ]
+    return accept(
+        designs,
+        parquet.read_columns(dataset, columns).to_pandas(),
+        (options or InferSettings()).within,
+    )
 
 
 def accept(designs: Designs, frame: pd.DataFrame, within: float) -> InferredSettings:
-    """The same from a `frame` with the parameters, printed numbers and `reason` of the `designs`."""
+    """The same from a `frame` with the parameters, printed numbers and `reason` of the
+    `designs`."""
     fine = frame["reason"].isna() & np.isfinite(frame[[one.column for one in NUMBERS]]).all(axis=1)
     if not fine.any():
-        raise InputError("infer_settings: all designs failed; see the reasons on the page of the sweep")
+        raise InputError(
+            "infer_settings: all designs failed; see the reasons on the page of the sweep"
+        )
     kept = frame[fine].drop(columns="reason").sort_values("design")
     farthest = departures(kept).max(axis=1)
     kept = kept.assign(farthest=farthest, together=farthest <= within)
@@ -143,7 +184,9 @@ def accept(designs: Designs, frame: pd.DataFrame, within: float) -> InferredSett
 
 def departures(frame: pd.DataFrame) -> np.ndarray:
     """Relative errors of `NUMBERS`, (n, 4), of n designs."""
-    return np.abs(np.column_stack([(frame[one.column] - one.printed) / one.scale for one in NUMBERS]))
+    return np.abs(
+        np.column_stack([(frame[one.column] - one.printed) / one.scale for one in NUMBERS])
+    )
 
 
 def nearest_configuration(found: InferredSettings) -> str:
@@ -152,24 +195,37 @@ def nearest_configuration(found: InferredSettings) -> str:
     if chosen is None:
         return f"# {_NONE}\n"
     made = found.designs.scenario({axis.key: chosen[axis.key] for axis in found.designs.axes})
-    content = made.model_dump(mode="json", include={"mechanism", "simulate"}, exclude_none=True, by_alias=True)
-    content["simulate"] = {key: value for key, value in content["simulate"].items() if key not in _SAMPLING}
+    content = made.model_dump(
+        mode="json", include={"mechanism", "simulate"}, exclude_none=True, by_alias=True
+    )
+    content["simulate"] = {
+        key: value for key, value in content["simulate"].items() if key not in _SAMPLING
+    }
     content["description"] = (
-        f"The nearest settings to all printed numbers of the paper: design {int(chosen['design'])} of a sweep; "
-        f"largest error {_percent(chosen['farthest'])}."
+        f"The nearest settings to all printed numbers of the paper: design {int(chosen['design'])}"
+        f" of a sweep; largest error {_percent(chosen['farthest'])}."
     )
     content["optimise"] = {"window": list(found.designs.counting(chosen).window)}
     content["surrogate"] = {"iterations": 2000, "seeds": [0]}
-    whole = {"run": [NEAREST_NAME], "networks": True, "paper": True, "scenarios": {NEAREST_NAME: content}}
+    whole = {
+        "run": [NEAREST_NAME],
+        "networks": True,
+        "paper": True,
+        "scenarios": {NEAREST_NAME: content},
+    }
     return yaml.safe_dump(whole, sort_keys=False)
 
 
 def page(found: InferredSettings) -> Page:
-    frame, chosen, accepted = found.frame, found.nearest_scenario, int(found.frame["together"].sum())
+    frame, chosen, accepted = (
+        found.frame,
+        found.nearest_scenario,
+        int(found.frame["together"].sum()),
+    )
     headline = (
-        f"{accepted or 'None'} of {len(frame)} parameter sets ({_percent(accepted / len(frame))}) reproduce "
-        f"all printed numbers within {_percent(found.within)}; in the nearest one the largest error is "
-        f"{_percent(frame['farthest'].iloc[0])}."
+        f"{accepted or 'None'} of {len(frame)} parameter sets ({_percent(accepted / len(frame))})"
+        f" reproduce all printed numbers within {_percent(found.within)}; in the nearest one the"
+        f" largest error is {_percent(frame['farthest'].iloc[0])}."
     )
     numbers = []
     for one, off in zip(NUMBERS, departures(frame).T, strict=True):
@@ -181,7 +237,9 @@ def page(found: InferredSettings) -> Page:
             "5 to 95 %": format_range(low, high),
         }
         numbers.append(row | {"nearest": one.shown(frame[one.column].iloc[0])})
-    nearest = [_design(found, str(rank), row) for rank, (_, row) in enumerate(frame[:_SHOWN].iterrows(), 1)]
+    nearest = [
+        _design(found, str(rank), row) for rank, (_, row) in enumerate(frame[:_SHOWN].iterrows(), 1)
+    ]
     nearest += [] if chosen is None else [_design(found, "scenario", chosen)]
     blocks = (
         Paragraph(headline, strong=True),
@@ -192,23 +250,29 @@ def page(found: InferredSettings) -> Page:
             ("setting", "5 to 95 %, or value", "drawn", "accepted", "p-value", "verdict"),
             tuple(_settings(found, accepted)),
             "llrrrl",
-            "p-value of a test that accepted and rejected designs have the same distribution (Kolmogorov-Smirnov for "
-            "ranges, chi-square for lists).",
+            "p-value of a test that accepted and rejected designs have the same distribution"
+            " (Kolmogorov-Smirnov for ranges, chi-square for lists).",
         ),
         Heading("Nearest designs"),
         TableBlock.of(nearest, "l" * (1 + len(found.varied)) + "r" * 5),
         Paragraph(
-            f"The row *scenario* is the nearest design that counts the RMS over the first revolution: `{NEAREST_FILE}`."
+            "The row *scenario* is the nearest design that counts the RMS over the first"
+            f" revolution: `{NEAREST_FILE}`."
             if chosen is not None
             else _NONE
         ),
-        Paragraph(f"Designs that failed: {found.failed}. All numbers: `designs.parquet` and `settings.parquet`."),
+        Paragraph(
+            f"Designs that failed: {found.failed}. All numbers: `designs.parquet` and"
+            " `settings.parquet`."
+        ),
     )
     return Page("Unreported settings of the paper", blocks)
 
 
 def _design(found: InferredSettings, rank: str, row: pd.Series) -> dict[str, str]:
-    settings = {format_parameter(axis.key): format_value(axis, row[axis.key]) for axis in found.varied}
+    settings = {
+        format_parameter(axis.key): format_value(axis, row[axis.key]) for axis in found.varied
+    }
     numbers = {one.words: one.shown(row[one.column]) for one in NUMBERS}
     return {"": rank} | settings | numbers | {"largest error": _percent(row["farthest"])}
 
@@ -217,10 +281,22 @@ def _settings(found: InferredSettings, accepted: int) -> Iterator[tuple[str, ...
     axes = {axis.key: axis for axis in found.varied}
     for row in found.settings.to_dict("records"):
         axis, chance = axes[row["setting"]], row["p_value"]
-        where = {str(value): format_value(axis, value) for value in axis.values or ()}.get(row["value"])
+        where = {str(value): format_value(axis, value) for value in axis.values or ()}.get(
+            row["value"]
+        )
         if axis.values is None:
-            where = " to ".join(format_value(axis, row[end]) for end in ("low", "high")) if accepted else ""
-        verdict = "too few accepted" if accepted < _FEW else "informative" if chance < _LEVEL else "not informative"
+            where = (
+                " to ".join(format_value(axis, row[end]) for end in ("low", "high"))
+                if accepted
+                else ""
+            )
+        verdict = (
+            "too few accepted"
+            if accepted < _FEW
+            else "informative"
+            if chance < _LEVEL
+            else "not informative"
+        )
         shares = (_percent(row["drawn"]), _percent(row["accepted"]) if accepted else "")
         yield format_parameter(axis.key), where, *shares, in_digits(chance), verdict
 
@@ -230,12 +306,16 @@ def _percent(share: float) -> str:
 
 
 def metrics(scenario: Scenario, folder: Path) -> dict[str, float]:
-    """Shares of the designs that reproduce the paper's printed numbers, singly and together, for MLflow."""
+    """Shares of the designs that reproduce the paper's printed numbers, singly and together, for
+    MLflow."""
     names = ["together", "farthest", *(one.column for one in NUMBERS)]
     designs = parquet.read_columns(folder / "infer_settings/designs.parquet", names).to_pandas()
     shares = (departures(designs) <= scenario.infer_settings.within).mean(axis=0)
     return {
         "printed/together_percent": 100 * designs["together"].mean(),
         "printed/farthest_off_in_nearest_percent": 100 * designs["farthest"].min(),
-        **{f"printed/{one.column}_percent": 100 * share for one, share in zip(NUMBERS, shares, strict=True)},
+        **{
+            f"printed/{one.column}_percent": 100 * share
+            for one, share in zip(NUMBERS, shares, strict=True)
+        },
     }

@@ -1,4 +1,5 @@
-"""Robust link lengths: optimisation over common random samples, then validation on independent ones."""
+"""Robust link lengths: optimisation over common random samples, then validation on independent
+ones."""
 
 import math
 import re
@@ -48,10 +49,17 @@ LENGTHS = ("crank_length", "rod_length")
 """Parameters whose values are added to the lengths of the search."""
 
 _PATH_OF_A_LENGTH = re.compile(r"mechanism\.(crank|rod)\.(length|mass_centre)")
-_OF_THE_COMPUTATION = {"simulate.revolutions", "simulate.samples_per_revolution", "simulate.tolerance"}
+_OF_THE_COMPUTATION = {
+    "simulate.revolutions",
+    "simulate.samples_per_revolution",
+    "simulate.tolerance",
+}
 _OFFSET = "mechanism.slider.offset"
 _LARGEST_TOLERANCE = 0.1  # over the length; larger values are probably the length itself
-_FRESH, _BOOTSTRAP = 1, 2  # random streams of the independent samples and of the intervals, with the seed
+_FRESH, _BOOTSTRAP = (
+    1,
+    2,
+)  # random streams of the independent samples and of the intervals, with the seed
 _CONFIDENCE = 0.95
 _AT_ONCE = 4_000_000  # bootstrap values in memory
 _MISSED_MOST = 1e9  # constraint violation without a simulated force; finite, unlike infinity
@@ -59,37 +67,45 @@ _FAILED = 1e6  # objectives of lengths whose simulations all failed
 
 
 def uncertain_of(scenario: Scenario) -> Designs:
-    """The parameters in the section `optimise_robust` of a `scenario`, sampled by a Sobol sequence."""
+    """The parameters in the section `optimise_robust` of a `scenario`, sampled by a Sobol
+    sequence."""
     options = scenario.optimise_robust
     if not options.uncertain:
         raise InputError(
-            f"{SOURCE}: is empty; give parameters with distributions, such as friction: {{from: 0.02, to: 0.15}}"
+            f"{SOURCE}: is empty; give parameters with distributions, such as friction: {{from:"
+            " 0.02, to: 0.15}"
         )
     for key in options.uncertain:
         if link := _PATH_OF_A_LENGTH.fullmatch(key):
             raise InputError(
-                f"{SOURCE}.{key}: lengths and mass centres are optimised; give {link[1]}_length with the tolerance to "
-                "add, such as {distribution: normal, mean: 0 mm, deviation: 0.05 mm}"
+                f"{SOURCE}.{key}: lengths and mass centres are optimised; give {link[1]}_length"
+                " with the tolerance to add, such as {distribution: normal, mean: 0 mm,"
+                " deviation: 0.05 mm}"
             )
         if key in _OF_THE_COMPUTATION:
-            raise InputError(f"{SOURCE}.{key}: is a solver option, not an uncertain parameter; remove it")
+            raise InputError(
+                f"{SOURCE}.{key}: is a solver option, not an uncertain parameter; remove it"
+            )
         if key == _OFFSET and (other := depends_on_offset(scenario.optimise.constraints)):
             raise InputError(
-                f"{SOURCE}.{key}: optimise.constraints.{other} is computed with the nominal offset; remove one of them"
+                f"{SOURCE}.{key}: optimise.constraints.{other} is computed with the nominal offset;"
+                " remove one of them"
             )
     base = DrivenMechanism(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
     axes = axes_of(base, options.uncertain, SOURCE)
     for axis in axes:
         if not axis.varies:
-            raise InputError(f"{SOURCE}.{axis.key}: has one value only; give several, or a distribution")
+            raise InputError(
+                f"{SOURCE}.{axis.key}: has one value only; give several, or a distribution"
+            )
         if axis.key in LENGTHS:
             shortest = min(getattr(box, axis.key)[0] for box in scenario.optimise.boxes.values())
             largest = max(map(abs, axis.at(np.array([0.001, 0.5, 0.999]))))
             if largest > _LARGEST_TOLERANCE * shortest:
                 raise InputError(
-                    f"{SOURCE}.{axis.key}: values up to {1e3 * largest:g} mm are too large for a tolerance on a length "
-                    f"of {1e3 * shortest:g} mm; they are added to the optimised length: give the deviation from "
-                    "nominal, such as mean: 0 mm"
+                    f"{SOURCE}.{axis.key}: values up to {1e3 * largest:g} mm are too large for a"
+                    f" tolerance on a length of {1e3 * shortest:g} mm; they are added to the"
+                    " optimised length: give the deviation from nominal, such as mean: 0 mm"
                 )
     return Designs(base, axes, Sweep(seed=options.seed), SOURCE)
 
@@ -103,9 +119,13 @@ def fresh_draws(uncertain: Designs, count: int) -> list[dict[str, Any]]:
 def scenario_of(uncertain: Designs, values: dict[str, Any]) -> DrivenMechanism:
     """Mechanism at nominal lengths, and simulation, of a sample."""
     try:
-        return uncertain.scenario({key: value for key, value in values.items() if key not in LENGTHS})
+        return uncertain.scenario(
+            {key: value for key, value in values.items() if key not in LENGTHS}
+        )
     except InputError as error:
-        raise InputError(f"{error}; this sample is infeasible: truncate the distribution with from and to") from None
+        raise InputError(
+            f"{error}; this sample is infeasible: truncate the distribution with from and to"
+        ) from None
 
 
 @dataclass(frozen=True)
@@ -114,7 +134,9 @@ class Responses:
 
     lengths: np.ndarray  # shape (m, 2); nominal [m]
     actual: np.ndarray  # shape (m, n, 2); with the tolerances of each sample [m]
-    error: np.ndarray  # shape (m, n); RMS of the transmission angle [rad], NaN where the simulation failed
+    error: (
+        np.ndarray
+    )  # shape (m, n); RMS of the transmission angle [rad], NaN where the simulation failed
     force: np.ndarray  # shape (m, n); largest in a pin [N]
     stroke: np.ndarray  # shape (m, n) [m]
     reasons: np.ndarray  # shape (m, n); why the simulation failed, or None
@@ -130,13 +152,24 @@ Responding = Callable[[np.ndarray], Responses]
 
 
 class SimulatedDraws:
-    """The simulation at common samples, `draws` of values by key; InputError where one is infeasible."""
+    """The simulation at common samples, `draws` of values by key; InputError where one is
+    infeasible."""
 
-    def __init__(self, scenario: Scenario, uncertain: Designs, draws: list[dict[str, Any]], workers: int | None = None):
+    def __init__(
+        self,
+        scenario: Scenario,
+        uncertain: Designs,
+        draws: list[dict[str, Any]],
+        workers: int | None = None,
+    ):
         self.scenarios = [scenario_of(uncertain, values) for values in draws]
         # tolerances of (L2, L3) in each sample [m]
         self.tolerances = np.array([[values.get(key, 0.0) for key in LENGTHS] for values in draws])
-        self.original, self.optimise, self.workers = uncertain.base.mechanism, scenario.optimise, workers
+        self.original, self.optimise, self.workers = (
+            uncertain.base.mechanism,
+            scenario.optimise,
+            workers,
+        )
         self.is_settled = scenario.optimise_robust.revolution == "settled"
 
     def __call__(self, lengths: np.ndarray) -> Responses:
@@ -149,7 +182,11 @@ class SimulatedDraws:
         )
         found = [self._measured(outcome) for outcome in simulate_runs(runs, self.workers)]
         columns = pd.DataFrame(found, columns=["error", "force", "stroke", "reason"])
-        return Responses(lengths, actual, *(columns[name].to_numpy().reshape(actual.shape[:2]) for name in columns))
+        return Responses(
+            lengths,
+            actual,
+            *(columns[name].to_numpy().reshape(actual.shape[:2]) for name in columns),
+        )
 
     def rod_angles(self, outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
         """Crank and rod angles [rad] at the samples of the error."""
@@ -160,7 +197,10 @@ class SimulatedDraws:
             slack = np.pi / per_turn  # half a sample: the window's ends do not depend on rounding
             low, high = self.optimise.window
             counted = np.flatnonzero((turned >= low - slack) & (turned <= high + slack))
-        angle, states = outcome.crank_angle[counted], (result.states[counted], result.auxiliary_states[counted])
+        angle, states = (
+            outcome.crank_angle[counted],
+            (result.states[counted], result.auxiliary_states[counted]),
+        )
         return angle, rod_and_slider(outcome.parameters, angle, *states)[0]
 
     def _settled(self, outcome: Outcome) -> np.ndarray:
@@ -180,7 +220,8 @@ class SimulatedDraws:
         return float(error), float(force), float(np.ptp(seen["slider_position"])), None
 
     def frozen(self) -> Objective:
-        """The error over lengths with the joint motion of the original lengths frozen, as in the paper."""
+        """The error over lengths with the joint motion of the original lengths frozen, as in the
+        paper."""
         (outcome,) = simulate_runs([Run(self.original, self.scenarios[0].simulate)], 1)
         if outcome.error is not None:
             raise outcome.error
@@ -202,7 +243,8 @@ def format_objective(options: OptimiseRobust) -> str:
 
 
 def deviation(values: np.ndarray) -> np.ndarray:
-    """Standard deviation, shape (...), of `values` (..., n), from the unbiased variance; 0 for one value."""
+    """Standard deviation, shape (...), of `values` (..., n), from the unbiased variance; 0 for one
+    value."""
     return np.nan_to_num(np.nanstd(values, ddof=1, axis=-1))
 
 
@@ -232,22 +274,28 @@ class RobustProblem:
 
     @property
     def ranges(self) -> list[Constraint]:
-        """Constraints that tolerances can violate. Equality constraints refer to the nominal lengths only."""
+        """Constraints that tolerances can violate. Equality constraints refer to the nominal
+        lengths only."""
         return [each for each in self.region.constraints if not each.is_fixed]
 
     def violation(self, responses: Responses) -> dict[str, np.ndarray]:
-        """Violation by constraint, shape (m, n), negative where satisfied: in mm or deg; a force in % of its limit."""
+        """Violation by constraint, shape (m, n), negative where satisfied: in mm or deg; a force in
+        % of its limit."""
         found = {}
         for each in self.ranges:
             value = each.value(responses.actual)
-            found[each.key] = np.maximum(each.low - value, value - each.high) / each.scale - FEASIBLE
+            found[each.key] = (
+                np.maximum(each.low - value, value - each.high) / each.scale - FEASIBLE
+            )
         if (most := self.constraints.largest_pin_force) is not None:
             found["largest_pin_force"] = 100.0 * (responses.force / most - 1.0)
         return found
 
     def stroke(self, lengths: np.ndarray) -> np.ndarray:
         crank, rod = lengths[..., 0], lengths[..., 1]
-        return np.sqrt((rod + crank) ** 2 - self.offset**2) - np.sqrt((rod - crank) ** 2 - self.offset**2)
+        return np.sqrt((rod + crank) ** 2 - self.offset**2) - np.sqrt(
+            (rod - crank) ** 2 - self.offset**2
+        )
 
     def assess(self, responses: Responses) -> pd.DataFrame:
         """Objectives and constraints, one row per pair of lengths."""
@@ -257,7 +305,9 @@ class RobustProblem:
         for each in self.violation(responses).values():
             missed = missed + np.maximum(violation_quantile(each, self.options.probability), 0.0)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # numpy's, where at most one sample has a value
+            warnings.simplefilter(
+                "ignore", RuntimeWarning
+            )  # numpy's, where at most one sample has a value
             return pd.DataFrame(
                 {
                     "crank_length": lengths[:, 0],
@@ -266,7 +316,9 @@ class RobustProblem:
                     "error_deviation": deviation(responses.error),
                     "error": minimised(self.options, responses.error),
                     "force": minimised(self.options, responses.force),
-                    "stroke_change": np.abs(self.stroke(lengths) - self.stroke(np.array(self.original))),
+                    "stroke_change": np.abs(
+                        self.stroke(lengths) - self.stroke(np.array(self.original))
+                    ),
                     "missed": np.minimum(missed, _MISSED_MOST),
                     "failed": responses.failed,
                 }
@@ -274,12 +326,28 @@ class RobustProblem:
 
 
 class _Lengths(Problem):
-    """The lengths of a region as a pymoo problem; keeps the evaluated candidates, one frame per generation."""
+    """The lengths of a region as a pymoo problem; keeps the evaluated candidates, one frame per
+    generation."""
 
-    def __init__(self, task: RobustProblem, respond: Responding, objectives: tuple[str, ...], before: int, total: int):
+    def __init__(
+        self,
+        task: RobustProblem,
+        respond: Responding,
+        objectives: tuple[str, ...],
+        before: int,
+        total: int,
+    ):
         region = task.region
-        super().__init__(n_var=2, n_obj=len(objectives), n_ieq_constr=2, xl=region.lower, xu=region.upper)
-        self.task, self.respond, self.objectives, self.before, self.total = task, respond, objectives, before, total
+        super().__init__(
+            n_var=2, n_obj=len(objectives), n_ieq_constr=2, xl=region.lower, xu=region.upper
+        )
+        self.task, self.respond, self.objectives, self.before, self.total = (
+            task,
+            respond,
+            objectives,
+            before,
+            total,
+        )
         self.generations: list[pd.DataFrame] = []
 
     def _evaluate(self, x, out, *args, **kwargs):
@@ -301,7 +369,9 @@ def search(task: RobustProblem, respond: Responding, with_front: bool = True) ->
     steps = {"one measure": OBJECTIVES[:1]} | ({"front": OBJECTIVES} if with_front else {})
     total = 1 + len(steps) * options.generations
     report_progress("generations of lengths", 0, total)
-    cranks, rods = np.meshgrid(*np.linspace(region.lower, region.upper, options.grid).T, indexing="ij")
+    cranks, rods = np.meshgrid(
+        *np.linspace(region.lower, region.upper, options.grid).T, indexing="ij"
+    )
     grid = np.stack([cranks.ravel(), rods.ravel()], axis=1)
     grid = grid[region.contains(grid, slack=1e-12)]
     grid = region.nearest(np.vstack([grid, region.clip(np.array(task.original))]))
@@ -310,17 +380,30 @@ def search(task: RobustProblem, respond: Responding, with_front: bool = True) ->
         before = 1 + number * options.generations
         report_progress("generations of lengths", before, total)
         step_problem = _Lengths(task, respond, objectives, before, total)
-        given = {"pop_size": options.population, "sampling": _beginning(found, task, number), "repair": _OntoRegion()}
-        algorithm = NSGA2(crossover=PCX(), **given) if number else DE(variant="DE/best/1/bin", CR=1.0, **given)
+        given = {
+            "pop_size": options.population,
+            "sampling": _beginning(found, task, number),
+            "repair": _OntoRegion(),
+        }
+        algorithm = (
+            NSGA2(crossover=PCX(), **given)
+            if number
+            else DE(variant="DE/best/1/bin", CR=1.0, **given)
+        )
         minimize(step_problem, algorithm, ("n_gen", options.generations), seed=options.seed)
-        tried = [each.assign(step=step, generation=k) for k, each in enumerate(step_problem.generations)]
+        tried = [
+            each.assign(step=step, generation=k) for k, each in enumerate(step_problem.generations)
+        ]
         found = pd.concat([found, *tried], ignore_index=True)
     return found
 
 
 def ranked(candidates: pd.DataFrame) -> np.ndarray:
-    """Indices of the candidates from the best on: feasible ones by their error, then the others by violation."""
-    return np.lexsort((candidates["error"].fillna(np.inf), candidates["missed"], candidates["failed"]))
+    """Indices of the candidates from the best on: feasible ones by their error, then the others by
+    violation."""
+    return np.lexsort(
+        (candidates["error"].fillna(np.inf), candidates["missed"], candidates["failed"])
+    )
 
 
 def best_of(candidates: pd.DataFrame) -> pd.Series:
@@ -338,7 +421,8 @@ def pareto_front(candidates: pd.DataFrame) -> np.ndarray:
 
 
 def _beginning(candidates: pd.DataFrame, task: RobustProblem, number: int) -> np.ndarray:
-    """Initial population of a step: half of it the best so far, half spread over the region, shape (n, 2) [m]."""
+    """Initial population of a step: half of it the best so far, half spread over the region, shape
+    (n, 2) [m]."""
     half, places = task.options.population // 2, ranked(candidates)
     if number and len(front := pareto_front(candidates)):
         # the front so far, with its ends and evenly along the error
@@ -386,20 +470,24 @@ class RobustOptimum:
         }
 
 
-def compare(task: RobustProblem, names: tuple[str, ...], responses: Responses) -> dict[str, pd.DataFrame]:
+def compare(
+    task: RobustProblem, names: tuple[str, ...], responses: Responses
+) -> dict[str, pd.DataFrame]:
     """Compare lengths: the tables `lengths`, `gains` and `constraints`."""
     options, counted = task.options, ~np.isnan(responses.error).any(axis=0)
     draws = np.count_nonzero(counted)
     if draws < 2:
         reason = next(filter(None, responses.reasons.flat))
         raise InputError(
-            f"optimise_robust: fewer than two of {len(counted)} validation samples were simulated with all lengths; "
-            f"the first failure: {reason}"
+            f"optimise_robust: fewer than two of {len(counted)} validation samples were simulated"
+            f" with all lengths; the first failure: {reason}"
         )
 
     def statistics(values: np.ndarray, axis: int = -1) -> np.ndarray:
         quantiles = np.quantile(values, (0.05, 0.5, 0.95), axis=axis)
-        return np.stack([np.mean(values, axis=axis), deviation(values), minimised(options, values), *quantiles])
+        return np.stack(
+            [np.mean(values, axis=axis), deviation(values), minimised(options, values), *quantiles]
+        )
 
     values = np.stack([getattr(responses, name)[:, counted] for name in _QUANTITIES])
     resampled = bootstrap(
@@ -413,12 +501,18 @@ def compare(task: RobustProblem, names: tuple[str, ...], responses: Responses) -
         rng=np.random.default_rng([options.seed, _BOOTSTRAP]),
     ).bootstrap_distribution
 
-    def with_ends(statistic: Callable[[np.ndarray], np.ndarray]) -> Iterator[tuple[str, np.ndarray]]:
+    def with_ends(
+        statistic: Callable[[np.ndarray], np.ndarray],
+    ) -> Iterator[tuple[str, np.ndarray]]:
         outside = (1.0 - _CONFIDENCE) / 2.0
         ends = np.quantile(statistic(resampled), (outside, 1.0 - outside), axis=-1)
         return zip(_ENDS, (statistic(statistics(values)), *ends), strict=True)
 
-    lengths = {"lengths": names, "crank_length": responses.lengths[:, 0], "rod_length": responses.lengths[:, 1]}
+    lengths = {
+        "lengths": names,
+        "crank_length": responses.lengths[:, 0],
+        "rod_length": responses.lengths[:, 1],
+    }
     lengths |= {"draws": draws, "failed": responses.failed}
     for end, found in with_ends(lambda each: each):
         for statistic, by_quantity in zip(_STATISTICS, found, strict=True):
@@ -427,12 +521,20 @@ def compare(task: RobustProblem, names: tuple[str, ...], responses: Responses) -
     gains = []
     for was, now in combinations(range(len(names)), 2):
         error = responses.error[:, counted]
-        row = {"lengths": names[now], "beside": names[was], "draws": draws} | _share(error[now] < error[was])
-        for end, fall in with_ends(lambda each, now=now, was=was: 1.0 - each[:, 0, now] / each[:, 0, was]):
-            row |= {f"{name}_fall{end}": float(fall[_STATISTICS.index(name)]) for name in ("mean", "measure")}
+        row = {"lengths": names[now], "beside": names[was], "draws": draws} | _share(
+            error[now] < error[was]
+        )
+        for end, fall in with_ends(
+            lambda each, now=now, was=was: 1.0 - each[:, 0, now] / each[:, 0, was]
+        ):
+            row |= {
+                f"{name}_fall{end}": float(fall[_STATISTICS.index(name)])
+                for name in ("mean", "measure")
+            }
         gains.append(row)
     held = [
-        {"lengths": name, "constraint": key, "asked": options.probability, "draws": len(row)} | _share(row <= 0.0)
+        {"lengths": name, "constraint": key, "asked": options.probability, "draws": len(row)}
+        | _share(row <= 0.0)
         for key, missed in task.violation(responses).items()
         for name, row in zip(names, missed, strict=True)
     ]
@@ -447,11 +549,16 @@ def _share(happened: np.ndarray) -> dict[str, float]:
     """Frequency of an event, and the exact interval of its probability."""
     times, trials = int(np.count_nonzero(happened)), len(happened)
     interval = binomtest(times, trials).proportion_ci(_CONFIDENCE, method="exact")
-    return {"probability": times / trials, "probability_low": interval.low, "probability_high": interval.high}
+    return {
+        "probability": times / trials,
+        "probability_low": interval.low,
+        "probability_high": interval.high,
+    }
 
 
 def optimise_robust(scenario: Scenario, workers: int | None = None) -> RobustOptimum:
-    """Optimise robust lengths in the first of the scenario's boxes, and validate them on independent samples."""
+    """Optimise robust lengths in the first of the scenario's boxes, and validate them on
+    independent samples."""
     options, uncertain = scenario.optimise_robust, uncertain_of(scenario)
     task, draws = _task(scenario), fresh_draws(uncertain, options.fresh_draws)
     # create all samples first: infeasible ones are rejected before any simulation
@@ -464,10 +571,14 @@ def optimise_robust(scenario: Scenario, workers: int | None = None) -> RobustOpt
     robust.loc[pareto_front(robust), "on_front"] = True
     frozen = search_from_all(at_nominal.frozen(), task.region, scenario.optimise.local_tolerance)
     best = [best_of(each)[list(LENGTHS)] for each in (nominal, robust)]
-    lengths = np.array([task.original, min(frozen, key=lambda each: each.value).lengths, *best], float)
+    lengths = np.array(
+        [task.original, min(frozen, key=lambda each: each.value).lengths, *best], float
+    )
     responses = at_fresh(lengths)
     values = pd.DataFrame(draws)
-    fresh = pd.concat([values.assign(draw=values.index, lengths=name) for name in COMPARED], ignore_index=True)
+    fresh = pd.concat(
+        [values.assign(draw=values.index, lengths=name) for name in COMPARED], ignore_index=True
+    )
     found = {name: getattr(responses, name).ravel() for name in _QUANTITIES}
     return RobustOptimum(
         pd.concat([nominal, robust], ignore_index=True),
@@ -489,11 +600,14 @@ def _task(scenario: Scenario) -> RobustProblem:
     original, optimise = scenario.mechanism.applied(), scenario.optimise
     if not original.loose:
         raise InputError(
-            "optimise_robust: all joints are ideal, so the transmission angle has no error; make a joint loose"
+            "optimise_robust: all joints are ideal, so the transmission angle has no error; make a"
+            " joint loose"
         )
     (name, box), *_ = optimise.boxes.items()
     offset, lengths = original.slider.offset, (original.crank.length, original.rod.length)
-    region = Region.of(box, optimise.ratio_limit).under(geometric(optimise.constraints, offset), name)
+    region = Region.of(box, optimise.ratio_limit).under(
+        geometric(optimise.constraints, offset), name
+    )
     return RobustProblem(region, lengths, offset, scenario.optimise_robust, optimise.constraints)
 
 
@@ -515,7 +629,8 @@ _FRONT_ROWS = 9
 
 
 def draw(found: RobustOptimum) -> Iterator[tuple[str, Drawing]]:
-    """All figures by name; the front only where feasible lengths exist, the map only where candidates fill an area."""
+    """All figures by name; the front only where feasible lengths exist, the map only where
+    candidates fill an area."""
     with plot.matplotlib_style():
         yield "robust_errors", _errors(found)
         if has_map(found):
@@ -539,16 +654,21 @@ def _label(found: RobustOptimum, name: str) -> str:
 
 
 def has_map(found: RobustOptimum) -> bool:
-    """Whether the candidates fill an area; a fixed stroke leaves a curve of lengths, two fixed values a point."""
+    """Whether the candidates fill an area; a fixed stroke leaves a curve of lengths, two fixed
+    values a point."""
     return not any(each.is_fixed for each in found.task.region.constraints)
 
 
 def _front(found: RobustOptimum) -> Drawing:
-    """Error against force and against the change of the stroke: Pareto front and nearby candidates."""
+    """Error against force and against the change of the stroke: Pareto front and nearby
+    candidates."""
     shown = _tried(found).assign(
         error=lambda own: _MDEG * own["error"], stroke_change=lambda o: 1e3 * o["stroke_change"]
     )
-    allowed, front = shown[(shown["missed"] <= 0.0) & (shown["failed"] == 0)], shown[shown["on_front"]]
+    allowed, front = (
+        shown[(shown["missed"] <= 0.0) & (shown["failed"] == 0)],
+        shown[shown["on_front"]],
+    )
     best, words = front.loc[front["error"].idxmin()], format_objective(found.task.options)
     sheet = Sheet(4.2, 1, 2)
     quantities = {
@@ -558,11 +678,20 @@ def _front(found: RobustOptimum) -> Drawing:
     for place, (name, quantity) in enumerate(quantities.items()):
         title = f"error and {name.partition('_')[0]}"
         panel = sheet.panel((0, place), title, quantity, Quantity(f"error, {words}", "mdeg"))
-        panel.marks("front of error, force and stroke", front[name], front["error"], "optimised", zorder=3)
+        panel.marks(
+            "front of error, force and stroke", front[name], front["error"], "optimised", zorder=3
+        )
         panel.axes.margins(0.06)
         limits = panel.axes.get_xlim(), panel.axes.get_ylim()  # around the front
         near = allowed[allowed[name].between(*limits[0]) & allowed["error"].between(*limits[1])]
-        panel.marks("other feasible candidates", near[name], near["error"], "other", markersize=2.5, alpha=0.6)
+        panel.marks(
+            "other feasible candidates",
+            near[name],
+            near["error"],
+            "other",
+            markersize=2.5,
+            alpha=0.6,
+        )
         _mark(panel, found, "robust", [best[name]], [best["error"]])
         panel.axes.set(xlim=limits[0], ylim=limits[1])
     sheet.legend()
@@ -571,7 +700,13 @@ def _front(found: RobustOptimum) -> Drawing:
 
 def _mark(panel: Panel, found: RobustOptimum, name: str, x: list[float], y: list[float]) -> None:
     words, (_, colour, marker) = _label(found, name), _LOOKS[name]
-    style = {"marker": marker, "markersize": 7.0, "markeredgecolor": "white", "markeredgewidth": 0.8, "zorder": 4}
+    style = {
+        "marker": marker,
+        "markersize": 7.0,
+        "markeredgecolor": "white",
+        "markeredgewidth": 0.8,
+        "zorder": 4,
+    }
     panel.marks(words, x, y, colour, **style)
 
 
@@ -580,12 +715,19 @@ def _errors(found: RobustOptimum) -> Drawing:
     sheet = Sheet(4.0, 1, 2)
     share = Quantity("share of the samples", "%")
     errors = _MDEG * found.fresh.pivot(index="draw", columns="lengths", values="error").dropna()
-    left = sheet.panel((0, 0), "error", Quantity("RMS error of the transmission angle", "mdeg"), share)
-    right = sheet.panel((0, 1), "reduction of the error", Quantity("reduction of the error", "mdeg"), share)
+    left = sheet.panel(
+        (0, 0), "error", Quantity("RMS error of the transmission angle", "mdeg"), share
+    )
+    right = sheet.panel(
+        (0, 1), "reduction of the error", Quantity("reduction of the error", "mdeg"), share
+    )
     shares = 100.0 * np.arange(1, len(errors) + 1) / len(errors)
     for name, (_, colour, _) in _LOOKS.items():
         words = _label(found, name)
-        style = {"linewidth": 1.8 if name == "robust" else 1.2, "linestyle": "--" if name == "nominal" else "-"}
+        style = {
+            "linewidth": 1.8 if name == "robust" else 1.2,
+            "linestyle": "--" if name == "nominal" else "-",
+        }
         left.line(words, np.sort(errors[name]), shares, colour, **style)
         if name != "original":
             right.line(words, np.sort(errors["original"] - errors[name]), shares, colour, **style)
@@ -605,9 +747,13 @@ def _map(found: RobustOptimum) -> Drawing:
     panel = sheet.panel((0, 0), f"error, {format_objective(found.task.options)}", *lengths)
     levels = np.geomspace(value.min(), value.max(), 15)
     drawn = panel.axes.tricontourf(x, y, value, levels=levels, cmap="Blues_r", norm=LogNorm())
-    sheet.figure.colorbar(drawn, ax=panel.axes, label=quantity.label, aspect=30, ticks=levels[::2], format="%.3g")
+    sheet.figure.colorbar(
+        drawn, ax=panel.axes, label=quantity.label, aspect=30, ticks=levels[::2], format="%.3g"
+    )
     panel.axes.plot(x, y, ".", color=plot.COLOURS["limit"], markersize=2.0, label="candidates")
-    panel.record("candidates", x, y, value=value, value_quantity=quantity.name, value_unit=quantity.unit)
+    panel.record(
+        "candidates", x, y, value=value, value_quantity=quantity.name, value_unit=quantity.unit
+    )
     for row in found.lengths.itertuples():
         _mark(panel, found, row.lengths, [1e3 * row.crank_length], [1e3 * row.rod_length])
     sheet.legend()
@@ -619,40 +765,61 @@ def page(found: RobustOptimum, scenario: Scenario, name: str) -> Page:
     words, draws = format_objective(options), found.lengths["draws"].iloc[0]
     settled = f"revolution {scenario.optimise.ensemble.settled_revolution}"
     compared = (
-        f"{draws} validation samples, independent of the search and common to all lengths "
-        f"({options.fresh_draws - draws} more failed and are excluded). The error is the RMS over "
-        f"{settled if options.revolution == 'settled' else 'the window of the first revolution'} of the transmission "
-        f"angle of the original lengths without clearance, minus that of the simulated motion. The objective is its "
-        f"{words}. In brackets: 95 % intervals (bootstrap; exact for probabilities)."
+        f"{draws} validation samples, independent of the search and common to all lengths"
+        f" ({options.fresh_draws - draws} more failed and are excluded). The error is the RMS over"
+        f" {settled if options.revolution == 'settled' else 'the window of the first revolution'}"
+        " of the transmission angle of the original lengths without clearance, minus that of the"
+        f" simulated motion. The objective is its {words}. In brackets: 95 % intervals (bootstrap;"
+        " exact for probabilities)."
     )
     limits = {each.key: f"{each.words} {each.range_text()}" for each in found.task.ranges}
-    limits["largest_pin_force"] = f"largest pin force {found.task.constraints.largest_pin_force or 0:g} N at most"
+    limits["largest_pin_force"] = (
+        f"largest pin force {found.task.constraints.largest_pin_force or 0:g} N at most"
+    )
     named = {} if has_optimum(found) else {"robust": _NEAREST}
-    lengths, gains, held = (frame.replace(named) for frame in (found.lengths, found.gains, found.constraints))
+    lengths, gains, held = (
+        frame.replace(named) for frame in (found.lengths, found.gains, found.constraints)
+    )
     held = held.assign(constraint=held["constraint"].map(limits))
-    constraints = Heading("Constraints"), _table("constraints", held, "Share of the samples that satisfy them", *_HELD)
+    constraints = (
+        Heading("Constraints"),
+        _table("constraints", held, "Share of the samples that satisfy them", *_HELD),
+    )
     front = tried[tried["on_front"]].sort_values("error")
-    places = np.unique(np.linspace(0, max(len(front) - 1, 0), _FRONT_ROWS).round().astype(int))[: len(front)]
-    active = region.active(best_of(tried.dropna(subset="error"))[list(LENGTHS)].to_numpy(dtype=float))
+    places = np.unique(np.linspace(0, max(len(front) - 1, 0), _FRONT_ROWS).round().astype(int))[
+        : len(front)
+    ]
+    active = region.active(
+        best_of(tried.dropna(subset="error"))[list(LENGTHS)].to_numpy(dtype=float)
+    )
     cranks, rods = region.searched
     method = (
-        f"{len(tried)} pairs of lengths (searched in mm: crank {cranks}, rod {rods}), each simulated in the same "
-        f"{options.draws} samples (scrambled Sobol sequence, seed {options.seed}). Search: a grid, then "
-        f"differential evolution for the error, then NSGA-II for the front. Active limits: {active}. All numbers are "
-        "in the Parquet files next to this page; `jointgap describe FILE` explains their columns."
+        f"{len(tried)} pairs of lengths (searched in mm: crank {cranks}, rod {rods}), each"
+        f" simulated in the same {options.draws} samples (scrambled Sobol sequence, seed"
+        f" {options.seed}). Search: a grid, then differential evolution for the error, then NSGA-II"
+        f" for the front. Active limits: {active}. All numbers are in the Parquet files next to"
+        " this page; `jointgap describe FILE` explains their columns."
     )
     blocks = (
         *(Paragraph(sentence, strong=True) for sentence in verdict(found)),
         Heading("Validation on independent samples"),
         Paragraph(compared),
-        _table("lengths", lengths, "Error of the transmission angle", "lengths", *LENGTHS, *_ERRORS),
+        _table(
+            "lengths", lengths, "Error of the transmission angle", "lengths", *LENGTHS, *_ERRORS
+        ),
         _table("lengths", lengths, "Largest pin force, and simulated stroke", "lengths", *_PRICE),
         Heading("Improvement"),
         _table("gains", gains, _DRAW_BY_DRAW, *_GAINS),
         FigureBlock("robust_errors", "Error in the validation samples"),
         *(constraints if len(held) else ()),
         Heading("Pareto front"),
-        _table("candidates", front.iloc[places], f"{len(places)} of {len(front)} {_ON_FRONT}", *LENGTHS, *OBJECTIVES),
+        _table(
+            "candidates",
+            front.iloc[places],
+            f"{len(places)} of {len(front)} {_ON_FRONT}",
+            *LENGTHS,
+            *OBJECTIVES,
+        ),
         FigureBlock("robust_front", "Trade-off against the error"),
         FigureBlock("robust_map", "Objective over both lengths"),
         Heading("Uncertain parameters"),
@@ -681,23 +848,28 @@ def verdict(found: RobustOptimum) -> list[str]:
     """The result in a few sentences."""
     sentences, words, is_found = [], format_objective(found.task.options), has_optimum(found)
     if not is_found:
-        sentences.append("No robust optimum: widen the bounds of the lengths, or relax a constraint.")
+        sentences.append(
+            "No robust optimum: widen the bounds of the lengths, or relax a constraint."
+        )
     for name in ("robust", "nominal") if is_found else ():
         gain = _gain(found, name)
         sentences.append(
-            f"{_LOOKS[name][0].capitalize()}: the error of the transmission angle ({words}) falls by "
-            f"{_cell(gain, 'measure_fall')} %, its mean by {_cell(gain, 'mean_fall')} %. It is smaller than with the "
-            f"original lengths in {_cell(gain, 'probability')} % of the samples."
+            f"{_LOOKS[name][0].capitalize()}: the error of the transmission angle ({words}) falls"
+            f" by {_cell(gain, 'measure_fall')} %, its mean by {_cell(gain, 'mean_fall')} %. It is"
+            f" smaller than with the original lengths in {_cell(gain, 'probability')} % of the"
+            " samples."
         )
     gain = _gain(found, "robust")
     if is_found and gain["measure_fall_high"] <= 0.0:
         sentences.append("Keep the original lengths: the best lengths found are worse.")
     elif is_found and gain["measure_fall_low"] <= 0.0:
         sentences.append("Keep the original lengths: the improvement is not significant.")
-    for row in found.constraints.query("lengths == 'robust' and probability_high < asked").to_dict("records"):
+    for row in found.constraints.query("lengths == 'robust' and probability_high < asked").to_dict(
+        "records"
+    ):
         sentences.append(
-            f"The constraint {row['constraint']} holds in {_cell(row, 'probability')} % of the samples; "
-            f"{percent(row['asked'], 0)} are required."
+            f"The constraint {row['constraint']} holds in {_cell(row, 'probability')} % of the"
+            f" samples; {percent(row['asked'], 0)} are required."
         )
     return sentences
 
@@ -707,7 +879,10 @@ def _gain(found: RobustOptimum, lengths: str) -> dict:
     return found.gains.query("lengths == @lengths and beside == 'original'").to_dict("records")[0]
 
 
-_DRAW_BY_DRAW = "Comparison per sample: how often the error is smaller, and by how much its mean and the objective fall"
+_DRAW_BY_DRAW = (
+    "Comparison per sample: how often the error is smaller, and by how much its mean and the"
+    " objective fall"
+)
 _ON_FRONT = "pairs of lengths that are not dominated in error, force and stroke"
 _ERRORS = ("error_mean", "error_deviation", "error_measure", "error_quantile_95")
 _GAINS = ("lengths", "beside", "probability", "mean_fall", "measure_fall")
@@ -721,10 +896,19 @@ def _table(kind: str, frame: pd.DataFrame, caption: str, *names: str) -> TableBl
     """A table block of columns `names`: values with their intervals, shares in percent."""
     table, columns = schema.TABLES[f"optimise_robust_{kind}"], {}
     for column in (table.columns[table.names.index(name)] for name in names):
-        unit, factor = {"1": ("%", 100.0), "rad": ("mdeg", _MDEG)}.get(column.unit, reading_unit(column.unit))
-        head = _HEADS.get(column.name, format_name(column.name)) + (f" [{unit}]" if column.kind == "float" else "")
+        unit, factor = {"1": ("%", 100.0), "rad": ("mdeg", _MDEG)}.get(
+            column.unit, reading_unit(column.unit)
+        )
+        head = _HEADS.get(column.name, format_name(column.name)) + (
+            f" [{unit}]" if column.kind == "float" else ""
+        )
         columns[head] = [_cell(row, column.name, factor) for row in frame.to_dict("records")]
-    return TableBlock(tuple(columns), tuple(zip(*columns.values(), strict=True)), "l".ljust(len(columns), "r"), caption)
+    return TableBlock(
+        tuple(columns),
+        tuple(zip(*columns.values(), strict=True)),
+        "l".ljust(len(columns), "r"),
+        caption,
+    )
 
 
 def _cell(row: dict, name: str, factor: float = 100.0) -> str:
@@ -734,7 +918,9 @@ def _cell(row: dict, name: str, factor: float = 100.0) -> str:
     if f"{name}_low" not in row:
         return f"{factor * row[name]:.2f}"
     value, low, high = (factor * row[name + end] for end in _ENDS)
-    least = max(abs(high - low), 1e-4 * abs(value), 1e-6)  # the interval is zero where all samples agree
+    least = max(
+        abs(high - low), 1e-4 * abs(value), 1e-6
+    )  # the interval is zero where all samples agree
     digits = max(0, 1 - int(np.floor(np.log10(least))))
     return f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
 
@@ -747,7 +933,8 @@ _SECTIONS = {
 
 
 def metrics(scenario: Scenario, folder: Path) -> dict[str, float]:
-    """Statistics, gains, and probabilities of the constraints in the validation samples, for MLflow."""
+    """Statistics, gains, and probabilities of the constraints in the validation samples, for
+    MLflow."""
     found = {}
     for table, section in _SECTIONS.items():
         for row in parquet.read(table, folder / table.path).to_dict("records"):

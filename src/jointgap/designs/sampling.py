@@ -27,10 +27,13 @@ SOURCE = "sweep.parameters"
 """The section of swept parameters in error messages."""
 
 COUNTING = {"window_start": "rad", "window_end": "rad", "error_measure": "", "revolution": ""}
-"""Parameters that define the error measure, with their units; '' for words and whole numbers, which need a list."""
+"""Parameters that define the error measure, with their units; '' for words and whole numbers, which
+need a list."""
 
 _ROUNDING = 1e-9  # [rad]
-_FARTHEST_TAIL = 5.0  # [standard deviations] beyond: one in three million values of a normal distribution
+_FARTHEST_TAIL = (
+    5.0  # [standard deviations] beyond: one in three million values of a normal distribution
+)
 _TRIED = 64  # designs searched for a feasible one
 
 
@@ -67,13 +70,18 @@ class Axis:
         """Its column in the table of designs."""
         kinds = {type(value) for value in self.values or (0.0,)}
         kind = "bool" if kinds == {bool} else "text" if str in kinds else "float"
-        return Column(self.key, self.unit or ("1" if kind == "float" else ""), f"{self.key}, swept", kind)
+        return Column(
+            self.key, self.unit or ("1" if kind == "float" else ""), f"{self.key}, swept", kind
+        )
 
 
 def drawn_values(axes: tuple[Axis, ...], quantiles: np.ndarray) -> list[dict[str, Any]]:
     """Values by key, from the `quantiles` (n, axes) in [0, 1) of n designs."""
     columns = [axis.at(own) for axis, own in zip(axes, quantiles.T, strict=True)]
-    return [dict(zip((axis.key for axis in axes), row, strict=True)) for row in zip(*columns, strict=True)]
+    return [
+        dict(zip((axis.key for axis in axes), row, strict=True))
+        for row in zip(*columns, strict=True)
+    ]
 
 
 @dataclass(frozen=True)
@@ -108,42 +116,50 @@ class Designs:
     def counting(self, values: Mapping[str, Any]) -> ErrorCounting:
         """Definition of the error for a design; InputError where it is invalid."""
         start, end = (
-            values.get(f"window_{side}", own) for side, own in zip(("start", "end"), self.sweep.window, strict=True)
+            values.get(f"window_{side}", own)
+            for side, own in zip(("start", "end"), self.sweep.window, strict=True)
         )
         measure, revolution = values.get("error_measure", "rms"), values.get("revolution", 1)
         turns = self.base.simulate.revolutions
         if not 0.0 <= start < end <= 2.0 * math.pi + _ROUNDING:
             raise InputError(
-                f"{SOURCE}, window_start = {start:g}, window_end = {end:g}: the window must be increasing and within "
-                "0 to 360 deg"
+                f"{SOURCE}, window_start = {start:g}, window_end = {end:g}: the window must be"
+                " increasing and within 0 to 360 deg"
             )
         if measure not in MEASURES:
             raise InputError(
-                f"{SOURCE}.error_measure = {measure!r}: no such measure; {did_you_mean(str(measure), MEASURES)}"
+                f"{SOURCE}.error_measure = {measure!r}: no such measure;"
+                f" {did_you_mean(str(measure), MEASURES)}"
             )
         if revolution not in range(1, turns + 1):
             raise InputError(
-                f"{SOURCE}.revolution = {revolution!r}: must be an integer from 1 to simulate.revolutions, {turns}"
+                f"{SOURCE}.revolution = {revolution!r}: must be an integer from 1 to"
+                f" simulate.revolutions, {turns}"
             )
         return ErrorCounting((float(start), float(end)), measure, int(revolution))
 
     @cached_property
     def digest(self) -> str:
-        """Twelve hexadecimal digits of everything that determines a row, except the code; the number of designs
-        counts only where it changes the samples.
+        """Twelve hexadecimal digits of everything that determines a row, except the code; the
+        number of designs counts only where it changes the samples.
         """
         sweep = self.sweep
         content = {
             "mechanism": self.base.mechanism.model_dump(mode="json"),
             "simulate": self.base.simulate.model_dump(mode="json"),
             "drive": getattr(self.base.simulate.drive, "content", ""),
-            "axes": [[a.key, a.unit, a.values, a.law and [a.law.dist.name, a.law.kwds]] for a in self.axes],
+            "axes": [
+                [a.key, a.unit, a.values, a.law and [a.law.dist.name, a.law.kwds]]
+                for a in self.axes
+            ],
             "design": [sweep.design, sweep.seed, None if sweep.design == "sobol" else self.number],
             "window": sweep.window,
         }
         content |= {"best_lengths": True} if sweep.best_lengths or sweep.printed_numbers else {}
         content |= {"printed_numbers": True} if sweep.printed_numbers else {}
-        return hashlib.sha256(json.dumps(content, sort_keys=True, default=float).encode()).hexdigest()[:12]
+        return hashlib.sha256(
+            json.dumps(content, sort_keys=True, default=float).encode()
+        ).hexdigest()[:12]
 
     def _quantiles(self, first: int, count: int) -> np.ndarray:
         """(count, axes) in [0, 1)."""
@@ -153,7 +169,8 @@ class Designs:
             if first:
                 engine.fast_forward(first)
             with warnings.catch_warnings():
-                # warns unless a part's size is a power of two, but these are parts of a longer sequence
+                # warns unless a part's size is a power of two, but these are parts of a longer
+                # sequence
                 warnings.filterwarnings("ignore", "The balance properties", UserWarning)
                 return engine.random(count)
         if self.sweep.design == "latin_hypercube":
@@ -168,12 +185,13 @@ def designs_of(scenario: Scenario) -> Designs:
     sweep = scenario.sweep
     if not sweep.parameters:
         raise InputError(
-            f"{SOURCE}: is empty; give parameters with ranges or lists, such as clearance: {{from: 0.1 mm, to: 0.5 mm}}"
+            f"{SOURCE}: is empty; give parameters with ranges or lists, such as clearance: {{from:"
+            " 0.1 mm, to: 0.5 mm}"
         )
     if (counted := COUNTING.keys() & sweep.parameters.keys()) and not sweep.printed_numbers:
         raise InputError(
-            f"{SOURCE}.{min(counted)}: defines the error of the paper's printed numbers; set sweep.printed_numbers to "
-            "true, or remove this parameter"
+            f"{SOURCE}.{min(counted)}: defines the error of the paper's printed numbers; set"
+            " sweep.printed_numbers to true, or remove this parameter"
         )
     base = DrivenMechanism(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
     designs = Designs(base, axes_of(base, sweep.parameters, SOURCE, sweep.design == "grid"), sweep)
@@ -183,14 +201,16 @@ def designs_of(scenario: Scenario) -> Designs:
     possible = _first_possible(designs)
     if sweep.printed_numbers and (others := departures(possible.mechanism, possible.simulate)):
         raise InputError(
-            f"sweep.printed_numbers: the paper's numbers do not apply to this mechanism ({'; '.join(others)}); remove "
-            "it, or sweep only settings that the paper does not print"
+            "sweep.printed_numbers: the paper's numbers do not apply to this mechanism"
+            f" ({'; '.join(others)}); remove it, or sweep only settings that the paper does not"
+            " print"
         )
     return designs
 
 
 def _first_possible(designs: Designs) -> DrivenMechanism:
-    """The first feasible design. Infeasible ones among others are rows of the table with their reason."""
+    """The first feasible design. Infeasible ones among others are rows of the table with their
+    reason."""
     errors = []
     for values in designs.values(0, min(_TRIED, designs.number)):
         try:
@@ -205,7 +225,9 @@ _SAME = {
     "crank_length": ("mechanism.crank.length", "mechanism.crank.mass_centre"),
     "rod_length": ("mechanism.rod.length", "mechanism.rod.mass_centre"),
     **{
-        word: tuple(f"mechanism.joints.{joint}.{end}" for joint in JOINTS for end in (path, "loose"))
+        word: tuple(
+            f"mechanism.joints.{joint}.{end}" for joint in JOINTS for end in (path, "loose")
+        )
         for word, path in {
             "clearance": "bearing_radius",
             "friction": "contact.friction",
@@ -217,12 +239,16 @@ _SAME = {
 """By word, the paths that it sets or that determine its value."""
 
 
-def axes_of(base: DrivenMechanism, parameters: Mapping[str, Any], section: str, grid: bool = False) -> tuple[Axis, ...]:
+def axes_of(
+    base: DrivenMechanism, parameters: Mapping[str, Any], section: str, grid: bool = False
+) -> tuple[Axis, ...]:
     axes = tuple(_axis(base, key, spec, section, grid) for key, spec in parameters.items())
     for word, paths in _SAME.items():
         # the later one would override the earlier without a message
         if word in parameters and (twice := parameters.keys() & set(paths)):
-            raise InputError(f"{section}: {word} and {min(twice)} set the same value; give one of them")
+            raise InputError(
+                f"{section}: {word} and {min(twice)} set the same value; give one of them"
+            )
     return axes
 
 
@@ -257,14 +283,24 @@ def _si(value: Any, unit: str, source: str) -> float:
 
 
 def _ranged(key: str, unit: str, spec: Any, source: str, grid: bool) -> Axis:
-    given = {name.rstrip("_"): value for name, value in spec if name not in ("distribution", "number")}
-    si = {name: _si(value, unit, f"{source}.{name}") for name, value in given.items() if value is not None}
+    given = {
+        name.rstrip("_"): value for name, value in spec if name not in ("distribution", "number")
+    }
+    si = {
+        name: _si(value, unit, f"{source}.{name}")
+        for name, value in given.items()
+        if value is not None
+    }
     low, high, kind = si.get("from", -math.inf), si.get("to", math.inf), spec.distribution
     if not low < high:
         order = "are equal" if low == high else "are in the wrong order"
-        raise InputError(f"{source}: from = {spec.from_} and to = {spec.to} {order}; from must be less than to")
+        raise InputError(
+            f"{source}: from = {spec.from_} and to = {spec.to} {order}; from must be less than to"
+        )
     if kind == "log_uniform" and low <= 0:
-        raise InputError(f"{source}.from = {spec.from_!r}: a log_uniform range must begin above zero")
+        raise InputError(
+            f"{source}.from = {spec.from_!r}: a log_uniform range must begin above zero"
+        )
     if kind == "triangular" and not low <= si["peak"] <= high:
         raise InputError(f"{source}.peak = {spec.peak!r}: must lie between from and to")
     if kind == "normal" and si["deviation"] <= 0:
@@ -277,16 +313,22 @@ def _ranged(key: str, unit: str, spec: Any, source: str, grid: bool) -> Axis:
         a, b = (low - mean) / deviation, (high - mean) / deviation
         if a > _FARTHEST_TAIL or b < -_FARTHEST_TAIL:
             raise InputError(
-                f"{source}: from and to exclude all values within {_FARTHEST_TAIL:g} standard deviations of the mean; "
-                "give another mean, or a uniform range"
+                f"{source}: from and to exclude all values within {_FARTHEST_TAIL:g} standard"
+                " deviations of the mean; give another mean, or a uniform range"
             )
         law = stats.truncnorm(a=a, b=b, loc=mean, scale=deviation)
     elif kind == "triangular":
         law = stats.triang(c=(si["peak"] - low) / (high - low), loc=low, scale=high - low)
     else:
-        law = stats.uniform(loc=low, scale=high - low) if kind == "uniform" else stats.loguniform(a=low, b=high)
+        law = (
+            stats.uniform(loc=low, scale=high - low)
+            if kind == "uniform"
+            else stats.loguniform(a=low, b=high)
+        )
     axis = Axis(key, unit, law=law)
     first, second = axis.at(np.array([0.25, 0.75]))
     if first == second:
-        raise InputError(f"{source}: all values round to {first:.14g} (14 digits); give a wider range")
+        raise InputError(
+            f"{source}: all values round to {first:.14g} (14 digits); give a wider range"
+        )
     return axis

@@ -1,9 +1,10 @@
 """Sobol indices and main effects of the measures of a sweep, from a surrogate of each measure.
 
-A surrogate is a sparse polynomial chaos expansion (Blatman and Sudret, J. Comput. Phys. 230 (2011) 2345). The variance
-of each term belongs to its parameters (Sudret, Reliab. Eng. Syst. Saf. 93 (2008) 964). The unexplained variance, 1 -
-Q2, may belong to any parameter: an interval runs from Q2 S to Q2 S + 1 - Q2, with the ends of 90 % intervals of
-bootstrap replicates (Wu, Ann. Stat. 14 (1986) 1261) of surrogate and Q2.
+A surrogate is a sparse polynomial chaos expansion (Blatman and Sudret, J. Comput. Phys. 230 (2011)
+2345). The variance of each term belongs to its parameters (Sudret, Reliab. Eng. Syst. Saf. 93
+(2008) 964). The unexplained variance, 1 - Q2, may belong to any parameter: an interval runs from Q2
+S to Q2 S + 1 - Q2, with the ends of 90 % intervals of bootstrap replicates (Wu, Ann. Stat. 14
+(1986) 1261) of surrogate and Q2.
 """
 
 import math
@@ -51,7 +52,9 @@ NORM = 0.75  # [1] of the hyperbolic truncation
 MOST_TERMS = 500  # at most, with at least
 DESIGNS_PER_TERM = 10  # training designs each
 SELECTION = 600, 220  # training designs and terms for least angle regression
-REPLICATES = 400  # bootstrap replicates: the ends of a 90 % interval are accurate to a tenth of its length
+REPLICATES = (
+    400  # bootstrap replicates: the ends of a 90 % interval are accurate to a tenth of its length
+)
 ENDS = 0.05, 0.95  # quantiles at the ends of an interval
 ROUNDING = 1e-9  # [1] relative standard deviation below which a measure is constant
 CURVE_POINTS = 41  # per main effect, and per axis of a map
@@ -63,7 +66,9 @@ _LEAST_LEFT = 0.1  # lower limit of 1 - leverage: leave-one-out residuals grow a
 def _distribution(axis: Axis) -> Any:
     """OpenTURNS distribution of a parameter, or of its logarithm where that is uniform."""
     if axis.values is not None:
-        return ot.FiniteDiscreteDistribution(np.linspace(-1.0, 1.0, len(axis.values))[:, None].tolist())
+        return ot.FiniteDiscreteDistribution(
+            np.linspace(-1.0, 1.0, len(axis.values))[:, None].tolist()
+        )
     name, given, (low, high) = axis.law.dist.name, axis.law.kwds, axis.law.support()
     if name == "loguniform":
         return ot.Uniform(math.log(low), math.log(high))
@@ -74,7 +79,9 @@ def _distribution(axis: Axis) -> Any:
     mean, size = given["loc"], given["scale"]
     if np.isinf([low, high]).all():
         return ot.Normal(mean, size)
-    return ot.TruncatedNormal(mean, size, max(low, mean - _FAR * size), min(high, mean + _FAR * size))
+    return ot.TruncatedNormal(
+        mean, size, max(low, mean - _FAR * size), min(high, mean + _FAR * size)
+    )
 
 
 def _numbers(axis: Axis, values: np.ndarray) -> np.ndarray:
@@ -87,11 +94,16 @@ def _numbers(axis: Axis, values: np.ndarray) -> np.ndarray:
 
 
 def _curve(axis: Axis) -> np.ndarray:
-    """Abscissa of a curve: all values of a list, an even grid of a range, the central 98 % of a normal distribution."""
+    """Abscissa of a curve: all values of a list, an even grid of a range, the central 98 % of a
+    normal distribution."""
     if axis.values is not None:
         return np.array(axis.values, dtype=object if axis.column.kind != "float" else float)
-    low, high = axis.law.ppf([0.01, 0.99]) if axis.law.dist.name == "truncnorm" else axis.law.support()
-    return (np.geomspace if axis.law.dist.name == "loguniform" else np.linspace)(low, high, CURVE_POINTS)
+    low, high = (
+        axis.law.ppf([0.01, 0.99]) if axis.law.dist.name == "truncnorm" else axis.law.support()
+    )
+    return (np.geomspace if axis.law.dist.name == "loguniform" else np.linspace)(
+        low, high, CURVE_POINTS
+    )
 
 
 class Basis:
@@ -104,7 +116,10 @@ class Basis:
         marginals = [_distribution(axis) for axis in axes]
         self.distribution = ot.JointDistribution(marginals)
         order = ot.HyperbolicAnisotropicEnumerateFunction(len(axes), NORM)
-        highest = [HIGHEST_DEGREE if a.values is None else min(HIGHEST_DEGREE, len(a.values) - 1) for a in axes]
+        highest = [
+            HIGHEST_DEGREE if a.values is None else min(HIGHEST_DEGREE, len(a.values) - 1)
+            for a in axes
+        ]
         order.setUpperBound(highest)
         self.functions = ot.OrthogonalProductPolynomialFactory(
             [ot.StandardDistributionPolynomialFactory(marginal) for marginal in marginals], order
@@ -114,7 +129,9 @@ class Basis:
         self.terms = np.array([list(order(place)) for place in range(number)], dtype=int)
         self._all = ot.AggregatedFunction([self.functions.build(place) for place in range(number)])
         self._median = [marginal.computeQuantile(0.5)[0] for marginal in marginals]
-        self._transformation = ot.DistributionTransformation(self.distribution, self.functions.getMeasure())
+        self._transformation = ot.DistributionTransformation(
+            self.distribution, self.functions.getMeasure()
+        )
 
     def numbers(self, columns: pd.DataFrame) -> np.ndarray:
         """Variables (n, axes) of designs."""
@@ -125,20 +142,26 @@ class Basis:
         return np.array(self._all(self._transformation(numbers)))
 
     def means_where(self, given: dict[int, np.ndarray]) -> np.ndarray:
-        """Means (n, terms) of all terms where some parameters are fixed and the others vary as in the sweep."""
-        columns = [given.get(place, np.array([middle])) for place, middle in enumerate(self._median)]
+        """Means (n, terms) of all terms where some parameters are fixed and the others vary as in
+        the sweep."""
+        columns = [
+            given.get(place, np.array([middle])) for place, middle in enumerate(self._median)
+        ]
         others = [place for place in range(len(self.axes)) if place not in given]
         varying = (self.terms[:, others] > 0).any(axis=1)
         return np.where(varying, 0.0, self.at(np.column_stack(np.broadcast_arrays(*columns))))
 
     def selected(self, numbers: np.ndarray, values: np.ndarray) -> set[int]:
-        """Terms selected by least angle regression; none where it fails, such as for almost constant values."""
+        """Terms selected by least angle regression; none where it fails, such as for almost
+        constant values."""
         algorithm = ot.FunctionalChaosAlgorithm(
             numbers,
             values[:, None],
             self.distribution,
             ot.FixedStrategy(self.functions, min(SELECTION[1], len(self.terms))),
-            ot.LeastSquaresStrategy(ot.LeastSquaresMetaModelSelectionFactory(ot.LARS(), ot.CorrectedLeaveOneOut())),
+            ot.LeastSquaresStrategy(
+                ot.LeastSquaresMetaModelSelectionFactory(ot.LARS(), ot.CorrectedLeaveOneOut())
+            ),
         )
         try:
             algorithm.run()
@@ -149,7 +172,8 @@ class Basis:
 
 @dataclass(frozen=True)
 class Surrogate:
-    """A trained surrogate, with its bootstrap replicates in further columns; values [SI of the measure]."""
+    """A trained surrogate, with its bootstrap replicates in further columns; values [SI of the
+    measure]."""
 
     places: np.ndarray  # Indices of its terms in the basis; the first is the constant
     coefficients: np.ndarray  # (terms, 1 + replicates)
@@ -159,7 +183,8 @@ class Surrogate:
     held_out: int  # Number of test designs
 
     def mean(self, at: np.ndarray) -> np.ndarray:
-        """Mean (3, n) of the measure with its interval, where the basis terms have the means `at` (n, terms)."""
+        """Mean (3, n) of the measure with its interval, where the basis terms have the means `at`
+        (n, terms)."""
         means = at[:, self.places] @ self.coefficients
         return np.clip(_with_ends(means[:, 0], means[:, 1:], means[:, 1:]), *self.ends)
 
@@ -170,8 +195,11 @@ def _with_ends(value: Any, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     return np.array([value, np.minimum(low, value), np.maximum(high, value)])
 
 
-def surrogate(basis: Basis, numbers: np.ndarray, at: np.ndarray, values: np.ndarray, seed: int) -> Surrogate:
-    """Surrogate of a measure with finite `values` [SI] of randomly ordered designs, their variables and terms `at`."""
+def surrogate(
+    basis: Basis, numbers: np.ndarray, at: np.ndarray, values: np.ndarray, seed: int
+) -> Surrogate:
+    """Surrogate of a measure with finite `values` [SI] of randomly ordered designs, their variables
+    and terms `at`."""
     held = max(1, round(HELD_OUT * len(values)))
     middle, spread = np.mean(values[held:]), np.std(values[held:]) or 1.0
     judged, trained = np.split((values - middle) / spread, [held])
@@ -238,14 +266,20 @@ def sensitivity_indices(designs: Designs, dataset: Path, options: Sensitivity) -
     """Sensitivities of a sweep, from its dataset."""
     names = options.measures or [column.name for column in designs.measured]
     columns = [*(axis.key for axis in designs.axes), "reason", *names]
-    return compute_indices(designs, parquet.read_columns(dataset, columns).to_pandas(), names, options.seed)
+    return compute_indices(
+        designs, parquet.read_columns(dataset, columns).to_pandas(), names, options.seed
+    )
 
 
-def compute_indices(designs: Designs, frame: pd.DataFrame, measures: Sequence[str], seed: int) -> SensitivityResult:
+def compute_indices(
+    designs: Designs, frame: pd.DataFrame, measures: Sequence[str], seed: int
+) -> SensitivityResult:
     """The same from a `frame` with the parameters, `reason` and `measures` of the designs."""
     axes = tuple(axis for axis in designs.axes if axis.varies)
     if not axes:
-        raise InputError("sweep.parameters: every parameter has one value; give a range or a list of values")
+        raise InputError(
+            "sweep.parameters: every parameter has one value; give a range or a list of values"
+        )
     basis = Basis(axes)
     order = np.random.default_rng(seed).permutation(len(frame))[:MOST_DESIGNS]
     numbers = basis.numbers(frame.iloc[order])
@@ -262,12 +296,16 @@ def compute_indices(designs: Designs, frame: pd.DataFrame, measures: Sequence[st
         if not reason:
             own = there[order]
             found = surrogate(basis, numbers[own], at[own], values[order][own], seed)
-            row |= {"terms": len(found.places), "trained": found.trained, "held_out": found.held_out}
+            row |= {
+                "terms": len(found.places),
+                "trained": found.trained,
+                "held_out": found.held_out,
+            }
             row |= _interval("q2", found.q2[0], found.q2[1:], found.q2[1:])
             if found.q2[0] < LEAST_Q2:
                 reason = (
-                    f"the surrogate explains {100 * max(found.q2[0], 0.0):.0f} % of the variance of held-out designs, "
-                    f"less than {100 * LEAST_Q2:.0f} %"
+                    f"the surrogate explains {100 * max(found.q2[0], 0.0):.0f} % of the variance of"
+                    f" held-out designs, less than {100 * LEAST_Q2:.0f} %"
                 )
             else:
                 good[name] = found
@@ -275,7 +313,9 @@ def compute_indices(designs: Designs, frame: pd.DataFrame, measures: Sequence[st
                 effects += _effect_rows(name, basis, found)
         surrogates.append(row | counts | {"reason": reason})
     found = (surrogates, indices, effects)
-    made = (pd.DataFrame(rows, columns=table.names) for table, rows in zip(TABLES, found, strict=True))
+    made = (
+        pd.DataFrame(rows, columns=table.names) for table, rows in zip(TABLES, found, strict=True)
+    )
     return SensitivityResult(basis, len(frame), int((~fine).sum()), *made, good)
 
 
@@ -290,11 +330,17 @@ def _unfit(values: np.ndarray, number: int, counts: dict[str, int]) -> str | Non
         whose = " and ".join(f"{count} {what}" for what, count in counts.items() if count)
         most = f"more than {100 * MOST_MISSING:.0f} %"
         return f"undefined for {100 * missing / number:.0f} % of the designs ({whose}), {most}"
-    return f"{len(values)} designs with a value, fewer than {LEAST_DESIGNS}" if len(values) < LEAST_DESIGNS else None
+    return (
+        f"{len(values)} designs with a value, fewer than {LEAST_DESIGNS}"
+        if len(values) < LEAST_DESIGNS
+        else None
+    )
 
 
 def _interval(name: str, value: Any, low: np.ndarray, high: np.ndarray) -> dict[str, Any]:
-    return dict(zip((name, f"{name}_low", f"{name}_high"), _with_ends(value, low, high), strict=True))
+    return dict(
+        zip((name, f"{name}_low", f"{name}_high"), _with_ends(value, low, high), strict=True)
+    )
 
 
 def _index_rows(name: str, basis: Basis, found: Surrogate) -> Iterator[dict]:
@@ -306,7 +352,10 @@ def _index_rows(name: str, basis: Basis, found: Surrogate) -> Iterator[dict]:
             shares = variances[whose].sum(axis=0) / variances.sum(axis=0)
             known, missed = (shares * found.q2)[1:], 1.0 - found.q2[1:]
             row |= _interval(index, shares[0], known, known + missed)
-            row |= {f"{index}_low": max(0.0, row[f"{index}_low"]), f"{index}_high": min(1.0, row[f"{index}_high"])}
+            row |= {
+                f"{index}_low": max(0.0, row[f"{index}_low"]),
+                f"{index}_high": min(1.0, row[f"{index}_high"]),
+            }
         yield row
 
 
@@ -315,8 +364,16 @@ def _effect_rows(name: str, basis: Basis, found: Surrogate) -> Iterator[dict]:
         values, is_word = _curve(axis), axis.column.kind != "float"
         curves = found.mean(basis.means_where({place: _numbers(axis, values)}))
         for value, *effects in zip(values, *curves, strict=True):
-            row = {"measure": name, "parameter": axis.key, "unit": UNITS[name], "value_unit": axis.unit}
-            row |= {"value": np.nan if is_word else float(value), "word": str(value) if is_word else None}
+            row = {
+                "measure": name,
+                "parameter": axis.key,
+                "unit": UNITS[name],
+                "value_unit": axis.unit,
+            }
+            row |= {
+                "value": np.nan if is_word else float(value),
+                "word": str(value) if is_word else None,
+            }
             yield row | dict(zip(("effect", "effect_low", "effect_high"), effects, strict=True))
 
 
@@ -324,7 +381,10 @@ INDICES, EFFECTS, MAP = "indices", "main_effects", "map"
 """Names of the figures; those of a measure are ``main_effects_<measure>`` and ``map_<measure>``."""
 
 _IN_A_ROW = 3
-_BARS = {"first_order": ("alone (first order)", "simulation", 0.2), "total": ("with others (total)", "sky", -0.2)}
+_BARS = {
+    "first_order": ("alone (first order)", "simulation", 0.2),
+    "total": ("with others (total)", "sky", -0.2),
+}
 """By index: label, colour and vertical offset."""
 
 
@@ -345,7 +405,10 @@ def _indices(found: SensitivityResult) -> Drawing:
     titles = {measure: fill(format_measure(measure), 31) for measure in found.good}
     keys = [axis.key for axis in found.basis.axes]
     columns = min(_IN_A_ROW, len(titles))
-    rows, lines = -(-len(titles) // columns), max(title.count("\n") + 1 for title in titles.values())
+    rows, lines = (
+        -(-len(titles) // columns),
+        max(title.count("\n") + 1 for title in titles.values()),
+    )
     sheet = Sheet(0.8 + rows * (0.25 + 0.15 * lines + 0.24 * len(keys)), rows, columns)
     places, share = np.arange(len(keys))[::-1], Quantity("share of the variance", "1")
     for number, (measure, title) in enumerate(titles.items()):
@@ -375,13 +438,17 @@ def _main_effects(found: SensitivityResult, measure: str) -> Drawing:
     sheet = parameter_panels(axes, quantity)
     for panel, axis in zip(sheet.panels, axes, strict=True):
         own, x = curves[curves["parameter"] == axis.key], places(axis, _curve(axis))
-        effect, low, high = (factor * own[f"effect{end}"].to_numpy() for end in ("", "_low", "_high"))
+        effect, low, high = (
+            factor * own[f"effect{end}"].to_numpy() for end in ("", "_low", "_high")
+        )
         if axis.values is not None:
             texts = [format_value(axis, value, with_unit=False) for value in axis.values]
             panel.marks("mean", x, effect, "simulation", low=low, high=high, labels=texts)
         else:
             panel.line("mean", x, effect, "simulation")
-            panel.axes.fill_between(x, low, high, color=COLOURS["simulation"], alpha=0.2, linewidth=0.0)
+            panel.axes.fill_between(
+                x, low, high, color=COLOURS["simulation"], alpha=0.2, linewidth=0.0
+            )
             panel.record("interval", x, effect, low=low, high=high)
     ends = [panel.axes.get_ylim() for panel in sheet.panels]
     for panel in sheet.panels:
@@ -393,7 +460,10 @@ def _map(found: SensitivityResult, measure: str) -> Drawing:
     """Mean of a measure over the two parameters of the largest total indices."""
     keys = [axis.key for axis in found.basis.axes]
     chosen = [keys.index(key) for key in found.ranked(measure)["parameter"][:2]]
-    axes, (quantity, factor) = [found.basis.axes[place] for place in chosen], measure_quantity(measure)
+    axes, (quantity, factor) = (
+        [found.basis.axes[place] for place in chosen],
+        measure_quantity(measure),
+    )
     curves = [_curve(axis) for axis in axes]
     grid = np.meshgrid(*map(_numbers, axes, curves))
     means = found.basis.means_where(dict(zip(chosen, map(np.ravel, grid), strict=True)))
@@ -408,17 +478,18 @@ def _map(found: SensitivityResult, measure: str) -> Drawing:
 
 
 _METHOD = (
-    "Surrogate of each measure: polynomial chaos expansion (OpenTURNS), tested on randomly held-out designs. Q2 is 1 "
-    f"minus the mean squared test error over the variance; below {LEAST_Q2:g} no indices are given. First order: share "
-    "of the variance due to a parameter alone; total: including interactions. Intervals: 90 %, including the "
-    "surrogate's error. Main effects: mean for a fixed parameter, for parameters with a total index of "
-    f"{SHOWN_SHARE:g} or more. All numbers: `indices.parquet`, "
-    "`surrogates.parquet` and `main_effects.parquet`; `jointgap describe` explains their columns."
+    "Surrogate of each measure: polynomial chaos expansion (OpenTURNS), tested on randomly"
+    " held-out designs. Q2 is 1 minus the mean squared test error over the variance; below"
+    f" {LEAST_Q2:g} no indices are given. First order: share of the variance due to a parameter"
+    " alone; total: including interactions. Intervals: 90 %, including the surrogate's error. Main"
+    f" effects: mean for a fixed parameter, for parameters with a total index of {SHOWN_SHARE:g} or"
+    " more. All numbers: `indices.parquet`, `surrogates.parquet` and `main_effects.parquet`;"
+    " `jointgap describe` explains their columns."
 )
 _MORE = (
-    "Simulate more designs (a larger `sweep.number` keeps existing ones), or use narrower ranges. If this does not "
-    "help, the motion is not reproducible, and only means over revolutions or starts (`jointgap ensemble`) can be "
-    "compared."
+    "Simulate more designs (a larger `sweep.number` keeps existing ones), or use narrower ranges."
+    " If this does not help, the motion is not reproducible, and only means over revolutions or"
+    " starts (`jointgap ensemble`) can be compared."
 )
 
 
@@ -430,7 +501,11 @@ def page(found: SensitivityResult) -> Page:
         Paragraph(f"From {found.number} designs of the sweep; {failed}."),
     ]
     if ranked:
-        blocks += [_decisions(found, ranked), Heading("Indices of all measures"), FigureBlock(INDICES, "Sobol indices")]
+        blocks += [
+            _decisions(found, ranked),
+            Heading("Indices of all measures"),
+            FigureBlock(INDICES, "Sobol indices"),
+        ]
         blocks.append(Heading("Main effects"))
     for measure, rows in ranked.items():
         words = format_measure(measure)
@@ -442,7 +517,11 @@ def page(found: SensitivityResult) -> Page:
     poor = found.surrogates.dropna(subset=["reason", "mean"])
     if len(poor):
         rows = tuple(zip(map(format_measure, poor["measure"]), poor["reason"], strict=True))
-        blocks += [Heading("Measures without indices"), TableBlock(("measure", "reason"), rows), Paragraph(_MORE)]
+        blocks += [
+            Heading("Measures without indices"),
+            TableBlock(("measure", "reason"), rows),
+            Paragraph(_MORE),
+        ]
     return Page("Sensitivity", (*blocks, Heading("Method"), Paragraph(_METHOD)))
 
 
@@ -457,10 +536,15 @@ def _headline(found: SensitivityResult, ranked: dict[str, pd.DataFrame]) -> str:
         return f"No indices: none of the {number} measures has an accurate surrogate."
     counted = Counter(format_parameter(rows["parameter"].iloc[0]) for rows in ranked.values())
     (first, most), *others = counted.most_common()
-    text = f"{first[0].upper()}{first[1:]} has the largest total index for {most} of {len(ranked)} measures"
+    text = (
+        f"{first[0].upper()}{first[1:]} has the largest total index for {most} of {len(ranked)}"
+        " measures"
+    )
     text += f", {joined(f'{words} for {count}' for words, count in others)}" if others else ""
     text += f"; significant for {sum(map(_is_significant, ranked.values()))}."
-    return text + (f" {number - len(ranked)} measures have no indices." if len(ranked) < number else "")
+    return text + (
+        f" {number - len(ranked)} measures have no indices." if len(ranked) < number else ""
+    )
 
 
 def _decisions(found: SensitivityResult, ranked: dict[str, pd.DataFrame]) -> TableBlock:
@@ -473,15 +557,36 @@ def _decisions(found: SensitivityResult, ranked: dict[str, pd.DataFrame]) -> Tab
         ]
         first, second = (*parts, ("–", ""))[:2]
         sure = "significant" if _is_significant(rows) else "not significant"
-        table.append((format_measure(measure), *first, *second, sure, f"{found.good[measure].q2[0]:.3f}"))
-    heads = ("measure", "first parameter", "total index", "second parameter", "total index", "order", "Q2")
-    return TableBlock(heads, tuple(table), "lllllll", "Total index with its 90 % interval; Q2 of the held-out designs")
+        table.append(
+            (format_measure(measure), *first, *second, sure, f"{found.good[measure].q2[0]:.3f}")
+        )
+    heads = (
+        "measure",
+        "first parameter",
+        "total index",
+        "second parameter",
+        "total index",
+        "order",
+        "Q2",
+    )
+    return TableBlock(
+        heads,
+        tuple(table),
+        "lllllll",
+        "Total index with its 90 % interval; Q2 of the held-out designs",
+    )
 
 
 def metrics(scenario: Scenario, folder: Path) -> dict[str, float]:
     """Q2 of each measure's surrogate, and its indices, for MLflow."""
-    surrogates, indices = (parquet.read(table, folder / table.path).to_dict("records") for table in TABLES[:2])
-    found = {f"q2/{row['measure']}{end}": row[f"q2{end}"] for row in surrogates for end in ("", "_low", "_high")}
+    surrogates, indices = (
+        parquet.read(table, folder / table.path).to_dict("records") for table in TABLES[:2]
+    )
+    found = {
+        f"q2/{row['measure']}{end}": row[f"q2{end}"]
+        for row in surrogates
+        for end in ("", "_low", "_high")
+    }
     for row in indices:
         of = f"{row['measure']} by {row['parameter']}"
         for index in _BARS:

@@ -1,7 +1,8 @@
 """The stages for many designs of a scenario: the sweep, and the studies of its designs.
 
 A study is a section of a scenario, its tables, a stage and a module of the same name, which has
-`metrics(scenario, folder)` for MLflow and optionally `check(scenario)`, which rejects infeasible options.
+`metrics(scenario, folder)` for MLflow and optionally `check(scenario)`, which rejects infeasible
+options.
 """
 
 import json
@@ -29,38 +30,60 @@ DESIGN_STAGES = Stages()
 
 _SWEPT = ("mechanism", "simulate", "sweep")
 _Designs = Annotated[
-    Path, Option("--designs", type="folder", required=True, help="Folder of designs written by `jointgap sweep`.")
+    Path,
+    Option(
+        "--designs",
+        type="folder",
+        required=True,
+        help="Folder of designs written by `jointgap sweep`.",
+    ),
 ]
 _Folder = Annotated[
-    Path, Option("--folder", type="folder", required=True, help="Output folder: summary.html, tables and figures.")
+    Path,
+    Option(
+        "--folder",
+        type="folder",
+        required=True,
+        help="Output folder: summary.html, tables and figures.",
+    ),
 ]
 
 
-def _study(sections: tuple[str, ...], files: tuple[str, ...] = (), **record: Any) -> Callable[[Callable], Callable]:
-    """A decorator for the stage of a study, which writes the tables of its folder, a page and further `files`."""
+def _study(
+    sections: tuple[str, ...], files: tuple[str, ...] = (), **record: Any
+) -> Callable[[Callable], Callable]:
+    """A decorator for the stage of a study, which writes the tables of its folder, a page and
+    further `files`."""
 
     def keep(function: Callable) -> Callable:
         name = function.__name__
         tables = tuple(table for table in TABLES.values() if table.path.startswith(f"{name}/"))
         written = tuple(f"{name}/{file}" for file in ("summary.md", "summary.html", *files))
         attributes = {"does": name.replace("_", " "), "memory": 2500} | record
-        return DESIGN_STAGES.stage(writes=tables, files=written, sections=sections, **attributes)(function)
+        return DESIGN_STAGES.stage(writes=tables, files=written, sections=sections, **attributes)(
+            function
+        )
 
     return keep
 
 
 def studies_of(scenario: "Scenario", checked: bool = False) -> list[str]:
-    """Names of the stages that the sections of a scenario request; InputError where one, `checked`, is infeasible."""
+    """Names of the stages that the sections of a scenario request; InputError where one, `checked`,
+    is infeasible."""
     from jointgap.config.load import validate
 
     asked = []
     for name, (stage,) in DESIGN_STAGES.jobs().items():
         section = getattr(scenario, name.replace("-", "_"), None)
-        if section is None or not all(getattr(section, key, True) for key in ("parameters", "uncertain")):
+        if section is None or not all(
+            getattr(section, key, True) for key in ("parameters", "uncertain")
+        ):
             continue
         if checked and (check := getattr(_module(name), "check", None)):
             # check the sections that the job reads, with their defaults
-            check(validate(type(scenario), json.loads(stage.options(scenario)), "its configuration"))
+            check(
+                validate(type(scenario), json.loads(stage.options(scenario)), "its configuration")
+            )
         if scenario.sweep.parameters or "sweep" not in stage.sections:
             asked.append(name)
     return asked
@@ -93,7 +116,9 @@ def _write(
 @DESIGN_STAGES.stage(sections=_SWEPT)
 def sweep_designs(
     scenario: "Scenario",
-    first: Annotated[int, Option("--first", type=0, required=True, help="Number of the first design, from 0.")],
+    first: Annotated[
+        int, Option("--first", type=0, required=True, help="Number of the first design, from 0.")
+    ],
     number: Annotated[int, Option("--number", type=1, required=True, help="Number of designs.")],
     designs: Annotated[
         Path,
@@ -106,21 +131,25 @@ def sweep_designs(
     ],
     workers: Workers,
 ) -> None:
-    """Simulate and measure a part of the sweep's designs, for `jointgap sweep`; designs in the file are kept."""
+    """Simulate and measure a part of the sweep's designs, for `jointgap sweep`; designs in the file
+    are kept."""
     from jointgap.designs.run import write_designs
     from jointgap.designs.sampling import designs_of
 
-    write_designs(designs_of(scenario), first, number, designs, DESIGN_STAGES["sweep-designs"].digest, workers)
+    write_designs(
+        designs_of(scenario), first, number, designs, DESIGN_STAGES["sweep-designs"].digest, workers
+    )
 
 
 @_study(_SWEPT, minutes=60)
 def sweep(scenario: "Scenario", folder: _Folder, workers: Workers) -> str:
-    """Simulate and measure many designs: parameters with ranges, distributions or lists, sampled or on a grid.
+    """Simulate and measure many designs: parameters with ranges, distributions or lists, sampled or
+    on a grid.
 
-    The scenario's section `sweep` defines the designs. The folder's `designs` is a dataset of Parquet files with one
-    row per design, for pandas, polars or duckdb. Failed designs are rows with their reason. Finished designs are kept:
-    an interrupted sweep resumes, and a larger number extends a Sobol sequence. A grid of two or three parameters is
-    also drawn as a map.
+    The scenario's section `sweep` defines the designs. The folder's `designs` is a dataset of
+    Parquet files with one row per design, for pandas, polars or duckdb. Failed designs are rows
+    with their reason. Finished designs are kept: an interrupted sweep resumes, and a larger number
+    extends a Sobol sequence. A grid of two or three parameters is also drawn as a map.
 
     \b
     Example:
@@ -150,25 +179,32 @@ def sweep(scenario: "Scenario", folder: _Folder, workers: Workers) -> str:
 
 @_study((*_SWEPT, "sensitivity"), minutes=60)
 def sensitivity(scenario: "Scenario", designs: _Designs, folder: _Folder) -> str:
-    """Compute Sobol indices of each measure of a sweep from a surrogate (variance-based sensitivity).
+    """Compute Sobol indices of each measure of a sweep from a surrogate (variance-based
+    sensitivity).
 
-    Reads the designs of `jointgap sweep`. Each measure gets a surrogate, which is tested on held-out designs. Measures
-    without an accurate surrogate have no indices; the page lists them. The sections `sweep` and `sensitivity` of the
-    scenario define the designs and the measures (all by default).
+    Reads the designs of `jointgap sweep`. Each measure gets a surrogate, which is tested on
+    held-out designs. Measures without an accurate surrogate have no indices; the page lists them.
+    The sections `sweep` and `sensitivity` of the scenario define the designs and the measures (all
+    by default).
 
     Writes summary.html and summary.md, three tables and figures.
 
     \b
     Example:
       jointgap sweep --options mine.yaml --folder results/mine/sweep
-      jointgap sensitivity --options mine.yaml --designs results/mine/sweep/designs --folder results/mine/sensitivity
+      jointgap sensitivity --options mine.yaml --designs results/mine/sweep/designs --folder
+      results/mine/sensitivity
     """
     from jointgap.config.designs import Sensitivity
     from jointgap.designs.run import checked_dataset
     from jointgap.designs.sensitivity import draw, page, sensitivity_indices
 
-    found = sensitivity_indices(checked_dataset(scenario, designs), designs, scenario.sensitivity or Sensitivity())
-    shutil.rmtree(folder / "figures", ignore_errors=True)  # figures of measures that no longer have indices
+    found = sensitivity_indices(
+        checked_dataset(scenario, designs), designs, scenario.sensitivity or Sensitivity()
+    )
+    shutil.rmtree(
+        folder / "figures", ignore_errors=True
+    )  # figures of measures that no longer have indices
     return _write(folder, page(found), found.tables, draw(found), "figures")
 
 
@@ -176,11 +212,11 @@ def sensitivity(scenario: "Scenario", designs: _Designs, folder: _Folder) -> str
 def infer_settings(scenario: "Scenario", designs: _Designs, folder: _Folder) -> str:
     """Infer the paper's unreported settings from its printed numbers (rejection sampling).
 
-    Reads the designs that `jointgap sweep` simulated with `sweep.printed_numbers`, and accepts those that reproduce all
-    printed numbers within `infer_settings.within`.
+    Reads the designs that `jointgap sweep` simulated with `sweep.printed_numbers`, and accepts
+    those that reproduce all printed numbers within `infer_settings.within`.
 
-    Writes summary.html and summary.md, the designs sorted by distance, the ranges of the accepted settings, and the
-    nearest settings as a scenario file.
+    Writes summary.html and summary.md, the designs sorted by distance, the ranges of the accepted
+    settings, and the nearest settings as a scenario file.
 
     \b
     Example:
@@ -195,7 +231,13 @@ def infer_settings(scenario: "Scenario", designs: _Designs, folder: _Folder) -> 
       jointgap infer-settings --options mine.yaml --designs results/mine/sweep/designs \
         --folder results/mine/infer_settings
     """
-    from jointgap.designs.infer_settings import NEAREST_FILE, check, infer, nearest_configuration, page
+    from jointgap.designs.infer_settings import (
+        NEAREST_FILE,
+        check,
+        infer,
+        nearest_configuration,
+        page,
+    )
     from jointgap.designs.run import checked_dataset
 
     check(scenario)
@@ -208,9 +250,10 @@ def infer_settings(scenario: "Scenario", designs: _Designs, folder: _Folder) -> 
 def optimise_robust(results: "ScenarioResults", workers: Workers) -> str:
     """Optimise link lengths under uncertainty, and validate them on independent samples.
 
-    The scenario's section `optimise_robust` defines the uncertain parameters (clearances, friction, masses, speed,
-    tolerances of the lengths) and the objective: mean plus standard deviations, or a quantile, of the error of the
-    transmission angle. Bounds and constraints of the lengths are those of the first box of the section `optimise`.
+    The scenario's section `optimise_robust` defines the uncertain parameters (clearances, friction,
+    masses, speed, tolerances of the lengths) and the objective: mean plus standard deviations, or a
+    quantile, of the error of the transmission angle. Bounds and constraints of the lengths are
+    those of the first box of the section `optimise`.
 
     \b
     Example:
@@ -238,13 +281,17 @@ def optimise_robust(results: "ScenarioResults", workers: Workers) -> str:
 @DESIGN_STAGES.stage(
     reads=tuple(table for stage in DESIGN_STAGES.values() for table in stage.writes),
     files=("track_sweep/published.json",),
-    sections=("description", *dict.fromkeys(one for stage in DESIGN_STAGES.values() for one in stage.sections)),
+    sections=(
+        "description",
+        *dict.fromkeys(one for stage in DESIGN_STAGES.values() for one in stage.sections),
+    ),
     does="publish the sweep to MLflow",
     minutes=20,
     publishes=True,
 )
 def track_sweep(results: "ScenarioResults") -> None:
-    """Publish the studies of a scenario's designs to MLflow as one run; repeated publishing adds nothing."""
+    """Publish the studies of a scenario's designs to MLflow as one run; repeated publishing adds
+    nothing."""
     from jointgap.core.publish import publish_records
 
     scenario, folder = results.scenario, results.path.resolve()
@@ -266,18 +313,34 @@ def sweep_record(scenario: "Scenario", folder: Path) -> "Record":
     for name in studies_of(scenario):
         study = name.replace("-", "_")
         metrics |= _module(name).metrics(scenario, folder)
-        datasets += [folder / "sweep/designs"] if study == "sweep" else sorted((folder / study).glob("[!.]*.parquet"))
+        datasets += (
+            [folder / "sweep/designs"]
+            if study == "sweep"
+            else sorted((folder / study).glob("[!.]*.parquet"))
+        )
         shown = (path for path in sorted((folder / study).rglob("*")) if path.suffix in _SHOWN)
         files |= {str(path.relative_to(folder)): path for path in shown}
         benchmark = folder / f"benchmarks/{study}.tsv"
-        spent |= {f"{study}_{name}": cost for name, cost in costs([benchmark] if benchmark.is_file() else []).items()}
+        spent |= {
+            f"{study}_{name}": cost
+            for name, cost in costs([benchmark] if benchmark.is_file() else []).items()
+        }
     if not metrics:
         raise InputError(
-            "sweep.parameters, optimise_robust.uncertain: both are empty, so there is nothing to publish; give the "
-            "options of the designs"
+            "sweep.parameters, optimise_robust.uncertain: both are empty, so there is nothing to"
+            " publish; give the options of the designs"
         )
     given = configuration(scenario, scenario.model_fields_set - {"description"})
-    held = (Dataset(names.get(path, f"{path.parent.name}_{path.stem}"), path, "result") for path in datasets)
+    held = (
+        Dataset(names.get(path, f"{path.parent.name}_{path.stem}"), path, "result")
+        for path in datasets
+    )
     return Record(
-        "sweep", "", given["params"], metrics, datasets=tuple(held), files=given["files"] | files, costs=spent
+        "sweep",
+        "",
+        given["params"],
+        metrics,
+        datasets=tuple(held),
+        files=given["files"] | files,
+        costs=spent,
     )

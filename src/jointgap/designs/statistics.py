@@ -1,4 +1,5 @@
-"""Statistics of one motion: error growth, contacts, journal orbits, Poincaré section, periodicity."""
+"""Statistics of one motion: error growth, contacts, journal orbits, Poincaré section,
+periodicity."""
 
 import math
 from collections.abc import Iterable
@@ -18,8 +19,11 @@ from jointgap.dynamics.simulation import perturbed_start
 CHANGE = 1e-11  # Perturbation of the start [m]: typical difference between two accurate codes
 DIRECTIONS = 5  # Random directions of the perturbation
 USEFUL = 1e-3  # Distance, over the smallest clearance, below which two motions are the same
-REPEATS = 1e-3  # Distance, over the smallest clearance, below which a motion is periodic: the depth of a contact
-_TOLERANCE_RATIO = 1000.0  # of the perturbation to the local error, so that the growth is not the solver's
+# Distance, over the smallest clearance, below which a motion is periodic: the depth of a contact
+REPEATS = 1e-3
+_TOLERANCE_RATIO = (
+    1000.0  # of the perturbation to the local error, so that the growth is not the solver's
+)
 
 
 @dataclass(frozen=True)
@@ -33,28 +37,33 @@ class Growth:
 
     @property
     def comparable_until(self) -> float:
-        """Crank angle [rad] at which the first of the perturbations exceeds `useful`; infinite where none does."""
+        """Crank angle [rad] at which the first of the perturbations exceeds `useful`; infinite
+        where none does."""
         beyond = np.flatnonzero(self.factors.max(axis=0) * self.change > self.useful)
         return float(self.crank_angle[beyond[0]] - self.crank_angle[0]) if len(beyond) else math.inf
 
     @property
     def verdict(self) -> str:
-        turned, until = np.degrees([self.crank_angle[-1] - self.crank_angle[0], self.comparable_until])
+        turned, until = np.degrees(
+            [self.crank_angle[-1] - self.crank_angle[0], self.comparable_until]
+        )
         growth = (
-            f"a perturbation of {self.change:g} m at the start grows up to {self.factors.max():.2g} times within "
-            f"{turned:.0f} deg"
+            f"a perturbation of {self.change:g} m at the start grows up to {self.factors.max():.2g}"
+            f" times within {turned:.0f} deg"
         )
         if math.isinf(until):
             return f"{growth}: samples are comparable throughout"
         return (
-            f"{growth}: samples are comparable up to {until:.0f} deg, where it exceeds {self.useful:.2g} m; "
-            "beyond that, compare statistics"
+            f"{growth}: samples are comparable up to {until:.0f} deg, where it exceeds"
+            f" {self.useful:.2g} m; beyond that, compare statistics"
         )
 
     def frame(self) -> pd.DataFrame:
         """The table `GROWTH`."""
         median, low, high = np.quantile(self.factors, (0.5, 0.0, 1.0), axis=0)
-        return pd.DataFrame({"crank_angle": self.crank_angle, "median": median, "low": low, "high": high})
+        return pd.DataFrame(
+            {"crank_angle": self.crank_angle, "median": median, "low": low, "high": high}
+        )
 
 
 def measure_growth(
@@ -66,21 +75,27 @@ def measure_growth(
 ) -> Growth:
     """Simulate a motion from starts perturbed by `change` in random directions.
 
-    The tolerance is at most a thousandth of the perturbation, so that the solver's error does not contribute.
+    The tolerance is at most a thousandth of the perturbation, so that the solver's error does not
+    contribute.
     """
     applied = mechanism.applied()
     if not applied.loose:
         raise InputError(
-            "growth of a small change: all joints are ideal, so the start cannot be perturbed; make a joint loose"
+            "growth of a small change: all joints are ideal, so the start cannot be perturbed; make"
+            " a joint loose"
         )
     ways = perturbed_start(np.random.default_rng(0).normal(size=(directions, 6)), applied.loose)
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-    finer = options.model_copy(update={"tolerance": min(options.tolerance, change / _TOLERANCE_RATIO)})
+    finer = options.model_copy(
+        update={"tolerance": min(options.tolerance, change / _TOLERANCE_RATIO)}
+    )
     starts, vectors = np.vstack([np.zeros(6), change * ways]), []
     for outcome in simulate_runs((Run(applied, finer, start) for start in starts), workers):
         if outcome.error is not None:
             raise outcome.error
-        vectors.append(np.hstack([outcome.result.states[:, :4], outcome.result.auxiliary_states[:, :2]]))
+        vectors.append(
+            np.hstack([outcome.result.states[:, :4], outcome.result.auxiliary_states[:, :2]])
+        )
     distance = np.linalg.norm(np.array(vectors[1:]) - vectors[0], axis=2)
     useful = USEFUL * min(applied.clearance(joint) for joint in applied.loose)
     return Growth(outcome.crank_angle, distance / change, change, useful)
@@ -126,11 +141,13 @@ class Cycles:
         lines = [f"from revolution {self.first} on: {self.periodicity.verdict}"]
         settled = self.revolutions[self.revolutions["revolution"] >= self.first]
         for joint, rows in settled.groupby("joint", sort=False):
-            flight, impact, contact = (100.0 * rows[f"share_{mode}"].mean() for mode in ("flight", "impact", "contact"))
+            flight, impact, contact = (
+                100.0 * rows[f"share_{mode}"].mean() for mode in ("flight", "impact", "contact")
+            )
             lines.append(
-                f"{joint}: flight {flight:.1f} %, impact {impact:.1f} %, contact {contact:.1f} % of the time; "
-                f"{rows['contacts'].mean():.1f} contacts per revolution; peak force "
-                f"{rows['peak_force'].max():.4g} N"
+                f"{joint}: flight {flight:.1f} %, impact {impact:.1f} %, contact {contact:.1f} % of"
+                f" the time; {rows['contacts'].mean():.1f} contacts per revolution; peak force"
+                f" {rows['peak_force'].max():.4g} N"
             )
         return "\n".join(lines)
 
@@ -152,16 +169,22 @@ def cycles(
     return Cycles(
         section=poincare_section(samples, applied.loose, per_turn, angle, first),
         revolutions=_joint_revolutions(samples, events, applied.loose, per_turn),
-        impacts=_impact_distribution(events, applied.loose, begin_time, max(options.revolutions - first + 1, 1)),
+        impacts=_impact_distribution(
+            events, applied.loose, begin_time, max(options.revolutions - first + 1, 1)
+        ),
         eccentricity=eccentricity_band(samples, applied.loose, per_turn, first),
-        periodicity=periodicity(vectors, per_turn, min(applied.clearance(joint) for joint in applied.loose)),
+        periodicity=periodicity(
+            vectors, per_turn, min(applied.clearance(joint) for joint in applied.loose)
+        ),
         first=first,
     )
 
 
 def contacts(events: pd.DataFrame, joint: str) -> pd.DataFrame:
     own = events[events["joint"] == joint]
-    begins, ends = (own[own["event"] == kind].reset_index(drop=True) for kind in ("impact", "separation"))
+    begins, ends = (
+        own[own["event"] == kind].reset_index(drop=True) for kind in ("impact", "separation")
+    )
     begins = begins[["time", "crank_angle", "approach_speed"]].rename(columns={"time": "begin"})
     ends = ends[["time", "impulse", "peak_force", "maxima"]].rename(columns={"time": "end"})
     return begins.join(ends)
@@ -197,7 +220,9 @@ def _joint_revolutions(
     return pd.DataFrame(rows, columns=schema.JOINT_REVOLUTIONS.names)
 
 
-def _impact_distribution(events: pd.DataFrame, joints: Iterable[str], begin: float, revolutions: int) -> pd.DataFrame:
+def _impact_distribution(
+    events: pd.DataFrame, joints: Iterable[str], begin: float, revolutions: int
+) -> pd.DataFrame:
     """The table `IMPACT_DISTRIBUTION`, from `begin` [s] on."""
     rows = []
     for joint in joints:
@@ -212,7 +237,8 @@ def _impact_distribution(events: pd.DataFrame, joints: Iterable[str], begin: flo
 def clearance_vectors(samples: pd.DataFrame, joint: str, rates: bool = False) -> np.ndarray:
     """Clearance vector of a joint at the samples of a trajectory, (n, 2) [m], or its rate [m/s].
 
-    Zero where the centres coincide; the rate is then NaN, unless it is zero, because its direction is not stored.
+    Zero where the centres coincide; the rate is then NaN, unless it is zero, because its direction
+    is not stored.
     """
     number = JOINT_NUMBERS[joint]
     r, gamma = samples[f"r{number}"].to_numpy(), samples[f"gamma{number}"].to_numpy()
@@ -225,8 +251,11 @@ def clearance_vectors(samples: pd.DataFrame, joint: str, rates: bool = False) ->
     return np.where(at_rest[:, None], 0.0, speed[:, None] * along + (r * turning)[:, None] * across)
 
 
-def eccentricity_band(samples: pd.DataFrame, joints: Iterable[str], per_turn: int, first: int) -> pd.DataFrame:
-    """Distance of the centres over the crank angle, range over the revolutions: the table `ECCENTRICITY`."""
+def eccentricity_band(
+    samples: pd.DataFrame, joints: Iterable[str], per_turn: int, first: int
+) -> pd.DataFrame:
+    """Distance of the centres over the crank angle, range over the revolutions: the table
+    `ECCENTRICITY`."""
     frames, angle = [], samples["crank_angle"].to_numpy()[:per_turn]
     for joint in joints:
         r = samples[f"r{JOINT_NUMBERS[joint]}"].to_numpy()[:-1].reshape(-1, per_turn)[first - 1 :]
@@ -239,14 +268,15 @@ def eccentricity_band(samples: pd.DataFrame, joints: Iterable[str], per_turn: in
 def poincare_section(
     samples: pd.DataFrame, joints: Iterable[str], per_turn: int, angle: float = 0.0, first: int = 1
 ) -> pd.DataFrame:
-    """Clearance vectors and their rates at one crank angle of every revolution: `POINCARE_SECTION`."""
+    """Clearance vectors and their rates at one crank angle of every revolution:
+    `POINCARE_SECTION`."""
     offset = (angle - samples["crank_angle"].iloc[0]) % (2.0 * np.pi)
     row = round(offset / (2.0 * np.pi) * per_turn) % per_turn
     chosen = samples.iloc[row + (first - 1) * per_turn : -1 : per_turn]
     if chosen.empty:
         raise InputError(
-            f"the section from revolution {first} on is empty: the motion has {(len(samples) - 1) // per_turn} "
-            "revolutions; simulate more, or begin earlier"
+            f"the section from revolution {first} on is empty: the motion has"
+            f" {(len(samples) - 1) // per_turn} revolutions; simulate more, or begin earlier"
         )
     frames = []
     for joint in joints:
@@ -263,7 +293,9 @@ def periodicity(vectors: ArrayLike, per_turn: int, clearance: float) -> Periodic
     vectors, distances = np.asarray(vectors), []
     revolutions = (len(vectors) - 1) // per_turn
     if revolutions < 2:
-        raise InputError(f"periodicity needs two settled revolutions, not {revolutions}; simulate more")
+        raise InputError(
+            f"periodicity needs two settled revolutions, not {revolutions}; simulate more"
+        )
     for length in range(per_turn, revolutions // 2 * per_turn + 1, per_turn):
         difference = vectors[-length - 1 :] - vectors[-2 * length - 1 : -length]
         distances.append(np.linalg.norm(difference, axis=1).max())

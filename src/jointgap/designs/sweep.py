@@ -47,7 +47,9 @@ def measure_quantity(name: str) -> tuple[Quantity, float]:
 
 def format_parameter(key: str) -> str:
     """``crank pin journal`` of ``mechanism.joints.crank_pin.journal``."""
-    return _WORDS.get(key) or format_name(" ".join(part for part in key.split(".") if part not in _LEFT_OUT))
+    return _WORDS.get(key) or format_name(
+        " ".join(part for part in key.split(".") if part not in _LEFT_OUT)
+    )
 
 
 def parameter_quantity(axis: Axis) -> tuple[Quantity, float]:
@@ -66,7 +68,11 @@ def format_value(axis: Axis, value: Any, with_unit: bool = True) -> str:
     if isinstance(value, str | bool):
         return _WORDS.get(str(value)) or format_name(str(value))
     unit, factor = reading_unit(axis.unit)
-    return f"{number(factor * value, 3)} {format_unit(unit)}".strip() if with_unit else number(factor * value)
+    return (
+        f"{number(factor * value, 3)} {format_unit(unit)}".strip()
+        if with_unit
+        else number(factor * value)
+    )
 
 
 _MOST_TICKS = 8  # labels of a list
@@ -83,7 +89,8 @@ def places(axis: Axis, values: Any) -> np.ndarray:
 
 
 def scale(panel: Panel, side: str, axis: Axis) -> None:
-    """Scale and ticks of one axis: values of a list, or numbers; logarithmic for a log-uniform range."""
+    """Scale and ticks of one axis: values of a list, or numbers; logarithmic for a log-uniform
+    range."""
     drawn = getattr(panel.axes, f"{side}axis")
     if axis.values is not None:
         some = slice(None, None, -(-len(axis.values) // _MOST_TICKS))
@@ -124,8 +131,18 @@ def measure_over_parameters(designs: pd.DataFrame, axes: tuple[Axis, ...], name:
                 # deterministic jitter, even in the order of the designs
                 x = x + _JITTER * (2.0 * np.modf(np.arange(len(x)) * 0.6180339887)[0] - 1.0)
             some = slice(None, None, max(1, -(-len(x) // _MOST_DOTS)))
-            panel.marks("design", x[some], values[some], "simulation", markersize=2.2, alpha=0.5, markeredgewidth=0.0)
-            middles = np.array([(np.median(x[group]), np.median(values[group])) for group in groups if len(group)])
+            panel.marks(
+                "design",
+                x[some],
+                values[some],
+                "simulation",
+                markersize=2.2,
+                alpha=0.5,
+                markeredgewidth=0.0,
+            )
+            middles = np.array(
+                [(np.median(x[group]), np.median(values[group])) for group in groups if len(group)]
+            )
             panel.marks("median", *middles.reshape(-1, 2).T, "network", marker="_", markersize=12.0)
         sheet.legend()
     return sheet.drawing()
@@ -162,7 +179,8 @@ def draw(designs: Designs, frame: pd.DataFrame) -> Iterator[tuple[str, Drawing]]
 
 
 def grid_map(designs: pd.DataFrame, axes: tuple[Axis, ...]) -> Drawing:
-    """Measures of the designs of a grid over the first two parameters; a column per value of the third."""
+    """Measures of the designs of a grid over the first two parameters; a column per value of the
+    third."""
     across, up, *third = axes
     shown = designs.assign(angle_error_rms=np.degrees(designs["angle_error_rms"]))
     columns = {"": shown}
@@ -170,11 +188,15 @@ def grid_map(designs: pd.DataFrame, axes: tuple[Axis, ...]) -> Drawing:
         (axis,) = third
         chosen = np.unique(np.linspace(0, len(axis.values) - 1, _MOST_MAPS).round().astype(int))
         columns = {
-            f"{format_parameter(axis.key)} {format_value(axis, value)}": shown[shown[axis.key] == value]
+            f"{format_parameter(axis.key)} {format_value(axis, value)}": shown[
+                shown[axis.key] == value
+            ]
             for value in (axis.values[place] for place in chosen)
         }
     with plot.matplotlib_style():
-        sheet = Sheet(0.6 + len(_MAPPED) * (1.3 + 0.13 * len(up.values)), len(_MAPPED), len(columns))
+        sheet = Sheet(
+            0.6 + len(_MAPPED) * (1.3 + 0.13 * len(up.values)), len(_MAPPED), len(columns)
+        )
         for row, (name, quantity) in enumerate(_MAPPED.items()):
             low, high = shown[name].min(), shown[name].max()
             norm = LogNorm(low, high) if 0.0 < 10.0 * low < high else Normalize(low, high)
@@ -193,8 +215,11 @@ def grid_map(designs: pd.DataFrame, axes: tuple[Axis, ...]) -> Drawing:
     return sheet.drawing()
 
 
-def cells(panel: Panel, series: str, x: Any, y: Any, value: np.ndarray, quantity: Quantity, **style: Any) -> Any:
-    """Coloured cells of a `value` (len(y), len(x)) around the points `x` and `y`; returns the colour bar's artist."""
+def cells(
+    panel: Panel, series: str, x: Any, y: Any, value: np.ndarray, quantity: Quantity, **style: Any
+) -> Any:
+    """Coloured cells of a `value` (len(y), len(x)) around the points `x` and `y`; returns the
+    colour bar's artist."""
     panel.axes.grid(False)
     columns = {"value": value.ravel(), "value_quantity": quantity.name, "value_unit": quantity.unit}
     panel.record(series, *map(np.ravel, np.meshgrid(x, y)), **columns)
@@ -214,24 +239,34 @@ def page(designs: Designs, dataset: Path, frame: pd.DataFrame) -> Page:
     introduction = (
         f"{designs.number} designs {_KINDS[kind]}"
         + ("" if kind == "grid" else f", seed {designs.sweep.seed}")
-        + f". Varied: {joined(format_parameter(axis.key) for axis in designs.axes)}; otherwise as in the mechanism. "
-        f"Designs that failed: {sum(failed.values()) or 'none'}"
-        + ("." if not failed else ": " + "; ".join(f"{count} x {why}" for why, count in failed.most_common(5)) + ".")
+        + f". Varied: {joined(format_parameter(axis.key) for axis in designs.axes)}; otherwise as"
+        f" in the mechanism. Designs that failed: {sum(failed.values()) or 'none'}"
+        + (
+            "."
+            if not failed
+            else ": " + "; ".join(f"{count} x {why}" for why, count in failed.most_common(5)) + "."
+        )
     )
     measured = (
-        "Over all simulated designs: smallest, 5 %, median, 95 % and largest value. Measures refer to the last "
-        "revolution unless stated otherwise."
+        "Over all simulated designs: smallest, 5 %, median, 95 % and largest value. Measures refer"
+        " to the last revolution unless stated otherwise."
     )
     files = (
-        "All designs: the Parquet files in `designs`, one table for `pandas.read_parquet`, polars or duckdb; "
-        "`jointgap describe` explains the columns."
+        "All designs: the Parquet files in `designs`, one table for `pandas.read_parquet`, polars"
+        " or duckdb; `jointgap describe` explains the columns."
     )
-    rows = (_row(format_measure(c.name), c.unit, _column(dataset, c.name)) for c in designs.measured)
+    rows = (
+        _row(format_measure(c.name), c.unit, _column(dataset, c.name)) for c in designs.measured
+    )
     heads = ("measure", "unit", "smallest", "5 %", "median", "95 %", "largest")
     has_force = frame["peak_force"].notna().any()
     figure = [FigureBlock(MAP, "Map of the grid")] if has_map(designs) else []
     if not figure and has_force:
-        figure = [FigureBlock(FORCES, "Largest force in the joints", "One point per design; bars: medians.")]
+        figure = [
+            FigureBlock(
+                FORCES, "Largest force in the joints", "One point per design; bars: medians."
+            )
+        ]
     blocks = (
         *([Paragraph(_extremes(designs.axes, frame), strong=True)] if has_force else ()),
         *figure,
@@ -248,7 +283,9 @@ def _extremes(axes: tuple[Axis, ...], frame: pd.DataFrame) -> str:
     """Smallest and largest of the largest forces, with their designs."""
     force, texts = frame["peak_force"], []
     for row in (frame.loc[force.idxmin()], frame.loc[force.idxmax()]):
-        where = joined(f"{format_parameter(axis.key)} {format_value(axis, row[axis.key])}" for axis in axes)
+        where = joined(
+            f"{format_parameter(axis.key)} {format_value(axis, row[axis.key])}" for axis in axes
+        )
         texts.append(f"{row['peak_force']:.4g} N ({where})")
     return f"The largest force in the joints is {texts[0]} to {texts[1]}."
 
@@ -270,7 +307,10 @@ def _column(dataset: Path, name: str) -> pd.Series:
 
 
 def _row(
-    words: str, unit: str, values: pd.Series, shares: tuple[float, ...] = (0.0, 0.05, 0.5, 0.95, 1.0)
+    words: str,
+    unit: str,
+    values: pd.Series,
+    shares: tuple[float, ...] = (0.0, 0.05, 0.5, 0.95, 1.0),
 ) -> tuple | None:
     """Quantiles with four digits, or with more where they hardly differ."""
     numbers = values.to_numpy(dtype=float)
@@ -285,15 +325,26 @@ def _row(
     return words, format_unit(unit), *texts
 
 
-_PUBLISHED = {"smallest": 0.0, "quantile_05": 0.05, "median": 0.5, "quantile_95": 0.95, "largest": 1.0}
+_PUBLISHED = {
+    "smallest": 0.0,
+    "quantile_05": 0.05,
+    "median": 0.5,
+    "quantile_95": 0.95,
+    "largest": 1.0,
+}
 
 
 def metrics(scenario: Scenario, folder: Path) -> dict[str, float]:
-    """Numbers of designs and failures, and mean, deviation and quantiles of each measure, for MLflow."""
+    """Numbers of designs and failures, and mean, deviation and quantiles of each measure, for
+    MLflow."""
     dataset = folder / "sweep/designs"
     designs = checked_dataset(scenario, dataset)
     reasons = _column(dataset, "reason")
-    found = {"designs": len(reasons), "failed": reasons.count(), "failed_percent": 100 * reasons.notna().mean()}
+    found = {
+        "designs": len(reasons),
+        "failed": reasons.count(),
+        "failed_percent": 100 * reasons.notna().mean(),
+    }
     for column in designs.measured:
         name, factor = name_and_factor(column)
         values = factor * _column(dataset, column.name).dropna()

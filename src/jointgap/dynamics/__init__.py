@@ -1,6 +1,8 @@
-"""Motion of a slider-crank with clearance joints: contact, friction, equations of motion, events, integration.
+"""Motion of a slider-crank with clearance joints: contact, friction, equations of motion, events,
+integration.
 
-`simulate` returns one motion with all quantities; `simulate_ensemble` many motions from different starts.
+`simulate` returns one motion with all quantities; `simulate_ensemble` many motions from different
+starts.
 """
 
 from jointgap.dynamics.contact import LAWS, delivered_restitution

@@ -1,4 +1,5 @@
-"""Accelerations of the bodies under given forces: the rod, rigid or bending, the crank, the slider."""
+"""Accelerations of the bodies under given forces: the rod, rigid or bending, the crank, the
+slider."""
 
 import math
 
@@ -12,7 +13,8 @@ STILL_SHARE = 1.0 - 2.0 * _SHARE * _SHARE
 
 @inlined
 def bending_levers(bodies, bend) -> tuple:
-    """Levers [m] of a force along and across a bending rod at its mass centre, and its inertia [kg m^2]."""
+    """Levers [m] of a force along and across a bending rod at its mass centre, and its inertia [kg
+    m^2]."""
     m, k, beyond = bodies.rod_mass, _SHARE, 0.5 * bodies.rod_length - bodies.rod_centre
     along, across = k * bend, 2.0 * k * k * beyond / STILL_SHARE
     inertia = bodies.rod_inertia + m * (0.5 * bend**2 - 2.0 * k * k * beyond**2)
@@ -24,9 +26,10 @@ def bending_levers(bodies, bend) -> tuple:
 def rod_accelerations(bodies, rod_cos, rod_sin, speed, bend, bend_rate, fx, fy, moment):
     """Accelerations of the rod.
 
-    A flexible rod is a uniform beam, pinned at both ends, in its first mode w = q sin(pi s / L), with a floating frame
-    through the ends. With the speed v of the frame, the kinetic energy is 1/2 int rho [(v_t - W w)^2 + (v_n + w')^2]
-    ds; stiffness and damping are those of a mode of the given frequency. The Lagrange equations include all terms.
+    A flexible rod is a uniform beam, pinned at both ends, in its first mode w = q sin(pi s / L),
+    with a floating frame through the ends. With the speed v of the frame, the kinetic energy is 1/2
+    int rho [(v_t - W w)^2 + (v_n + w')^2] ds; stiffness and damping are those of a mode of the
+    given frequency. The Lagrange equations include all terms.
     """
     if bodies.rod_angular_frequency == 0.0:
         ax = fx * bodies.rod_inverse_mass + bodies.gravity_x
@@ -35,8 +38,11 @@ def rod_accelerations(bodies, rod_cos, rod_sin, speed, bend, bend_rate, fx, fy, 
     m, k, frequency = bodies.rod_mass, _SHARE, bodies.rod_angular_frequency
     beyond = 0.5 * bodies.rod_length - bodies.rod_centre  # from the mass centre to midspan
     along, across = rod_cos * fx + rod_sin * fy, rod_cos * fy - rod_sin * fx
-    free = -2.0 * bodies.rod_damping_ratio * frequency * bend_rate - (frequency**2 - speed**2) * bend
-    # Substitute bend'' = free - 2 k (a_n + alpha beyond): three equations, of which the first two give a_t and a_n.
+    free = (
+        -2.0 * bodies.rod_damping_ratio * frequency * bend_rate - (frequency**2 - speed**2) * bend
+    )
+    # Substitute bend'' = free - 2 k (a_n + alpha beyond): three equations, of which the first two
+    # give a_t and a_n.
     right_t = along + 2.0 * k * m * speed * bend_rate
     right_n = across + k * m * (speed**2 * bend - free)
     right = moment - m * speed * bend * bend_rate - k * m * beyond * free
@@ -87,7 +93,9 @@ def bodies_under(p, crank, here, x, torque, force, pin, piston, pivot) -> tuple:
     # Sums start with terms that are available early: each stage of a step waits for the last term.
     moment = (near * s * pin[2] - near * c * pin[3]) + (far * c * piston[3] - far * s * piston[2])
     moment += pin[4] + piston[4]
-    ax, ay, alpha, bend = rod_accelerations(b, c, s, speed, x[3], x[7], pin[2] + piston[2], pin[3] + piston[3], moment)
+    ax, ay, alpha, bend = rod_accelerations(
+        b, c, s, speed, x[3], x[7], pin[2] + piston[2], pin[3] + piston[3], moment
+    )
     slider = b.gravity_x + (force - piston[2]) * b.slider_inverse_mass
     swing, pull = speed * speed * c + alpha * s, alpha * c - speed * speed * s
     turn, square = alpha2 * crank.sine, crank.speed * crank.speed

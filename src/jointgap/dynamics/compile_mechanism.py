@@ -1,4 +1,5 @@
-"""Converts a mechanism and its drive to the parameters of the equations of motion; each effect adds its own."""
+"""Converts a mechanism and its drive to the parameters of the equations of motion; each effect adds
+its own."""
 
 import math
 
@@ -83,7 +84,8 @@ def _bodies(mechanism: Mechanism) -> BodyParameters:
         crank_mass=crank.mass,
         crank_moment_x=crank.mass * crank.mass_centre,
         crank_moment_y=crank.mass * crank.mass_centre_across,
-        crank_inertia=crank.inertia + crank.mass * (crank.mass_centre**2 + crank.mass_centre_across**2),
+        crank_inertia=crank.inertia
+        + crank.mass * (crank.mass_centre**2 + crank.mass_centre_across**2),
         rod_length=rod.length,
         rod_inverse_length=1 / rod.length,
         rod_mass=rod.mass,
@@ -106,7 +108,11 @@ def _drive(options: Simulate, pieces: np.ndarray | None) -> DriveParameters:
     drive, speed, motor = options.drive, options.speed, {}
     if pieces is not None:
         steady = len(pieces) == 1
-        speed = pieces[0, 5] if steady else (pieces[-1, 6] - pieces[0, 6]) / (pieces[-1, 0] - pieces[0, 0])
+        speed = (
+            pieces[0, 5]
+            if steady
+            else (pieces[-1, 6] - pieces[0, 6]) / (pieces[-1, 0] - pieces[0, 0])
+        )
     elif isinstance(drive, MotorDrive):
         motor = {"stall_torque": drive.stall_torque, "no_load_speed": drive.no_load_speed}
         motor["rotor_inertia"] = drive.inertia
@@ -117,9 +123,9 @@ def parameters(mechanism: Mechanism, options: Simulate) -> Parameters:
     """Parameters of `mechanism`, with its effects, under the drive of `options`."""
     if options.speed < 0:
         raise InputError(
-            f"simulate.speed {options.speed:g} rad/s is clockwise, which only single simulations support; "
-            "mirror the mechanism (opposite sign of slider.offset, gravity_direction and phases) "
-            "and give a positive speed"
+            f"simulate.speed {options.speed:g} rad/s is clockwise, which only single simulations"
+            " support; mirror the mechanism (opposite sign of slider.offset, gravity_direction and"
+            " phases) and give a positive speed"
         )
     made = mechanism.applied()
     check_drive(made, options)
@@ -155,6 +161,8 @@ def parameters(mechanism: Mechanism, options: Simulate) -> Parameters:
         **{name: record(group._replace(**fields[name])) for name, group in groups.items()},
         switches=record(switches),
         **programs,
-        slider_table=table_record(fields["tables"]["slider_table"]) if fields["tables"] else NO_TABLE,
+        slider_table=(
+            table_record(fields["tables"]["slider_table"]) if fields["tables"] else NO_TABLE
+        ),
         knots=NO_KNOTS if pieces is None else knots_record(pieces, end),
     )

@@ -9,16 +9,19 @@ from scipy.optimize import brentq
 from jointgap.dynamics.numba_cache import compiled, inlined
 
 MEMORY_DURATIONS, FADING_DURATIONS = 2.5, 2.5
-"""Memory and fading time of a contact, over the duration of the slowest elastic impact, at `least_approach_speed`.
+"""Memory and fading time of a contact, over the duration of the slowest elastic impact, at
+`least_approach_speed`.
 
-With n = 3/2 a free impact at that speed lasts 2.0 times as long as an elastic one for a restitution of 0.1, 2.4 times
-for 0.07 and 2.9 times for 0.05. Slower impacts have the same damping parameter and last as long as elastic ones, with
-the speed to the power of -1/5: 2.2 durations at a fiftieth of the speed, 2.5 at a hundredth. So for a restitution of at
-least 0.1, impacts above that speed end before the memory fades. Larger exponents give longer impacts: with n = 2 this
-holds from a tenth of the speed on, with n = 3 not for a restitution of 0.1."""
+With n = 3/2 a free impact at that speed lasts 2.0 times as long as an elastic one for a restitution
+of 0.1, 2.4 times for 0.07 and 2.9 times for 0.05. Slower impacts have the same damping parameter
+and last as long as elastic ones, with the speed to the power of -1/5: 2.2 durations at a fiftieth
+of the speed, 2.5 at a hundredth. So for a restitution of at least 0.1, impacts above that speed end
+before the memory fades. Larger exponents give longer impacts: with n = 2 this holds from a tenth of
+the speed on, with n = 3 not for a restitution of 0.1."""
 
 PULL_FAR_OFF = 1e3
-"""Parting speed [m/s] at zero force above which a contact is not checked for pulling: no mechanism is that fast."""
+"""Parting speed [m/s] at zero force above which a contact is not checked for pulling: no mechanism
+is that fast."""
 
 
 def hunt_crossley(restitution: float) -> float:
@@ -42,7 +45,8 @@ def herbert_mcwhannell(restitution: float) -> float:
 
 
 def gonthier(restitution: float) -> float:
-    """chi of Gonthier et al., Multibody Syst. Dyn. 11 (2004) 209-233, in its approximate closed form."""
+    """chi of Gonthier et al., Multibody Syst. Dyn. 11 (2004) 209-233, in its approximate closed
+    form."""
     return (1 - restitution**2) / restitution
 
 
@@ -67,9 +71,11 @@ def carvalho_martins(restitution: float) -> float:
 
 
 def exact_restitution(restitution: float) -> float:
-    """chi that gives exactly the configured restitution: the root of the closed form between 0 and 1/e."""
+    """chi that gives exactly the configured restitution: the root of the closed form between 0 and
+    1/e."""
     highest = math.nextafter(1 / restitution, 0)
-    # the law of Lankarani and Nikravesh always gives a larger restitution, so the root lies above its chi
+    # the law of Lankarani and Nikravesh always gives a larger restitution, so the root lies above
+    # its chi
     lowest = lankarani_nikravesh(restitution)
     return _root(lambda damping: _closed_form(damping, restitution), lowest, highest)
 
@@ -83,7 +89,8 @@ def delivered_restitution(damping: float) -> float:
 
 
 def _closed_form(damping: float, restitution: float) -> float:
-    """chi (1 + e) - ln((1 + chi) / (1 - chi e)): decreasing through zero at the root in either argument."""
+    """chi (1 + e) - ln((1 + chi) / (1 - chi e)): decreasing through zero at the root in either
+    argument."""
     return _excess(damping) - _excess(-damping * restitution)
 
 
@@ -95,7 +102,8 @@ def _excess(number: float) -> float:
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
-    """Zero of a decreasing `function` between `low` and `high`, by bisection to machine precision."""
+    """Zero of a decreasing `function` between `low` and `high`, by bisection to machine
+    precision."""
     while low < (middle := (low + high) / 2) < high:
         low, high = (middle, high) if function(middle) > 0 else (low, middle)
     return low
@@ -120,7 +128,12 @@ LAWS: dict[str, Callable[[float], float]] = {
 
 
 def penalty_restitution(
-    stiffness: float, exponent: float, penalty_damping: float, penalty_depth: float, mass: float, speed: float
+    stiffness: float,
+    exponent: float,
+    penalty_damping: float,
+    penalty_depth: float,
+    mass: float,
+    speed: float,
 ) -> float:
     """Coefficient of restitution of a free impact with the penalty form."""
     # dimensionless: depth over that of the elastic impact, speed over approach speed
@@ -129,7 +142,9 @@ def penalty_restitution(
 
     def force(depth, rate):
         inside = max(depth, 0.0)
-        return (exponent + 1) / 2 * inside**exponent + smooth_step(inside, 0.0, 0.0, step_depth, damping) * rate
+        return (exponent + 1) / 2 * inside**exponent + smooth_step(
+            inside, 0.0, 0.0, step_depth, damping
+        ) * rate
 
     def surface(_, state):
         return state[0]
@@ -146,15 +161,17 @@ def penalty_restitution(
         def slope(_, state):
             return state[1], -force(*state)
 
-        return solve_ivp(slope, (0.0, math.inf), start, "Radau", events=ends, rtol=1e-10, atol=1e-12)
+        return solve_ivp(
+            slope, (0.0, math.inf), start, "Radau", events=ends, rtol=1e-10, atol=1e-12
+        )
 
     impact = pushed((0.0, 1.0), surface, pull)
     depth, rate = impact.y[:, -1]
     if depth < 1e-9 or exponent >= 2:
         return float(-rate)
-    # At zero force the mass leaves the surface. For n < 2 the spring exceeds the damping, which is proportional to d^2,
-    # again near the surface: at a depth between the one where c(d) <= 3 c_max (d / d_max)^2 makes the spring larger,
-    # and the one where K d^n / c(d) is smallest.
+    # At zero force the mass leaves the surface. For n < 2 the spring exceeds the damping, which is
+    # proportional to d^2, again near the surface: at a depth between the one where c(d) <= 3 c_max
+    # (d / d_max)^2 makes the spring larger, and the one where K d^n / c(d) is smallest.
     low = 0.5 * ((exponent + 1) / 2 * step_depth**2 / (3 * damping * -rate)) ** (1 / (2 - exponent))
     high = min(depth, step_depth * 3 * (2 - exponent) / (6 - 2 * exponent))
     back = brentq(force, low, high, args=(rate,), xtol=1e-15)
@@ -198,7 +215,8 @@ def damping_factor_at(joint, approach, begin, time) -> float:
     published = joint.damping / approach
     if not fading > 0.0:
         return published
-    # Ninth order: four continuous derivatives at both ends, enough for steps of a fifth-order method.
+    # Ninth order: four continuous derivatives at both ends, enough for steps of a fifth-order
+    # method.
     share = fading / joint.fading_time
     bend = 126.0 - share * (420.0 - share * (540.0 - share * (315.0 - share * 70.0)))
     return published + (joint.steady_contact_damping - published) * share**5 * bend
@@ -224,10 +242,14 @@ def force_free_speed(joint, approach, begin, time) -> tuple:
 
 @compiled
 def normal_force(joint, penetration, rate, damping_factor):
-    """Contact force [N]; the caller ends a contact, by an event, before the force becomes attractive."""
+    """Contact force [N]; the caller ends a contact, by an event, before the force becomes
+    attractive."""
     elastic = elastic_force(penetration, joint.stiffness, joint.exponent)
     if joint.penalty_damping > 0.0:
-        return elastic + smooth_step(penetration, 0.0, 0.0, joint.penalty_depth, joint.penalty_damping) * rate
+        return (
+            elastic
+            + smooth_step(penetration, 0.0, 0.0, joint.penalty_depth, joint.penalty_damping) * rate
+        )
     return elastic * (1.0 + damping_factor * rate)
 
 
@@ -238,8 +260,12 @@ def pushing_margin(joint, penetration, rate, curvature, free_speed, free_rate):
         if penetration <= 0.0:
             return PULL_FAR_OFF, 0.0
         elastic = elastic_force(penetration, joint.stiffness, joint.exponent)
-        balance = elastic / smooth_step(penetration, 0.0, 0.0, joint.penalty_depth, joint.penalty_damping)
-        if not balance < PULL_FAR_OFF:  # c(d) ~ d^2: for n < 2 the quotient diverges as d goes to zero
+        balance = elastic / smooth_step(
+            penetration, 0.0, 0.0, joint.penalty_depth, joint.penalty_damping
+        )
+        if (
+            not balance < PULL_FAR_OFF
+        ):  # c(d) ~ d^2: for n < 2 the quotient diverges as d goes to zero
             return PULL_FAR_OFF, 0.0
         power = joint.exponent  # reduced by d/c dc/dd in this branch
         share = penetration / joint.penalty_depth
@@ -259,7 +285,8 @@ _ACROSS = tuple((-1) ** k * (2 * k - 2) / (2 * k + 1) for k in _TERMS)
 
 @compiled
 def film_integrals(a, b, s):
-    """I_w and I_n of the module's text for an eccentricity (a, b) of length < 1, s = sqrt(1 - a^2 - b^2)."""
+    """I_w and I_n of the module's text for an eccentricity (a, b) of length < 1, s = sqrt(1 - a^2 -
+    b^2)."""
     if a < -s / _SMALL:
         # for small eccentricities almost equal terms cancel: use the power series of the difference
         inverse = -1.0 / a
@@ -281,9 +308,10 @@ def film_integrals(a, b, s):
 def film_force(joint, ex, ey, vx, vy, body_rate, partner_rate):
     """Force and moments of the oil film on the two bodies of a joint.
 
-    The pair of forces acts halfway between the centres, which conserves angular momentum. In addition the couple of the
-    shear in the whole film acts, 2 pi mu R^3 L / (c sqrt(1 - eps^2)) times the difference of the rates. Beyond the
-    eccentricity of dry contact the film thickness is constant.
+    The pair of forces acts halfway between the centres, which conserves angular momentum. In
+    addition the couple of the shear in the whole film acts, 2 pi mu R^3 L / (c sqrt(1 - eps^2))
+    times the difference of the rates. Beyond the eccentricity of dry contact the film thickness is
+    constant.
     """
     if joint.film_viscosity == 0.0:
         return 0.0, 0.0, 0.0, 0.0
@@ -309,5 +337,13 @@ def film_force(joint, ex, ey, vx, vy, body_rate, partner_rate):
         fy = strength * (along * ny + across * nx)
 
     couple = 0.5 * (ey * fx - ex * fy)
-    shear = 2.0 * math.pi * joint.film_viscosity * radius**3 * joint.film_length / (c * s) * (body_rate - partner_rate)
+    shear = (
+        2.0
+        * math.pi
+        * joint.film_viscosity
+        * radius**3
+        * joint.film_length
+        / (c * s)
+        * (body_rate - partner_rate)
+    )
     return fx, fy, couple - shear, couple + shear

@@ -1,11 +1,12 @@
 """The state within a step: the method's interpolant of seventh order, from three additional stages.
 
-Section II.10 of Hairer, Norsett, Wanner: Solving Ordinary Differential Equations I, 2nd edition. The three stages are
-computed once per step with samples. Where time is a function of the root of the time from an event, so is the
-interpolant.
+Section II.10 of Hairer, Norsett, Wanner: Solving Ordinary Differential Equations I, 2nd edition.
+The three stages are computed once per step with samples. Where time is a function of the root of
+the time from an event, so is the interpolant.
 
-In nonsmooth motion the interpolant's error exceeds that of the step. The size of its highest term detects this: each
-sample of such a step is the end of a shorter step. So samples are as accurate as the steps."""
+In nonsmooth motion the interpolant's error exceeds that of the step. The size of its highest term
+detects this: each sample of such a step is the end of a shorter step. So samples are as accurate as
+the steps."""
 
 import math
 
@@ -35,9 +36,9 @@ _FIRST, _MORE, _TERMS = 5, KEPT - COUNT - 1, 4 + INTERPOLANT.shape[0]
 _ROUGHEST = 10.0
 """Size of the highest term, in tolerances, above which the interpolant is not used.
 
-Over two revolutions of the paper's mechanism, with and without friction, at tolerances of 1e-8 to 1e-14 m, the error
-is then at most 1.4 tolerances (about 1 in 99 % of the samples); without this limit up to 178. With friction 2 to 16 %
-of the steps exceed it.
+Over two revolutions of the paper's mechanism, with and without friction, at tolerances of 1e-8 to
+1e-14 m, the error is then at most 1.4 tolerances (about 1 in 99 % of the samples); without this
+limit up to 178. With friction 2 to 16 % of the steps exceed it.
 """
 
 
@@ -51,9 +52,15 @@ def prepare_inside(p, here, there, taken, tolerance, k):
         row = COUNT + 1 + i
         total = weighted_rows(k.rates, MORE_STAGES, i, _FIRST, row)
         z = (
-            y[0] + ds * total[0], y[1] + ds * total[1], y[2] + ds * total[2], y[3] + ds * total[3],
-            y[4] + ds * total[4], y[5] + ds * total[5], y[6] + ds * total[6], y[7] + ds * total[7],
-        )  # fmt: skip
+            y[0] + ds * total[0],
+            y[1] + ds * total[1],
+            y[2] + ds * total[2],
+            y[3] + ds * total[3],
+            y[4] + ds * total[4],
+            y[5] + ds * total[5],
+            y[6] + ds * total[6],
+            y[7] + ds * total[7],
+        )
         z_auxiliary = x
         if auxiliary:
             newest, weight = k.auxiliary_rates[row - 1], MORE_STAGES[i, row - 1]
@@ -78,7 +85,9 @@ def prepare_inside(p, here, there, taken, tolerance, k):
             step = there.auxiliary_state[i] - x[i]
             k.auxiliary_terms[0, i], k.auxiliary_terms[1, i] = x[i], step
             k.auxiliary_terms[2, i] = ds * k.auxiliary_rates[0, i] - step
-            k.auxiliary_terms[3, i] = step - ds * k.auxiliary_rates[COUNT, i] - k.auxiliary_terms[2, i]
+            k.auxiliary_terms[3, i] = (
+                step - ds * k.auxiliary_rates[COUNT, i] - k.auxiliary_terms[2, i]
+            )
             for n in range(4, _TERMS):
                 total = INTERPOLANT[n - 4, 0] * k.auxiliary_rates[0, i]
                 for j in range(_FIRST, KEPT):
@@ -89,7 +98,8 @@ def prepare_inside(p, here, there, taken, tolerance, k):
 
 @inlined
 def _highest_term(p, k) -> float:
-    """Largest size [m] of the interpolant's term share^4 (1 - share)^3, weighted as in a step's error."""
+    """Largest size [m] of the interpolant's term share^4 (1 - share)^3, weighted as in a step's
+    error."""
     total = 0.0
     for i in range(STATES):
         weight = VELOCITY_TIME if i >= 4 else 1.0
@@ -102,7 +112,8 @@ def _highest_term(p, k) -> float:
 
 @inlined
 def _interpolate(terms, share, found) -> None:
-    """Evaluate all columns at the `share` of the step into `found`, nested in share and 1 - share alternately."""
+    """Evaluate all columns at the `share` of the step into `found`, nested in share and 1 - share
+    alternately."""
     rest = 1.0 - share
     for i in range(found.size):
         value = terms[_TERMS - 1, i] * share

@@ -1,10 +1,12 @@
-"""Events that end a mode of a joint: conditions, their first zero within a step, and the step that ends there.
+"""Events that end a mode of a joint: conditions, their first zero within a step, and the step that
+ends there.
 
 Each mode has two conditions, which are positive while the mode lasts:
 
     FLIGHT     c^2 - r^2 over 2c                 (impact; smooth at r = 0, unlike c - r)
     CONTACT    d                                 (separation)
-               d' + d'_0 / chi                   (zero force: then FORCE_FREE; chi / v_ref once memory has faded)
+               d' + d'_0 / chi                   (zero force: then FORCE_FREE; chi / v_ref once
+               memory has faded)
     FORCE_FREE d                                 (separation)
                -(d' + d'_0 / chi)                (the force returns)
 
@@ -18,7 +20,15 @@ from jointgap.core.joints import JOINTS
 from jointgap.dynamics.contact import force_free_speed, pushing_margin
 from jointgap.dynamics.joints import CONTACT, FLIGHT, FORCE_FREE, relative_motion
 from jointgap.dynamics.numba_cache import compiled, inlined
-from jointgap.dynamics.runge_kutta import AFTER, BEFORE, ds_for, elapsed_time, instant, instant_in_place, step
+from jointgap.dynamics.runge_kutta import (
+    AFTER,
+    BEFORE,
+    ds_for,
+    elapsed_time,
+    instant,
+    instant_in_place,
+    step,
+)
 
 NOWHERE, JOINT_COUNT = 2.0, len(JOINTS)
 
@@ -55,11 +65,16 @@ def conditions(joint, mode, approach, begin, time, relative) -> tuple:
 
 @compiled
 def first_crossing(g0, v0, a0, g1, v1, a1, duration, margin):
-    """Fraction of a step at which a condition first decreases through zero, on its quintic Hermite interpolant."""
+    """Fraction of a step at which a condition first decreases through zero, on its quintic Hermite
+    interpolant."""
     if g0 <= 0.0 and v0 < 0.0:
         return 0.0
     # Besides the ends: one minimum, or a minimum and a maximum, within the step.
-    dips = v0 < 0.0 < v1 or (v0 < 0.0 and v1 < 0.0 and a0 > 0.0 > a1) or (v0 > 0.0 and v1 > 0.0 and a0 < 0.0 < a1)
+    dips = (
+        v0 < 0.0 < v1
+        or (v0 < 0.0 and v1 < 0.0 and a0 > 0.0 > a1)
+        or (v0 > 0.0 and v1 > 0.0 and a0 < 0.0 < a1)
+    )
     if g1 >= 0.0 and not dips:
         return NOWHERE
     v0, v1, a0, a1 = v0 * duration, v1 * duration, a0 * duration**2, a1 * duration**2
@@ -127,9 +142,15 @@ def _sign_change(c, low, high, sign):
 def all_conditions(p, here, motion) -> tuple:
     """`conditions` of crank pin, piston pin and crank pivot."""
     return (
-        conditions(p.crank_pin, here.modes[0], here.approaches[0], here.begins[0], here.time, motion[0]),
-        conditions(p.piston_pin, here.modes[1], here.approaches[1], here.begins[1], here.time, motion[1]),
-        conditions(p.crank_pivot, here.modes[2], here.approaches[2], here.begins[2], here.time, motion[2]),
+        conditions(
+            p.crank_pin, here.modes[0], here.approaches[0], here.begins[0], here.time, motion[0]
+        ),
+        conditions(
+            p.piston_pin, here.modes[1], here.approaches[1], here.begins[1], here.time, motion[1]
+        ),
+        conditions(
+            p.crank_pivot, here.modes[2], here.approaches[2], here.begins[2], here.time, motion[2]
+        ),
     )
 
 
@@ -142,7 +163,8 @@ def with_conditions(p, here) -> tuple:
 
 @compiled
 def next_event(before, after, duration, margin):
-    """The first event of any joint in a step: fraction (or `NOWHERE`), joint, index of its condition."""
+    """The first event of any joint in a step: fraction (or `NOWHERE`), joint, index of its
+    condition."""
     first, which, kind = NOWHERE, 0, DISTANCE
     for joint in range(JOINT_COUNT):
         g0, v0, a0, h0, w0 = before[joint]
@@ -152,9 +174,13 @@ def next_event(before, after, duration, margin):
             first, which, kind = x, joint, DISTANCE
         if h0 > 0.0 and h1 >= 0.0 and not w0 < 0.0 < w1:
             continue
-        # The second condition has only a first derivative; with the cubic's curvatures the quintic equals that cubic.
+        # The second condition has only a first derivative; with the cubic's curvatures the quintic
+        # equals that cubic.
         slope = (h1 - h0) / duration
-        bend0, bend1 = (6.0 * slope - 4.0 * w0 - 2.0 * w1) / duration, (2.0 * w0 + 4.0 * w1 - 6.0 * slope) / duration
+        bend0, bend1 = (
+            (6.0 * slope - 4.0 * w0 - 2.0 * w1) / duration,
+            (2.0 * w0 + 4.0 * w1 - 6.0 * slope) / duration,
+        )
         x = first_crossing(h0, w0, bend0, h1, w1, bend1, duration, 0.0)
         if x < first:
             first, which, kind = x, joint, FORCE
@@ -163,7 +189,8 @@ def next_event(before, after, duration, margin):
 
 @compiled
 def switched(mode, approach, kind, speed, least):
-    """Mode and approach speed of a joint after the event of condition `kind`, with the surfaces closing at `speed`.
+    """Mode and approach speed of a joint after the event of condition `kind`, with the surfaces
+    closing at `speed`.
 
     The approach speed is at least `least`: for d'_0 -> 0 the damping chi d'/d'_0 would diverge.
     """
@@ -178,10 +205,13 @@ def switched(mode, approach, kind, speed, least):
 def locate(p, here, time_map, s, limit, crossed, joint, kind, guess, close, tolerance, k):
     """Repeat a step so that it ends where condition `kind` of `joint` decreases through zero.
 
-    Newton's method with true steps, between the closest points before and after the event. Towards a separation the
-    step is a function of the root of the remaining time: see `jointgap.dynamics.runge_kutta`.
+    Newton's method with true steps, between the closest points before and after the event. Towards
+    a separation the step is a function of the root of the remaining time: see
+    `jointgap.dynamics.runge_kutta`.
     """
-    to_separation = kind == DISTANCE and here.modes[joint] == CONTACT and not (time_map == AFTER and s == 0.0)
+    to_separation = (
+        kind == DISTANCE and here.modes[joint] == CONTACT and not (time_map == AFTER and s == 0.0)
+    )
     low, high = 0.0, limit if crossed else math.inf
     for count in range(1, 60):
         if to_separation:
@@ -214,15 +244,20 @@ def locate(p, here, time_map, s, limit, crossed, joint, kind, guess, close, tole
     return False, here, step_map, step_start, ds, 0.0, count
 
 
-_HOPELESS = 100.0  # error in tolerances above which events are not located: the step is repeated, shorter
+_HOPELESS = (
+    100.0  # error in tolerances above which events are not located: the step is repeated, shorter
+)
 _CLOSE = 0.01  # tolerance of an event's location, in tolerances
 _MARGIN = 100.0  # error of the interpolant at a grazing passage, in tolerances
-_UNKNOWN = np.bool_(False)  # whether an event is passed; a literal would compile `locate` a second time
+_UNKNOWN = np.bool_(
+    False
+)  # whether an event is passed; a literal would compile `locate` a second time
 
 
 @inlined
 def _separation_ahead(here, holding) -> tuple:
-    """Time [s] until a contact ends, by parabolic extrapolation of its penetration, and its joint; infinite if none."""
+    """Time [s] until a contact ends, by parabolic extrapolation of its penetration, and its joint;
+    infinite if none."""
     first, which = math.inf, 0
     for joint in range(JOINT_COUNT):
         depth, rate, curvature, _, _ = holding[joint]
@@ -245,11 +280,13 @@ def _holds(conditions) -> bool:
 def advance(p, now, time_map, s, duration, tolerance, k):
     """Take a step of `duration` [s], or a shorter one to the first event in it.
 
-    Returns whether an event ends it, its joint and condition, the instant at its end (as `now`, with its conditions),
-    the time map of the step, its start and length, its error, and the number of attempts.
+    Returns whether an event ends it, its joint and condition, the instant at its end (as `now`,
+    with its conditions), the time map of the step, its start and length, its error, and the number
+    of attempts.
     """
     steps, (here, _, holding) = 0, now
-    # The force has a kink at a separation, which a step must not cross: aim at it where one is near.
+    # The force has a kink at a separation, which a step must not cross: aim at it where one is
+    # near.
     ahead, joint = _separation_ahead(here, holding)
     if ahead < duration:
         close = max(_CLOSE * tolerance, 1e-18)
@@ -258,7 +295,9 @@ def advance(p, now, time_map, s, duration, tolerance, k):
         )
         if found:
             then = with_conditions(p, there)
-            fraction, other, kind = next_event(holding, then[2], there.time - here.time, _MARGIN * tolerance)
+            fraction, other, kind = next_event(
+                holding, then[2], there.time - here.time, _MARGIN * tolerance
+            )
             if fraction == NOWHERE or (other == joint and kind == DISTANCE):
                 return True, joint, DISTANCE, then, (step_map, step_start, ds), error, steps
         else:
@@ -270,13 +309,17 @@ def advance(p, now, time_map, s, duration, tolerance, k):
     steps += 1
     if not error <= _HOPELESS * tolerance:
         return False, 0, DISTANCE, now, (time_map, s, ds), error, steps
-    there = instant_in_place(p, here.time + duration, y, x, here.modes, here.approaches, here.begins)
+    there = instant_in_place(
+        p, here.time + duration, y, x, here.modes, here.approaches, here.begins
+    )
     then = with_conditions(p, there)
     fraction, joint, kind = next_event(holding, then[2], duration, _MARGIN * tolerance)
     if fraction == 0.0:
         return True, joint, kind, now, (time_map, s, 0.0), 0.0, steps
     if fraction < NOWHERE:
-        close = max(_CLOSE * tolerance, 1e-18) if kind == DISTANCE else 1e-9 * here.approaches[joint]
+        close = (
+            max(_CLOSE * tolerance, 1e-18) if kind == DISTANCE else 1e-9 * here.approaches[joint]
+        )
         crossed = then[2][joint][0 if kind == DISTANCE else 3] < 0.0
         guess = fraction * duration
         found, event, step_map, step_start, event_ds, event_error, made = locate(

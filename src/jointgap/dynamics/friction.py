@@ -1,8 +1,8 @@
 """Friction between journal and bearing: coefficient over sliding speed.
 
-The coefficient mu(v) has the sign of the sliding speed v and is an odd, continuous function. The friction force is
-mu(v) times the normal force, opposite to the sliding. LuGre's law has an additional state, the mean bristle deflection
-z.
+The coefficient mu(v) has the sign of the sliding speed v and is an odd, continuous function. The
+friction force is mu(v) times the normal force, opposite to the sliding. LuGre's law has an
+additional state, the mean bristle deflection z.
 """
 
 import math
@@ -13,7 +13,8 @@ from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.dynamics.numba_cache import compiled
 
 _COULOMB, _THRELFALL, _AMBROSIO, _BENGISU_AKAY, LUGRE = (
-    np.int64(FRICTION_LAWS[name].code) for name in ("coulomb", "threlfall", "ambrosio", "bengisu_akay", "lugre")
+    np.int64(FRICTION_LAWS[name].code)
+    for name in ("coulomb", "threlfall", "ambrosio", "bengisu_akay", "lugre")
 )
 _THRELFALL_SLOPE = FRICTION_LAWS["threlfall"].slope_at_zero
 
@@ -23,7 +24,8 @@ _THRELFALL_IS_ONE = 13.0
 
 @compiled
 def coulomb(speed, friction, friction_speed):
-    """Coulomb friction (C. A. Coulomb, Théorie des machines simples, 1785), smoothed: mu tanh(v / v_0), 76 % at v_0."""
+    """Coulomb friction (C. A. Coulomb, Théorie des machines simples, 1785), smoothed: mu tanh(v /
+    v_0), 76 % at v_0."""
     if abs(speed) > _TANH_IS_ONE * friction_speed:  # exact in double precision, and faster
         return math.copysign(friction, speed)
     return friction * math.tanh(speed / friction_speed)
@@ -31,10 +33,11 @@ def coulomb(speed, friction, friction_speed):
 
 @compiled
 def threlfall(speed, friction, friction_speed):
-    """mu (1 - exp(-3 |v| / v_0)), 95 % of mu at v_0: D. C. Threlfall, Mech. Mach. Theory 13 (1978) 475-483.
+    """mu (1 - exp(-3 |v| / v_0)), 95 % of mu at v_0: D. C. Threlfall, Mech. Mach. Theory 13 (1978)
+    475-483.
 
-    The exponential continues beyond v_0, so the coefficient tends to mu; some quote the law with a plateau of 95 % of
-    mu from v_0 on.
+    The exponential continues beyond v_0, so the coefficient tends to mu; some quote the law with a
+    plateau of 95 % of mu from v_0 on.
     """
     ratio = abs(speed) / friction_speed
     if ratio > _THRELFALL_IS_ONE:
@@ -46,26 +49,34 @@ def threlfall(speed, friction, friction_speed):
 def ambrosio(speed, friction, dead_band_speed, friction_speed):
     """Zero below the dead band's speed, mu above v_0, linear between.
 
-    J. A. C. Ambrósio, Impact of rigid and flexible multibody systems: deformation description and contact models, in:
-    Virtual Nonlinear Multibody Systems, NATO Science Series 103 (2003) 57-81.
+    J. A. C. Ambrósio, Impact of rigid and flexible multibody systems: deformation description and
+    contact models, in: Virtual Nonlinear Multibody Systems, NATO Science Series 103 (2003) 57-81.
     """
     size = abs(speed)
     if size >= friction_speed:
         return math.copysign(friction, speed)
     if size <= dead_band_speed:
         return 0.0
-    return math.copysign(friction, speed) * (size - dead_band_speed) / (friction_speed - dead_band_speed)
+    return (
+        math.copysign(friction, speed)
+        * (size - dead_band_speed)
+        / (friction_speed - dead_band_speed)
+    )
 
 
 @compiled
 def bengisu_akay(speed, friction, static_friction, friction_speed, stribeck_speed):
-    """A parabola up to mu_s at v_0, then mu + (mu_s - mu) exp(-(|v| - v_0) / v_s), decreasing with speed.
+    """A parabola up to mu_s at v_0, then mu + (mu_s - mu) exp(-(|v| - v_0) / v_s), decreasing with
+    speed.
 
-    M. T. Bengisu and A. Akay, J. Sound Vib. 171 (1994) 557-570; their rate of decay is 1 / v_s with the Stribeck speed.
+    M. T. Bengisu and A. Akay, J. Sound Vib. 171 (1994) 557-570; their rate of decay is 1 / v_s with
+    the Stribeck speed.
     """
     beyond = abs(speed) - friction_speed
     if beyond >= 0.0:
-        return math.copysign(friction + (static_friction - friction) * math.exp(-beyond / stribeck_speed), speed)
+        return math.copysign(
+            friction + (static_friction - friction) * math.exp(-beyond / stribeck_speed), speed
+        )
     return math.copysign(static_friction * (1.0 - (beyond / friction_speed) ** 2), speed)
 
 
@@ -78,12 +89,13 @@ def lugre_bristle_rate(speed, bristle, friction, static_friction, stribeck_speed
 
 @compiled
 def lugre(speed, bristle, bristle_rate, stiffness, damping, viscous_friction):
-    """sigma_0 z + sigma_1 dz/dt + sigma_2 v, each per unit of normal force: bristles that bend by z before they slip.
+    """sigma_0 z + sigma_1 dz/dt + sigma_2 v, each per unit of normal force: bristles that bend by z
+    before they slip.
 
-    C. Canudas de Wit, H. Olsson, K. J. Åström and P. Lischinsky, IEEE Trans. Autom. Control 40 (1995) 419-425. In
-    steady sliding this is sign(v) (mu + (mu_s - mu) exp(-(v / v_s)^2)) + sigma_2 v. The law is passive (dissipative
-    over every motion) if sigma_1 (mu_s - mu) <= sigma_2 mu: N. Barahanov and R. Ortega, IEEE Trans. Autom. Control 45
-    (2000).
+    C. Canudas de Wit, H. Olsson, K. J. Åström and P. Lischinsky, IEEE Trans. Autom. Control 40
+    (1995) 419-425. In steady sliding this is sign(v) (mu + (mu_s - mu) exp(-(v / v_s)^2)) + sigma_2
+    v. The law is passive (dissipative over every motion) if sigma_1 (mu_s - mu) <= sigma_2 mu: N.
+    Barahanov and R. Ortega, IEEE Trans. Autom. Control 45 (2000).
     """
     return stiffness * bristle + damping * bristle_rate + viscous_friction * speed
 
@@ -105,7 +117,8 @@ def bristle_rate(joint, sliding_speed, bristle):
 
 @compiled
 def friction_coefficient(joint, sliding_speed, bristle):
-    """Friction force over normal force, with the sign of the sliding speed (for LuGre, of the bent bristles)."""
+    """Friction force over normal force, with the sign of the sliding speed (for LuGre, of the bent
+    bristles)."""
     mu, law = joint.friction, joint.friction_law
     if mu == 0.0:
         return 0.0
@@ -116,6 +129,15 @@ def friction_coefficient(joint, sliding_speed, bristle):
     if law == _AMBROSIO:
         return ambrosio(sliding_speed, mu, joint.dead_band_speed, joint.friction_speed)
     if law == _BENGISU_AKAY:
-        return bengisu_akay(sliding_speed, mu, joint.static_friction, joint.friction_speed, joint.stribeck_speed)
+        return bengisu_akay(
+            sliding_speed, mu, joint.static_friction, joint.friction_speed, joint.stribeck_speed
+        )
     rate = bristle_rate(joint, sliding_speed, bristle)
-    return lugre(sliding_speed, bristle, rate, joint.bristle_stiffness, joint.bristle_damping, joint.viscous_friction)
+    return lugre(
+        sliding_speed,
+        bristle,
+        rate,
+        joint.bristle_stiffness,
+        joint.bristle_damping,
+        joint.viscous_friction,
+    )

@@ -27,9 +27,20 @@ from jointgap.dynamics.runge_kutta import (
 )
 
 EPISODE = 4
-"""Quantities of a joint's contact: impulse [N s], largest normal force [N], maxima of the penetration, begin [s]."""
+"""Quantities of a joint's contact: impulse [N s], largest normal force [N], maxima of the
+penetration, begin [s]."""
 
-EVENT = ("time", "joint", "begins", "approach_speed", "impulse", "peak_force", "maxima", "crank_angle", "duration")
+EVENT = (
+    "time",
+    "joint",
+    "begins",
+    "approach_speed",
+    "impulse",
+    "peak_force",
+    "maxima",
+    "crank_angle",
+    "duration",
+)
 """Columns of the events; the quantities of an episode belong to its end."""
 
 EVENT_WIDTH = len(EVENT)
@@ -52,7 +63,9 @@ def update_episodes(episodes, here, motion, there_motion, step_map, step_start, 
         impulse, peak = 0.0, episodes[joint, 1]
         for stage in range(COUNT):
             normal = max(k.normals[joint, stage], 0.0)
-            impulse += STAGES[COUNT, stage] * dt_ds(step_map, step_start + NODES[stage] * ds) * normal
+            impulse += (
+                STAGES[COUNT, stage] * dt_ds(step_map, step_start + NODES[stage] * ds) * normal
+            )
             peak = max(peak, normal)
         episodes[joint, 0] += ds * impulse
         episodes[joint, 1] = peak
@@ -73,14 +86,21 @@ def begin_episode(episodes, joint, time):
 @compiled
 def record_event(event, episodes, there, joint, begins, approach):
     """Write a row of events: see `EVENT`."""
-    event[0], event[1], event[2], event[7] = there.time, joint, 1.0 if begins else 0.0, there.crank_angle
+    event[0], event[1], event[2], event[7] = (
+        there.time,
+        joint,
+        1.0 if begins else 0.0,
+        there.crank_angle,
+    )
     event[3] = approach if begins else math.nan
     for i in range(3):
         event[4 + i] = math.nan if begins else episodes[joint, i]
     event[8] = math.nan if begins else there.time - episodes[joint, 3]
 
 
-def mode_numbers(p: Parameters, times: np.ndarray, modes: np.ndarray, events: np.ndarray) -> np.ndarray:
+def mode_numbers(
+    p: Parameters, times: np.ndarray, modes: np.ndarray, events: np.ndarray
+) -> np.ndarray:
     """Modes of the joints at samples, as indices in `MODES`, shape (n, 3), int8."""
     found = np.zeros((times.size, 3), np.int8)
     column = {name: i for i, name in enumerate(EVENT)}
@@ -94,16 +114,25 @@ def mode_numbers(p: Parameters, times: np.ndarray, modes: np.ndarray, events: np
     return found
 
 
-def sample_modes(p: Parameters, times: np.ndarray, modes: np.ndarray, events: np.ndarray) -> dict[str, np.ndarray]:
+def sample_modes(
+    p: Parameters, times: np.ndarray, modes: np.ndarray, events: np.ndarray
+) -> dict[str, np.ndarray]:
     """Columns ``crank_pin_mode``, ... of the table ``trajectory``; parameters as `mode_numbers`."""
     numbers = mode_numbers(p, times, modes, events)
-    return {f"{joint}_mode": np.array(MODES, dtype=object)[numbers[:, i]] for i, joint in enumerate(JOINTS)}
+    return {
+        f"{joint}_mode": np.array(MODES, dtype=object)[numbers[:, i]]
+        for i, joint in enumerate(JOINTS)
+    }
 
 
 DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, NOT_FINITE, STALLED = range(5)
 
-_LONGEST_TURN = 0.1  # [rad] of crank angle per step: a clearance vector leaves its circle at most once in it
-_AFTER_IMPACT = 0.1  # share of the tolerance there: errors of velocities persist through the following flight
+_LONGEST_TURN = (
+    0.1  # [rad] of crank angle per step: a clearance vector leaves its circle at most once in it
+)
+_AFTER_IMPACT = (
+    0.1  # share of the tolerance there: errors of velocities persist through the following flight
+)
 _FAR = 20.0  # steps after an impact beyond which its branch point is negligible
 
 
@@ -111,7 +140,8 @@ class Progress(NamedTuple):
     """State of an integration, complete for an exact continuation."""
 
     here: Instant  # Start of the next step; the samples so far are before or within this step
-    seen: tuple  # `clearances` at the instant up to which the directions of the clearance vectors were followed
+    # `clearances` at the instant up to which the directions of the clearance vectors were followed
+    seen: tuple
     seen_time: float  # That instant [s]
     turns: tuple  # Rotation of the clearance vectors [rad]
     episodes: np.ndarray  # See `jointgap.dynamics.integrate`
@@ -124,7 +154,9 @@ class Progress(NamedTuple):
 def contact_duration(joint, mass, speed):
     """Approximate duration [s] of an elastic impact of `mass` at `speed`."""
     n = joint.exponent
-    return 3.0 * ((n + 1.0) * mass / (2.0 * joint.stiffness) * speed ** (1.0 - n)) ** (1.0 / (n + 1.0))
+    return 3.0 * ((n + 1.0) * mass / (2.0 * joint.stiffness) * speed ** (1.0 - n)) ** (
+        1.0 / (n + 1.0)
+    )
 
 
 @compiled
@@ -146,7 +178,8 @@ def least_approach(p, joint):
 
 @inlined
 def time_to_knot(p, here, resolution) -> float:
-    """Time [s] from `here` until a step has to end because the memory of a contact begins or ends to fade."""
+    """Time [s] from `here` until a step has to end because the memory of a contact begins or ends
+    to fade."""
     knot = min(
         next_knot(p.crank_pin, here.begins[0], here.time, resolution),
         next_knot(p.piston_pin, here.begins[1], here.time, resolution),
@@ -186,7 +219,9 @@ def time_at_angle(p, here, there, taken, angle, smooth, k):
 
 @inlined
 def longest_step(p) -> float:
-    fastest = max(p.drive.speed, p.drive.no_load_speed) if p.drive.kind == MOTOR else abs(p.drive.speed)
+    fastest = (
+        max(p.drive.speed, p.drive.no_load_speed) if p.drive.kind == MOTOR else abs(p.drive.speed)
+    )
     return _LONGEST_TURN / fastest
 
 
@@ -199,7 +234,9 @@ def beginning(p, y, x, time):
     here = instant(p, time, y_start, x_start, (FLIGHT, FLIGHT, FLIGHT), nowhere, nowhere)
     seen = clearances(y_start, x_start)
     episodes = np.zeros((3, EPISODE))
-    return Progress(here, seen, here.time, (0.0, 0.0, 0.0), episodes, 0.1 * longest_step(p), LINEAR, 0.0)
+    return Progress(
+        here, seen, here.time, (0.0, 0.0, 0.0), episodes, 0.1 * longest_step(p), LINEAR, 0.0
+    )
 
 
 @compiled
@@ -224,12 +261,18 @@ def integrate(p, progress, found, angles, tolerance, step_limit, k):
         if time_map == AFTER and s * s > _FAR * proposal:
             time_map, s = LINEAR, 0.0
         allowed = tolerance * (_AFTER_IMPACT if time_map == AFTER else 1.0)
-        happens, joint, kind, then, taken, error, made = advance(p, now, time_map, s, proposal, allowed, k)
+        happens, joint, kind, then, taken, error, made = advance(
+            p, now, time_map, s, proposal, allowed, k
+        )
         step_map, step_start, ds = taken
         there, steps = then[0], steps + made
 
         # accepted or rejected, the error determines the length of the next step
-        factor = 5.0 if error == 0.0 else min(5.0, max(0.2, 0.9 * math.sqrt(math.sqrt(math.sqrt(allowed / error)))))
+        factor = (
+            5.0
+            if error == 0.0
+            else min(5.0, max(0.2, 0.9 * math.sqrt(math.sqrt(math.sqrt(allowed / error)))))
+        )
         if not error <= allowed:
             factor = min(factor, 0.9) if error < math.inf else 0.1
             proposal = (
@@ -239,7 +282,12 @@ def integrate(p, progress, found, angles, tolerance, step_limit, k):
             )
             if not proposal >= 1e-15 * (abs(here.time) + longest):
                 end = Progress(here, seen, seen_time, turns, episodes, proposal, time_map, s)
-                return STEP_TOO_SMALL if error < math.inf else NOT_FINITE, end, events[:event_count], steps
+                return (
+                    STEP_TOO_SMALL if error < math.inf else NOT_FINITE,
+                    end,
+                    events[:event_count],
+                    steps,
+                )
             continue
         if motor and there.crank.speed <= 0.0:
             end = Progress(there, seen, seen_time, turns, episodes, proposal, time_map, s)
@@ -272,7 +320,10 @@ def integrate(p, progress, found, angles, tolerance, step_limit, k):
             for i in range(AUXILIARY_STATES):
                 auxiliary_states[sample, i] = x_now[i]
             for i in range(3):
-                modes_at[sample, i], directions_at[sample, i] = here.modes[i], direction(turns[i], now[i])
+                modes_at[sample, i], directions_at[sample, i] = (
+                    here.modes[i],
+                    direction(turns[i], now[i]),
+                )
                 approaches_at[sample, i], begins_at[sample, i] = here.approaches[i], here.begins[i]
             sample += 1
         if sample == times.size:
@@ -287,7 +338,8 @@ def integrate(p, progress, found, angles, tolerance, step_limit, k):
         if not happens:
             following = elapsed_time(step_map, step_start + ds, ds * factor)
             if step_map == AFTER:
-                # between equal steps in s (suitable near the impact) and in time (far from it): fewer rejected steps
+                # between equal steps in s (suitable near the impact) and in time (far from it):
+                # fewer rejected steps
                 following = math.sqrt(following * factor * elapsed_time(step_map, step_start, ds))
             proposal = max(following, unhindered) if proposal < unhindered else following
             here, now = there, then
@@ -297,7 +349,9 @@ def integrate(p, progress, found, angles, tolerance, step_limit, k):
         before, modes, x_after = here.modes[joint], here.modes, there.auxiliary_state
         approaches, begins = here.approaches, here.begins
         closing = max(-then[2][joint][1], 0.0)
-        mode, approach = switched(before, approaches[joint], kind, closing, least_approach(p, joint))
+        mode, approach = switched(
+            before, approaches[joint], kind, closing, least_approach(p, joint)
+        )
         modes, approaches = replaced(modes, joint, mode), replaced(approaches, joint, approach)
         if before == FLIGHT or mode == FLIGHT:
             if event_count == events.shape[0]:

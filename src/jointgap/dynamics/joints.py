@@ -5,7 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jointgap.dynamics.bodies import STILL_SHARE, bending_levers, bodies_under, crank_moment, rod_accelerations
+from jointgap.dynamics.bodies import (
+    STILL_SHARE,
+    bending_levers,
+    bodies_under,
+    crank_moment,
+    rod_accelerations,
+)
 from jointgap.dynamics.contact import film_force, normal_force
 from jointgap.dynamics.friction import LUGRE, bristle_rate, friction_coefficient
 from jointgap.dynamics.numba_cache import compiled, inlined
@@ -16,8 +22,14 @@ _PIECES = 16
 
 @inlined
 def relative_motion(here) -> tuple:
-    """Clearance vector and its two rates at crank pin, piston pin and crank pivot, 6 numbers each [m, m/s, m/s^2]."""
-    y, a, x, b = here.clearance_state, here.clearance_rates, here.auxiliary_state, here.auxiliary_rates
+    """Clearance vector and its two rates at crank pin, piston pin and crank pivot, 6 numbers each
+    [m, m/s, m/s^2]."""
+    y, a, x, b = (
+        here.clearance_state,
+        here.clearance_rates,
+        here.auxiliary_state,
+        here.auxiliary_rates,
+    )
     return (
         (y[0], y[1], y[4], y[5], a[4], a[5]),
         (y[2], y[3], y[6], y[7], a[6], a[7]),
@@ -27,13 +39,15 @@ def relative_motion(here) -> tuple:
 
 @inlined
 def clearances(y, x) -> tuple:
-    """Clearance vector and its rate at crank pin, piston pin and crank pivot, 4 numbers each [m, m/s]."""
+    """Clearance vector and its rate at crank pin, piston pin and crank pivot, 4 numbers each [m,
+    m/s]."""
     return (y[0], y[1], y[4], y[5]), (y[2], y[3], y[6], y[7]), (x[0], x[1], x[4], x[5])
 
 
 @compiled
 def swept_angle(before, after, duration):
-    """Angle [rad] by which a clearance vector turns between two instants of one step, whole turns included."""
+    """Angle [rad] by which a clearance vector turns between two instants of one step, whole turns
+    included."""
     x0, y0, x1, y1 = before[0], before[1], after[0], after[1]
     direct = math.atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)
     if abs(direct) < 0.5:
@@ -54,13 +68,16 @@ def swept_angle(before, after, duration):
 
 @compiled
 def turns_after(turns, before, after, duration):
-    """Whole turns of a clearance vector after `duration` [s], counted at its passages of the negative x-axis.
+    """Whole turns of a clearance vector after `duration` [s], counted at its passages of the
+    negative x-axis.
 
     Its direction is atan2(y, x) + 2 pi `turns`.
     """
     x0, y0, x1, y1 = before[0], before[1], after[0], after[1]
     along = x0 * x1 + y0 * y1
-    if along > 0.0 and along * along > 0.77 * (x0 * x0 + y0 * y0) * (x1 * x1 + y1 * y1):  # within half a radian
+    if along > 0.0 and along * along > 0.77 * (x0 * x0 + y0 * y0) * (
+        x1 * x1 + y1 * y1
+    ):  # within half a radian
         if x0 + x1 >= 0.0 or (y0 < 0.0) == (y1 < 0.0):
             return turns
         return turns + (1.0 if y1 < 0.0 else -1.0)
@@ -89,24 +106,29 @@ def direction(turns, vector):
 
 
 FLIGHT, CONTACT, FORCE_FREE = (np.int64(mode) for mode in (0, 1, 2))
-"""Modes of a joint: apart; in contact; penetrated without force, because an attractive force is replaced by zero."""
+"""Modes of a joint: apart; in contact; penetrated without force, because an attractive force is
+replaced by zero."""
 
 NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @inlined
 def arms_and_sliding(joint, penetration, swing, body_rate, partner_rate) -> tuple:
-    """Levers [m] of the contact point about both centres, and sliding speed [m/s]; `swing`: that of the centres."""
+    """Levers [m] of the contact point about both centres, and sliding speed [m/s]; `swing`: that of
+    the centres."""
     body_arm = joint.side * joint.body_radius - 0.5 * penetration
     partner_arm = joint.side * joint.partner_radius + 0.5 * penetration
     return body_arm, partner_arm, swing + body_arm * body_rate - partner_arm * partner_rate
 
 
 @inlined
-def joint_force(joint, mode, damping_factor, ex, ey, vx, vy, body_rate, partner_rate, bristle) -> tuple:
+def joint_force(
+    joint, mode, damping_factor, ex, ey, vx, vy, body_rate, partner_rate, bristle
+) -> tuple:
     """Force of the partner on the body in a loose joint.
 
-    The contact point is in the middle of the overlap for both bodies, which conserves angular momentum.
+    The contact point is in the middle of the overlap for both bodies, which conserves angular
+    momentum.
     """
     if mode != CONTACT and joint.film_viscosity == 0.0:
         return NOTHING
@@ -127,8 +149,15 @@ def joint_force(joint, mode, damping_factor, ex, ey, vx, vy, body_rate, partner_
         fx, fy = normal * (mu * ny - nx), -normal * (mu * nx + ny)
         on_body, on_partner = -normal * (mu * body_arm), normal * (mu * partner_arm)
     if joint.film_viscosity > 0.0:
-        film_x, film_y, film_body, film_partner = film_force(joint, ex, ey, vx, vy, body_rate, partner_rate)
-        fx, fy, on_body, on_partner = fx + film_x, fy + film_y, on_body + film_body, on_partner + film_partner
+        film_x, film_y, film_body, film_partner = film_force(
+            joint, ex, ey, vx, vy, body_rate, partner_rate
+        )
+        fx, fy, on_body, on_partner = (
+            fx + film_x,
+            fy + film_y,
+            on_body + film_body,
+            on_partner + film_partner,
+        )
         if r > 0.0:
             normal, tangential = -(fx * ex + fy * ey) / r, (fy * ex - fx * ey) / r
     return normal, tangential, fx, fy, on_body, on_partner
@@ -141,13 +170,16 @@ def bristle_motion(joint, mode, ex, ey, vx, vy, body_rate, partner_rate, bristle
         return 0.0
     r = math.sqrt(ex * ex + ey * ey)
     penetration = r - joint.clearance
-    _, _, sliding = arms_and_sliding(joint, penetration, (vy * ex - vx * ey) / r, body_rate, partner_rate)
+    _, _, sliding = arms_and_sliding(
+        joint, penetration, (vy * ex - vx * ey) / r, body_rate, partner_rate
+    )
     return bristle_rate(joint, sliding, bristle)
 
 
 @compiled
 def pin_friction(joint, fx, fy, speed, sign_speed):
-    """Friction moment [N m] on the body in an ideal joint under the reaction (fx, fy): -k r |F| sgn w, w = `speed`."""
+    """Friction moment [N m] on the body in an ideal joint under the reaction (fx, fy): -k r |F| sgn
+    w, w = `speed`."""
     if joint.pin_friction == 0.0:
         return 0.0
     size = math.sqrt(fx * fx + fy * fy)
@@ -156,7 +188,8 @@ def pin_friction(joint, fx, fy, speed, sign_speed):
 
 @compiled
 def reaction(fx, fy, moment):
-    """Force in an ideal joint, in the form of `joint_force`, with the friction `moment` [N m] on the body."""
+    """Force in an ideal joint, in the form of `joint_force`, with the friction `moment` [N m] on
+    the body."""
     return math.sqrt(fx * fx + fy * fy), 0.0, fx, fy, moment, -moment
 
 
@@ -164,11 +197,12 @@ _ROUNDS, _SETTLED = 200, 1e-13  # iterations; tolerance relative to reactions an
 
 
 class _Compliance(NamedTuple):
-    """Compliance of the linkage to forces in the pins: opening accelerations by blocks, their inverse, and the crank.
+    """Compliance of the linkage to forces in the pins: opening accelerations by blocks, their
+    inverse, and the crank.
 
-    With the openings [[A, B], [B^T, D]]: A^-1 (xx, xy, yy), B (xx, xy, yx, yy), A^-1 B and (D - B^T A^-1 B)^-1, where
-    an inverse is zero for a loose pin; for the crank 1 / mass of a loose pivot, 1 / inertia under a motor, and the
-    lever (x, y) [m] of the pin force.
+    With the openings [[A, B], [B^T, D]]: A^-1 (xx, xy, yy), B (xx, xy, yx, yy), A^-1 B and (D - B^T
+    A^-1 B)^-1, where an inverse is zero for a loose pin; for the crank 1 / mass of a loose pivot, 1
+    / inertia under a motor, and the lever (x, y) [m] of the pin force.
     """
 
     crank_pin: tuple[float, float, float]
@@ -191,7 +225,8 @@ def _inverse(xx, xy, yy) -> tuple:
 def _compliance(p, crank, here, bend) -> _Compliance:
     """Compliance of all bodies to forces in the pins."""
     b, c, s = p.bodies, here.rod_cos, here.rod_sin
-    # A force on the rod gives the acceleration (xx, xy, yy) and a rotation by its lever, longer for a bending rod.
+    # A force on the rod gives the acceleration (xx, xy, yy) and a rotation by its lever, longer for
+    # a bending rod.
     xx = yy = b.rod_inverse_mass
     xy = along = across = 0.0
     turn = b.rod_inverse_inertia
@@ -200,9 +235,23 @@ def _compliance(p, crank, here, bend) -> _Compliance:
         turn, softer = 1.0 / inertia, xx / STILL_SHARE
         xx, xy, yy = xx * c * c + softer * s * s, (xx - softer) * c * s, xx * s * s + softer * c * c
     near, far = across - b.rod_centre, across + (b.rod_length - b.rod_centre)
-    nx, ny, fx, fy = along * c - near * s, along * s + near * c, along * c - far * s, along * s + far * c
-    bxx, bxy, byx, byy = xx + turn * nx * fx, xy + turn * nx * fy, xy + turn * ny * fx, yy + turn * ny * fy
-    dxx, dxy, dyy = xx + turn * fx * fx + b.slider_inverse_mass, xy + turn * fx * fy, yy + turn * fy * fy
+    nx, ny, fx, fy = (
+        along * c - near * s,
+        along * s + near * c,
+        along * c - far * s,
+        along * s + far * c,
+    )
+    bxx, bxy, byx, byy = (
+        xx + turn * nx * fx,
+        xy + turn * nx * fy,
+        xy + turn * ny * fx,
+        yy + turn * ny * fy,
+    )
+    dxx, dxy, dyy = (
+        xx + turn * fx * fx + b.slider_inverse_mass,
+        xy + turn * fx * fy,
+        yy + turn * fy * fy,
+    )
     give = swing = wx = wy = gxx = gxy = gyx = gyy = 0.0
     crank_pin = piston_pin = (0.0, 0.0, 0.0)
     if not p.crank_pin.loose:
@@ -212,7 +261,10 @@ def _compliance(p, crank, here, bend) -> _Compliance:
             axx, ayy = axx + give, ayy + give
         if p.drive.kind == MOTOR:
             hx, hy = crank_moment(b, crank)
-            wx, wy = give * hy - b.crank_length * crank.sine, b.crank_length * crank.cosine - give * hx
+            wx, wy = (
+                give * hy - b.crank_length * crank.sine,
+                b.crank_length * crank.cosine - give * hx,
+            )
             swing = 1.0 / (b.crank_inertia + p.drive.rotor_inertia - give * (hx * hx + hy * hy))
             axx, axy, ayy = axx + swing * wx * wx, axy + swing * wx * wy, ayy + swing * wy * wy
         ixx, ixy, iyy = crank_pin = _inverse(axx, axy, ayy)
@@ -224,24 +276,38 @@ def _compliance(p, crank, here, bend) -> _Compliance:
             dyy -= bxy * gxy + byy * gyy
     if not p.piston_pin.loose:
         piston_pin = _inverse(dxx, dxy, dyy)
-    return _Compliance(crank_pin, (bxx, bxy, byx, byy), (gxx, gxy, gyx, gyy), piston_pin, give, swing, (wx, wy))
+    return _Compliance(
+        crank_pin, (bxx, bxy, byx, byy), (gxx, gxy, gyx, gyy), piston_pin, give, swing, (wx, wy)
+    )
 
 
 @inlined
 def _closing(solved, opening) -> tuple:
-    """Forces in crank pin (x, y) and piston pin (x, y) [N] that cancel the opening of the pins [m/s^2]."""
-    (cxx, cxy, cyy), (gxx, gxy, gyx, gyy), (pxx, pxy, pyy) = solved.crank_pin, solved.passed_on, solved.piston_pin
+    """Forces in crank pin (x, y) and piston pin (x, y) [N] that cancel the opening of the pins
+    [m/s^2]."""
+    (cxx, cxy, cyy), (gxx, gxy, gyx, gyy), (pxx, pxy, pyy) = (
+        solved.crank_pin,
+        solved.passed_on,
+        solved.piston_pin,
+    )
     ax, ay = opening[0], opening[1]
     bx, by = opening[2] - gxx * ax - gyx * ay, opening[3] - gxy * ax - gyy * ay
     fx, fy = -pxx * bx - pxy * by, -pxy * bx - pyy * by
-    return -cxx * ax - cxy * ay - gxx * fx - gxy * fy, -cxy * ax - cyy * ay - gyx * fx - gyy * fy, fx, fy
+    return (
+        -cxx * ax - cxy * ay - gxx * fx - gxy * fy,
+        -cxy * ax - cyy * ay - gyx * fx - gyy * fy,
+        fx,
+        fy,
+    )
 
 
 @compiled
 def _with_friction(p, crank, here, x, torque, free, loaded, pin, piston, pivot, solved):
-    """Accelerations without the reactions, reactions, force on the slider, friction moments on the rod in its pins.
+    """Accelerations without the reactions, reactions, force on the slider, friction moments on the
+    rod in its pins.
 
-    Parameters as in `under_reactions`; `free` is its force on the slider, `loaded` the guide's coefficient of friction.
+    Parameters as in `under_reactions`; `free` is its force on the slider, `loaded` the guide's
+    coefficient of friction.
     """
     width, weight = p.effects.crank_sign_speed, p.bodies.slider_mass * p.bodies.gravity_y
     loaded *= math.tanh(here.slider_speed / p.effects.slider_sign_speed)
@@ -252,12 +318,19 @@ def _with_friction(p, crank, here, x, torque, free, loaded, pin, piston, pivot, 
     for _ in range(_ROUNDS):
         force = free - loaded * abs(f3 - weight)
         on_pin = pin if p.crank_pin.loose else (0.0, 0.0, 0.0, 0.0, pin_moment, -pin_moment)
-        on_piston = piston if p.piston_pin.loose else (0.0, 0.0, 0.0, 0.0, piston_moment, -piston_moment)
+        on_piston = (
+            piston if p.piston_pin.loose else (0.0, 0.0, 0.0, 0.0, piston_moment, -piston_moment)
+        )
         a = bodies_under(p, crank, here, x, torque, force, on_pin, on_piston, pivot)
         g0, g1, g2, g3 = _closing(solved, a)
         change = abs(g0 - f0) + abs(g1 - f1) + abs(g2 - f2) + abs(g3 - f3)
         size = abs(g0) + abs(g1) + abs(g2) + abs(g3) + inertia
-        f0, f1, f2, f3 = f0 + share * (g0 - f0), f1 + share * (g1 - f1), f2 + share * (g2 - f2), f3 + share * (g3 - f3)
+        f0, f1, f2, f3 = (
+            f0 + share * (g0 - f0),
+            f1 + share * (g1 - f1),
+            f2 + share * (g2 - f2),
+            f3 + share * (g3 - f3),
+        )
         if not change > _SETTLED * size:
             return a, (f0, f1, f2, f3), force, pin_moment, piston_moment
         pin_moment = pin_friction(p.crank_pin, f0, f1, here.rod_speed - crank.speed, width)

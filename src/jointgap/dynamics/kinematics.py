@@ -35,7 +35,9 @@ class Motion:
     acceleration: np.ndarray
 
     @classmethod
-    def of(cls, position: ArrayLike, velocity: ArrayLike = 0.0, acceleration: ArrayLike = 0.0) -> "Motion":
+    def of(
+        cls, position: ArrayLike, velocity: ArrayLike = 0.0, acceleration: ArrayLike = 0.0
+    ) -> "Motion":
         """From array-likes; derivatives are zero by default."""
         return cls(np.asarray(position), np.asarray(velocity), np.asarray(acceleration))
 
@@ -58,14 +60,17 @@ class Motion:
 def rotating_vector(length: Motion, direction: Motion) -> tuple[Motion, Motion]:
     """Components of a vector of variable length and direction.
 
-    A vector of length zero is the zero vector; its derivatives are undefined (nan) where the direction is.
+    A vector of length zero is the zero vector; its derivatives are undefined (nan) where the
+    direction is.
     """
     cosine, sine = np.cos(direction.position), np.sin(direction.position)
     vanishes = length.position == 0.0
     radial_velocity = length.velocity
     tangential_velocity = length.position * direction.velocity
     radial_acceleration = length.acceleration - length.position * direction.velocity**2
-    tangential_acceleration = length.position * direction.acceleration + 2.0 * length.velocity * direction.velocity
+    tangential_acceleration = (
+        length.position * direction.acceleration + 2.0 * length.velocity * direction.velocity
+    )
     x = Motion(
         np.where(vanishes, 0.0, length.position * cosine),
         radial_velocity * cosine - tangential_velocity * sine,
@@ -88,7 +93,9 @@ def clearance_lift(vectors: Mapping[str, ArrayLike]) -> np.ndarray:
     for number, sign in _SIGNS.items():
         if (name := f"r{number}") in vectors:
             length = np.asarray(vectors[name])
-            lift = lift + sign * np.where(length == 0.0, 0.0, length * np.sin(vectors[f"gamma{number}"]))
+            lift = lift + sign * np.where(
+                length == 0.0, 0.0, length * np.sin(vectors[f"gamma{number}"])
+            )
     return lift
 
 
@@ -106,7 +113,8 @@ def transmission_angle(
 
 
 def check_reach(cosine: np.ndarray, crank_angle: ArrayLike, rod_length: ArrayLike) -> None:
-    """InputError where the height to span is at least one rod length; undefined samples are accepted."""
+    """InputError where the height to span is at least one rod length; undefined samples are
+    accepted."""
     span = np.abs(cosine)
     if not np.any(span >= 1.0):
         return
@@ -114,13 +122,15 @@ def check_reach(cosine: np.ndarray, crank_angle: ArrayLike, rod_length: ArrayLik
     angle = np.real(np.broadcast_to(crank_angle, span.shape)[worst])
     length = np.broadcast_to(rod_length, span.shape)[worst]
     raise InputError(
-        f"the rod of {1e3 * length:g} mm does not reach the slide at crank angle {np.degrees(angle):.4g} deg: its crank"
-        f" end is {1e3 * length * span[worst]:.6g} mm from the slide's line; shorten the crank or lengthen the rod"
+        f"the rod of {1e3 * length:g} mm does not reach the slide at crank angle"
+        f" {np.degrees(angle):.4g} deg: its crank end is {1e3 * length * span[worst]:.6g} mm from"
+        " the slide's line; shorten the crank or lengthen the rod"
     )
 
 
 Fit = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""A surrogate: from crank angles (n,) [rad] to values (n,) in SI and their derivative by the crank angle (n,)."""
+"""A surrogate: from crank angles (n,) [rad] to values (n,) in SI and their derivative by the crank
+angle (n,)."""
 
 
 _NOTHING = Motion.of(0.0)
@@ -128,12 +138,12 @@ _NOTHING = Motion.of(0.0)
 
 @dataclass(frozen=True)
 class ClearanceMotion:
-    """The virtual links of the loose joints: lengths [m] and directions from +x [rad], shape (n,); zero for ideal
-    joints.
+    """The virtual links of the loose joints: lengths [m] and directions from +x [rad], shape (n,);
+    zero for ideal joints.
 
-    r1 at gamma1 points from the frame's centre of the crank pivot to the crank's, r2 at gamma2 from the crank's pin
-    centre A to the rod's end A', r3 at gamma3 from the slider's pin centre B to the rod's end B'. Directions are nan
-    where the length is zero.
+    r1 at gamma1 points from the frame's centre of the crank pivot to the crank's, r2 at gamma2 from
+    the crank's pin centre A to the rod's end A', r3 at gamma3 from the slider's pin centre B to the
+    rod's end B'. Directions are nan where the length is zero.
     """
 
     r2: Motion = _NOTHING
@@ -145,20 +155,31 @@ class ClearanceMotion:
 
     @classmethod
     def from_table(cls, table: pd.DataFrame, loose: Iterable[str]) -> "ClearanceMotion":
-        """From the columns ``r2, r2_dot, r2_ddot, gamma2, ... gamma2_ddot`` etc. for the joints `loose`."""
+        """From the columns ``r2, r2_dot, r2_ddot, gamma2, ... gamma2_ddot`` etc. for the joints
+        `loose`."""
 
         def motion(name: str) -> Motion:
-            return Motion.of(*(table[f"{name}{suffix}"].to_numpy(dtype=float) for suffix in ("", "_dot", "_ddot")))
+            return Motion.of(
+                *(
+                    table[f"{name}{suffix}"].to_numpy(dtype=float)
+                    for suffix in ("", "_dot", "_ddot")
+                )
+            )
 
-        names = [f"{quantity}{JOINT_NUMBERS[joint]}" for joint in loose for quantity in ("r", "gamma")]
+        names = [
+            f"{quantity}{JOINT_NUMBERS[joint]}" for joint in loose for quantity in ("r", "gamma")
+        ]
         return cls(**{name: motion(name) for name in names})
 
     def paper_form(self) -> "ClearanceMotion":
         """The motion in equations (6)-(9): constant lengths, variable directions."""
-        return replace(self, **{name: getattr(self, name).standing_still() for name in ("r1", "r2", "r3")})
+        return replace(
+            self, **{name: getattr(self, name).standing_still() for name in ("r1", "r2", "r3")}
+        )
 
     def crank_pivot_vector(self) -> tuple[Motion, Motion]:
-        """Components of the vector from the frame's centre of the crank pivot to the crank's, shape (n,) each [m]."""
+        """Components of the vector from the frame's centre of the crank pivot to the crank's, shape
+        (n,) each [m]."""
         return rotating_vector(self.r1, self.gamma1)
 
     def crank_pin_vector(self) -> tuple[Motion, Motion]:
@@ -174,7 +195,9 @@ class ClearanceMotion:
 class LinkageMotion:
     """Motion of the three moving links; all arrays have the shape (n,) of the crank angles."""
 
-    crank_x: Motion  # Crank's mass centre G2 [m], equation (2), with the clearance of the crank pivot
+    crank_x: (
+        Motion  # Crank's mass centre G2 [m], equation (2), with the clearance of the crank pivot
+    )
     crank_y: Motion
     rod_x: Motion  # Rod's mass centre G3 [m], equations (3), (14)
     rod_y: Motion
@@ -191,14 +214,17 @@ def linkage_motion(
     crank, rod = mechanism.crank, mechanism.rod
     pin_x, pin_y = rotating_vector(Motion.of(crank.length), crank_angle)
     crank_x, crank_y = rotating_vector(Motion.of(crank.mass_centre), crank_angle)
-    beside_x, beside_y = rotating_vector(Motion.of(crank.mass_centre_across), crank_angle)  # turned by 90 deg
+    beside_x, beside_y = rotating_vector(
+        Motion.of(crank.mass_centre_across), crank_angle
+    )  # turned by 90 deg
     clearance = ClearanceMotion() if clearance is None else clearance
     pivot_x, pivot_y = clearance.crank_pivot_vector()
     step_x, step_y = clearance.crank_pin_vector()
     head_x, head_y = clearance.piston_pin_vector()
     foot_x, foot_y = pivot_x + pin_x + step_x, pivot_y + pin_y + step_y
 
-    # The slider stays on its line: the height of the rod's foot minus the vector B -> B' determines the rod's angle.
+    # The slider stays on its line: the height of the rod's foot minus the vector B -> B' determines
+    # the rod's angle.
     height = foot_y - head_y - Motion.of(mechanism.slider.offset)
     rod_angle = _falling_rod(height, rod.length, crank_angle.position)
     rod_length = Motion.of(rod.length)
@@ -212,12 +238,15 @@ def linkage_motion(
         slider_x=foot_x + along_x - head_x,
         slider_y=foot_y + along_y - head_y,
         rod_angle=rod_angle,
-        transmission_angle=Motion(np.arccos(height.position / rod.length), rod_angle.velocity, rod_angle.acceleration),
+        transmission_angle=Motion(
+            np.arccos(height.position / rod.length), rod_angle.velocity, rod_angle.acceleration
+        ),
     )
 
 
 def _falling_rod(height: Motion, rod_length: float, crank_angle: np.ndarray) -> Motion:
-    """Angle of a rod that spans a negative height: L3 sin theta3 = -height, differentiated twice."""
+    """Angle of a rod that spans a negative height: L3 sin theta3 = -height, differentiated
+    twice."""
     check_reach(height.position / rod_length, crank_angle, rod_length)
     angle = np.arcsin(-height.position / rod_length)
     lever = rod_length * np.cos(angle)
@@ -243,12 +272,13 @@ class IdealCycle:
 
 
 def ideal_cycle(crank_length: float, rod_length: float, offset: float = 0.0) -> IdealCycle:
-    """Extremes of transmission angle and slider position in closed form, from equations (15) and (17)."""
+    """Extremes of transmission angle and slider position in closed form, from equations (15) and
+    (17)."""
     span = crank_length + abs(offset)
     if span >= rod_length:
         raise InputError(
-            f"a crank of {1e3 * crank_length:g} mm with offset {1e3 * offset:g} mm cannot turn with a rod of "
-            f"{1e3 * rod_length:g} mm; shorten the crank or lengthen the rod"
+            f"a crank of {1e3 * crank_length:g} mm with offset {1e3 * offset:g} mm cannot turn with"
+            f" a rod of {1e3 * rod_length:g} mm; shorten the crank or lengthen the rod"
         )
     departure = float(np.arcsin(span / rod_length))
     return IdealCycle(
@@ -281,14 +311,21 @@ FORCES = ("crank_torque", "guide_force", "frame_force_x", "frame_force_y")
 
 
 def ideal_channels(mechanism: Mechanism, angle: np.ndarray, speed: float) -> dict[str, np.ndarray]:
-    """Channels of the ideal motion by inverse dynamics of rigid links, without gravity and other loads."""
+    """Channels of the ideal motion by inverse dynamics of rigid links, without gravity and other
+    loads."""
     crank, rod, slider = mechanism.crank, mechanism.rod, mechanism.slider
     still = np.zeros(np.shape(angle))
     motion = linkage_motion(mechanism, Motion.of(angle, still + speed, still))
     turning = motion.rod_angle
     along = np.cos(turning.position), np.sin(turning.position)
-    back, ahead = rod.mass_centre, rod.length - rod.mass_centre  # from the rod's mass centre to its pins
-    inertia_x, inertia_y = rod.mass * motion.rod_x.acceleration, rod.mass * motion.rod_y.acceleration
+    back, ahead = (
+        rod.mass_centre,
+        rod.length - rod.mass_centre,
+    )  # from the rod's mass centre to its pins
+    inertia_x, inertia_y = (
+        rod.mass * motion.rod_x.acceleration,
+        rod.mass * motion.rod_y.acceleration,
+    )
     # forces on the rod: (head_x, head_y) at the piston pin, (foot_x, foot_y) at the crank pin
     head_x = -slider.mass * motion.slider_x.acceleration
     foot_x = inertia_x - head_x
@@ -318,8 +355,14 @@ def ideal_channels(mechanism: Mechanism, angle: np.ndarray, speed: float) -> dic
     }
 
 
-def ideal_orders(mechanism: Mechanism, speed: float, orders: int, points: int = 360) -> dict[str, np.ndarray]:
-    """The low orders of `ideal_channels`: (orders,) complex C, where the channel is Re sum C_k exp(i k angle)."""
+def ideal_orders(
+    mechanism: Mechanism, speed: float, orders: int, points: int = 360
+) -> dict[str, np.ndarray]:
+    """The low orders of `ideal_channels`: (orders,) complex C, where the channel is Re sum C_k
+    exp(i k angle)."""
     angle = np.arange(points) * (tau / points)
     channels = ideal_channels(mechanism, angle, speed)
-    return {name: 2.0 * np.fft.rfft(values)[1 : orders + 1] / points for name, values in channels.items()}
+    return {
+        name: 2.0 * np.fft.rfft(values)[1 : orders + 1] / points
+        for name, values in channels.items()
+    }

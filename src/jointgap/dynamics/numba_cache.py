@@ -84,7 +84,8 @@ def compiled_by_one(compile_function: Callable, lock: Path) -> Callable:
 _NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 AVAILABLE = numba.version_info.short == (0, 68)
-"""Whether numba's internals are those that this file requires; otherwise functions are compiled in numba's way."""
+"""Whether numba's internals are those that this file requires; otherwise functions are compiled in
+numba's way."""
 
 
 class _LinkedCode(JITCodeLibrary):
@@ -101,7 +102,9 @@ class _LinkedCode(JITCodeLibrary):
 class _ToLink(Compiler):
     def define_pipelines(self):
         self.state.flags.no_compile = True
-        self.state.library = _LinkedCode(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
+        self.state.library = _LinkedCode(
+            self.state.targetctx.codegen(), self.state.func_id.func_qualname
+        )
         return super().define_pipelines()
 
 
@@ -121,7 +124,10 @@ def linked_where_called(dispatcher: Dispatcher) -> Callable:
     if AVAILABLE:
         options = dispatcher.targetoptions | _NO_WRAPPERS
         part = _Part(dispatcher.py_func, targetoptions=options, pipeline_class=_ToLink)
-        dispatcher.get_call_template, dispatcher.get_overload = part.get_call_template, part.get_overload
+        dispatcher.get_call_template, dispatcher.get_overload = (
+            part.get_call_template,
+            part.get_overload,
+        )
     return dispatcher
 
 
@@ -132,8 +138,8 @@ SOURCES = (*sorted(_PACKAGE.rglob("*.py")), *(_PACKAGE.parent / name for name in
 
 
 def _is_usable(folder: Path) -> bool:
-    """Whether `folder` can be created, belongs to the user and is writable; permission bits are not sufficient (root,
-    mounts).
+    """Whether `folder` can be created, belongs to the user and is writable; permission bits are not
+    sufficient (root, mounts).
 
     Compiled code in another user's folder is not trusted.
     """
@@ -146,10 +152,11 @@ def _is_usable(folder: Path) -> bool:
 
 
 def cache_folder(sources_folder: Path) -> str:
-    """First usable one of: the user's choice, a folder next to the sources, the user's cache, the temporary folder.
+    """First usable one of: the user's choice, a folder next to the sources, the user's cache, the
+    temporary folder.
 
-    Independent of the caller: commands, notebooks and jobs of an installation share it. '' (numba's own choice) when
-    none is usable.
+    Independent of the caller: commands, notebooks and jobs of an installation share it. '' (numba's
+    own choice) when none is usable.
     """
     sources = b"".join(path.read_bytes() for path in SOURCES)
     digest = hashlib.sha256(sources).hexdigest()[:16]
@@ -173,9 +180,14 @@ _KEPT, _RECENT = 5, 24 * 3600.0  # the newest folders and those of the last day 
 
 
 def remove_old_folders(base: Path) -> None:
-    """Remove folders of other source versions in `base`, except the newest and those used within the last day."""
+    """Remove folders of other source versions in `base`, except the newest and those used within
+    the last day."""
     with contextlib.suppress(OSError):  # removed by another process at the same time
-        used = {path: path.stat().st_mtime for path in base.iterdir() if re.fullmatch("[0-9a-f]{16}", path.name)}
+        used = {
+            path: path.stat().st_mtime
+            for path in base.iterdir()
+            if re.fullmatch("[0-9a-f]{16}", path.name)
+        }
         for path in sorted(used, key=used.get)[:-_KEPT]:
             if used[path] < time.time() - _RECENT:
                 shutil.rmtree(path, ignore_errors=True)
@@ -185,7 +197,8 @@ _FOLDER = cache_folder(_PACKAGE / "__pycache__")
 
 
 def compiled(function, **flags) -> Callable:
-    """`function` as machine code: cached on disk, without the interpreter's lock, with IEEE division.
+    """`function` as machine code: cached on disk, without the interpreter's lock, with IEEE
+    division.
 
     Products and sums may fuse (faster, smaller rounding errors); nothing else is reordered.
     """
@@ -193,7 +206,12 @@ def compiled(function, **flags) -> Callable:
     numba.config.CACHE_DIR = _FOLDER or before
     try:
         code = numba.njit(
-            cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, no_cfunc_wrapper=True, **flags
+            cache=True,
+            nogil=True,
+            error_model="numpy",
+            fastmath={"contract"},
+            no_cfunc_wrapper=True,
+            **flags,
         )(function)
     finally:
         numba.config.CACHE_DIR = before

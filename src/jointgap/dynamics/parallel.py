@@ -19,11 +19,18 @@ from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.drive import crank_motion
 from jointgap.dynamics.numba_cache import compiled
 from jointgap.dynamics.parameters import MOTOR, Parameters
-from jointgap.dynamics.simulation import IntegrationResult, crank_angles, integrate_to_angles, start_state
+from jointgap.dynamics.simulation import (
+    IntegrationResult,
+    crank_angles,
+    integrate_to_angles,
+    start_state,
+)
 
 Item, Found = TypeVar("Item"), TypeVar("Found")
 
-_AHEAD = 8  # items per worker that may be finished or in progress before the first of them is consumed
+_AHEAD = (
+    8  # items per worker that may be finished or in progress before the first of them is consumed
+)
 
 
 @dataclass(frozen=True)
@@ -34,7 +41,9 @@ class Run:
     options: Simulate
     perturbation: ArrayLike | None = None
     crank_angle: np.ndarray | None = None  # Samples [rad], increasing, the first at the start
-    values: Mapping[str, float | int | str | bool] = field(default_factory=dict)  # Varied values of the run, by name
+    values: Mapping[str, float | int | str | bool] = field(
+        default_factory=dict
+    )  # Varied values of the run, by name
 
 
 @dataclass(frozen=True)
@@ -63,7 +72,8 @@ class Ensemble:
     rod_angle, slider_position : (runs, samples) array
         [rad], [m].
     pin_force, normal_force : dict of str to (runs, samples) array
-        By joint: magnitude of the force between its bodies, and its component along the clearance [N].
+        By joint: magnitude of the force between its bodies, and its component along the clearance
+        [N].
     crank_torque : (runs, samples) array
         Torque of the drive [N m].
     """
@@ -86,15 +96,19 @@ class Ensemble:
 def simulate_runs(runs: Iterable[Run], workers: int | None = None) -> Iterator[Outcome]:
     """Simulate runs in parallel; outcomes in order of the runs.
 
-    Only a few runs are held in memory: `runs` may be a generator of any length. The outcome of a failed run contains
-    its error; the others continue.
+    Only a few runs are held in memory: `runs` may be a generator of any length. The outcome of a
+    failed run contains its error; the others continue.
     """
     known = None
 
     def with_numbers() -> Iterator[tuple[Run, Parameters | InputError]]:
         nonlocal known
         for run in runs:
-            if known is None or known[0].mechanism is not run.mechanism or known[0].options is not run.options:
+            if (
+                known is None
+                or known[0].mechanism is not run.mechanism
+                or known[0].options is not run.options
+            ):
                 known = run, numbers_of(run)
             yield run, known[1]
 
@@ -137,18 +151,23 @@ def numbers_of(run: Run) -> Parameters | InputError:
 
 
 def simulate_run(run: Run, numbers: Parameters | InputError) -> Outcome:
-    """Simulate one run with the result of `numbers_of`; the outcome of a failed run contains its error."""
+    """Simulate one run with the result of `numbers_of`; the outcome of a failed run contains its
+    error."""
     angles = crank_angles(run.options) if run.crank_angle is None else run.crank_angle
     if isinstance(numbers, InputError):
         return Outcome(run, None, angles, None, numbers)
     try:
-        result = integrate_to_angles(numbers, start_state(numbers, run.perturbation), angles, run.options.tolerance)
+        result = integrate_to_angles(
+            numbers, start_state(numbers, run.perturbation), angles, run.options.tolerance
+        )
     except (InputError, SimulationError) as error:
         return Outcome(run, numbers, angles, None, error)
     return Outcome(run, numbers, angles, result)
 
 
-def rod_and_slider(p: Parameters, crank_angle, states, auxiliary_states) -> tuple[np.ndarray, np.ndarray]:
+def rod_and_slider(
+    p: Parameters, crank_angle, states, auxiliary_states
+) -> tuple[np.ndarray, np.ndarray]:
     """Rod angle [rad] and slider position [m] of samples."""
     b = p.bodies
     end_x = b.crank_length * np.cos(crank_angle) + states[:, 0] + auxiliary_states[:, 0]
@@ -171,7 +190,9 @@ def crank_speeds(p: Parameters, times, auxiliary_states) -> np.ndarray:
     return auxiliary_states[:, 6] if p.drive.kind == MOTOR else prescribed_speeds(p, times)
 
 
-def simulate_ensemble(mechanism: Mechanism, options: Simulate, perturbations, workers: int | None = None) -> Ensemble:
+def simulate_ensemble(
+    mechanism: Mechanism, options: Simulate, perturbations, workers: int | None = None
+) -> Ensemble:
     """Simulate one mechanism from several starts."""
     rows = []
     outcomes = simulate_runs((Run(mechanism, options, one) for one in perturbations), workers)
@@ -179,12 +200,18 @@ def simulate_ensemble(mechanism: Mechanism, options: Simulate, perturbations, wo
         if outcome.error is not None:
             raise outcome.error
         p, result = outcome.parameters, outcome.result
-        rod_angle, position = rod_and_slider(p, outcome.crank_angle, result.states, result.auxiliary_states)
+        rod_angle, position = rod_and_slider(
+            p, outcome.crank_angle, result.states, result.auxiliary_states
+        )
         seen = result.observed(p)
         forces = [np.hypot(seen[f"{joint}_force_x"], seen[f"{joint}_force_y"]) for joint in JOINTS]
         normal = [seen[f"{joint}_normal_force"] for joint in JOINTS]
         loads = np.array(forces), np.array(normal), seen["crank_torque"]
         rows.append((result.times, result.states, rod_angle, position, *loads))
-    times, states, rod_angle, position, forces, normal, torque = map(np.array, zip(*rows, strict=True))
-    by_joint = ({joint: each[:, n].copy() for n, joint in enumerate(JOINTS)} for each in (forces, normal))
+    times, states, rod_angle, position, forces, normal, torque = map(
+        np.array, zip(*rows, strict=True)
+    )
+    by_joint = (
+        {joint: each[:, n].copy() for n, joint in enumerate(JOINTS)} for each in (forces, normal)
+    )
     return Ensemble(crank_angles(options), times, states, rod_angle, position, *by_joint, torque)

@@ -1,6 +1,8 @@
 """Parameters of compiled code in SI: bodies, joints, drive and effects.
 
-Each group is a structured record, which compiled code receives as one pointer. Inactive parts are zero."""
+Each group is a structured record, which compiled code receives as one pointer. Inactive parts are
+zero.
+"""
 
 import math
 from functools import cache
@@ -58,7 +60,9 @@ class BodyParameters(NamedTuple):
 
     crank_length: float
     crank_mass: float
-    crank_moment_x: float  # First moment of the crank's mass about its pivot [kg m], along and across the crank
+    crank_moment_x: (
+        float  # First moment of the crank's mass about its pivot [kg m], along and across the crank
+    )
     crank_moment_y: float
     crank_inertia: float  # About the pivot [kg m^2]
     rod_length: float
@@ -92,7 +96,8 @@ class DriveParameters(NamedTuple):
 
 
 class EffectParameters(NamedTuple):
-    """Forces on the slider and torques on the crank besides joints and weight; see `jointgap.effects`.
+    """Forces on the slider and torques on the crank besides joints and weight; see
+    `jointgap.effects`.
 
     `table_over`: 1 for a load over the crank angle, 2 for one over time, 0 for none.
     """
@@ -165,7 +170,9 @@ class Record(np.void):
         try:
             return self[name]
         except ValueError as error:
-            raise AttributeError(f"there is no {name}; there are {', '.join(self.dtype.names)}") from error
+            raise AttributeError(
+                f"there is no {name}; there are {', '.join(self.dtype.names)}"
+            ) from error
 
     def __setattr__(self, name: str, value) -> None:
         if name == "data":
@@ -177,8 +184,8 @@ class Record(np.void):
 class Parameters(NamedTuple):
     """All parameters of the equations of motion.
 
-    Records only: compiled code would count references to arrays at every call, which costs more than the equations of
-    motion.
+    Records only: compiled code would count references to arrays at every call, which costs more
+    than the equations of motion.
     """
 
     bodies: Record  # `BodyParameters`
@@ -212,7 +219,14 @@ def _kind(group: type) -> np.dtype:
 
 
 _PROGRAM = np.dtype(
-    (Record, [("length", "i8"), ("codes", "i8", (LONGEST_PROGRAM, 2)), ("numbers", "f8", (LONGEST_PROGRAM,))])
+    (
+        Record,
+        [
+            ("length", "i8"),
+            ("codes", "i8", (LONGEST_PROGRAM, 2)),
+            ("numbers", "f8", (LONGEST_PROGRAM,)),
+        ],
+    )
 )
 _KNOTS = np.dtype((Record, [("count", "i8"), ("end", "f8"), ("pieces", "f8", (MOST_KNOTS, 7))]))
 
@@ -232,7 +246,8 @@ def program_record(program: Program) -> Record:
 
 
 def knots_record(pieces: np.ndarray, end: float = math.inf) -> Record:
-    """A measured crank angle as pieces (k, 7): begin [s] and quintic polynomial from there, highest power first.
+    """A measured crank angle as pieces (k, 7): begin [s] and quintic polynomial from there, highest
+    power first.
 
     `end` [s] is the end of the last piece.
     """
@@ -243,8 +258,8 @@ def knots_record(pieces: np.ndarray, end: float = math.inf) -> Record:
 
 
 def table_record(pieces: np.ndarray) -> Record:
-    """A measured load as pieces (k, 5) of one period: begin [rad or s] and cubic polynomial from there, highest power
-    first.
+    """A measured load as pieces (k, 5) of one period: begin [rad or s] and cubic polynomial from
+    there, highest power first.
     """
     found = _with_data(np.zeros(1, _TABLE))
     found.count = len(pieces)
@@ -252,4 +267,6 @@ def table_record(pieces: np.ndarray) -> Record:
     return found
 
 
-NO_PROGRAM, NO_KNOTS, NO_TABLE = (_with_data(np.zeros(1, kind)) for kind in (_PROGRAM, _KNOTS, _TABLE))
+NO_PROGRAM, NO_KNOTS, NO_TABLE = (
+    _with_data(np.zeros(1, kind)) for kind in (_PROGRAM, _KNOTS, _TABLE)
+)

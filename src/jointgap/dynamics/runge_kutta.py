@@ -31,9 +31,11 @@ ERROR_5, ERROR_3 = DOP853.E5[:COUNT].copy(), DOP853.E3[:COUNT].copy()
 KEPT = 16
 """Number of stages of a step: its own, the rates at its end, and three for the interpolant."""
 
-MORE_STAGES, MORE_NODES, INTERPOLANT = (np.array(each) for each in (DOP853.A_EXTRA, DOP853.C_EXTRA, DOP853.D))
-"""Weights (3, 16) and nodes (3,) of the three additional stages; weights (4, 16) of all stages in the interpolant's
-upper terms. Columns 1 to 4 are zero."""
+MORE_STAGES, MORE_NODES, INTERPOLANT = (
+    np.array(each) for each in (DOP853.A_EXTRA, DOP853.C_EXTRA, DOP853.D)
+)
+"""Weights (3, 16) and nodes (3,) of the three additional stages; weights (4, 16) of all stages in
+the interpolant's upper terms. Columns 1 to 4 are zero."""
 
 
 _JOINTS, _TERMS = 3, 4 + len(INTERPOLANT)
@@ -55,8 +57,8 @@ STAGES_KEPT = np.dtype(
         ],
     )
 )
-"""Rates of the states and of the auxiliary states over s, by stage; normal forces [N], by joint and stage; coefficients
-and results of the interpolant."""
+"""Rates of the states and of the auxiliary states over s, by stage; normal forces [N], by joint and
+stage; coefficients and results of the interpolant."""
 
 
 def room_for_stages() -> np.record:
@@ -65,8 +67,8 @@ def room_for_stages() -> np.record:
 
 
 def _weighted_rows(count: int, width: int):
-    """`weighted_rows` over the first `count` of `width` numbers a row, in vectors; numba itself sums number by
-    number.
+    """`weighted_rows` over the first `count` of `width` numbers a row, in vectors; numba itself
+    sums number by number.
     """
 
     @intrinsic
@@ -92,29 +94,41 @@ def _weighted_rows(count: int, width: int):
                 factor = builder.insert_element(vector(ir.Undefined), factor, index(0))
                 factor = builder.shuffle_vector(factor, vector(ir.Undefined), lanes)
                 for i, total in enumerate(totals):
-                    at = builder.gep(start, [builder.add(builder.mul(place, index(width // _LANES)), index(i))])
+                    at = builder.gep(
+                        start, [builder.add(builder.mul(place, index(width // _LANES)), index(i))]
+                    )
                     product = builder.fmul(factor, builder.load(at, align=8), flags=("contract",))
-                    builder.store(builder.fadd(builder.load(total), product, flags=("contract",)), total)
+                    builder.store(
+                        builder.fadd(builder.load(total), product, flags=("contract",)), total
+                    )
 
             with builder.if_then(builder.icmp_signed(">", last, index(0))):
                 add(index(0))
             with cgutils.for_range_slice(builder, first, last, index(1), index) as (place, _):
                 add(place)
-            each = [builder.extract_element(builder.load(total), index(i)) for total in totals for i in range(_LANES)]
+            each = [
+                builder.extract_element(builder.load(total), index(i))
+                for total in totals
+                for i in range(_LANES)
+            ]
             return context.make_tuple(builder, signature.return_type, each)
 
         return numbers(rows, weights, place, place, place), generate
 
     def in_python(rows, weights, row, first, last):
         places = [0, *range(first, last)] if last > 0 else []
-        return tuple(sum((weights[row, place] * rows[place, :count] for place in places), np.zeros(count)).tolist())
+        return tuple(
+            sum(
+                (weights[row, place] * rows[place, :count] for place in places), np.zeros(count)
+            ).tolist()
+        )
 
     return in_python if numba.config.DISABLE_JIT else compiled_sums
 
 
 weighted_rows = _weighted_rows(STATES, STATES)
-"""weighted_rows(rows, weights, row, first, last): weights[row, 0] rows[0] + weights[row, first] rows[first] + ... to
-`last` - 1, a tuple of 8 numbers; zeros if `last` is 0."""
+"""weighted_rows(rows, weights, row, first, last): weights[row, 0] rows[0] + weights[row, first]
+rows[first] + ... to `last` - 1, a tuple of 8 numbers; zeros if `last` is 0."""
 
 weighted_motion = _weighted_rows(8, AUXILIARY_WIDTH)
 """The same for auxiliary rates without those of bristles; `weighted_auxiliary` for all of them."""
@@ -123,12 +137,16 @@ weighted_auxiliary = _weighted_rows(AUXILIARY_WIDTH, AUXILIARY_WIDTH)
 
 
 VELOCITY_TIME = 3e-5
-"""Time [s] that converts an error in a velocity to one in a position: about a period of the contact over 2 pi."""
+"""Time [s] that converts an error in a velocity to one in a position: about a period of the contact
+over 2 pi."""
 
-LINEAR, AFTER, BEFORE = (np.int64(time_map) for time_map in (0, 1, -1))  # of one type: code is compiled once
+LINEAR, AFTER, BEFORE = (
+    np.int64(time_map) for time_map in (0, 1, -1)
+)  # of one type: code is compiled once
 
 SECOND = np.array([1, 1, *(1 + np.flatnonzero(row[1:])[0] for row in STAGES[2:])])
-"""By stage, the first nonzero column after column 0; for the solution's row including the error estimators."""
+"""By stage, the first nonzero column after column 0; for the solution's row including the error
+estimators."""
 
 
 _ERRORS = np.array([ERROR_5, ERROR_3])
@@ -156,10 +174,13 @@ class Instant(NamedTuple):
 
 @inlined
 def turned(cosine, sine, angle) -> tuple:
-    """Cosine and sine of the angle with the given `cosine` and `sine`, increased by `angle` [rad]."""
+    """Cosine and sine of the angle with the given `cosine` and `sine`, increased by `angle`
+    [rad]."""
     if abs(angle) > 0.1:
         c, s = math.cos(angle), math.sin(angle)
-    else:  # Taylor polynomials: exact in double precision here, and many times faster than library functions
+    # Taylor polynomials: exact in double precision here, and many times faster than library
+    # functions
+    else:
         q = angle * angle
         q2 = q * q
         s = angle + angle * q * ((q * SIN_5 - SIN_3) + q2 * (q * SIN_9 - SIN_7))
@@ -217,7 +238,8 @@ def next_knot(joint, begin, time, resolution) -> float:
 
 @inlined
 def crank_at(p, time, x) -> tuple:
-    """Angle [rad] of the crank and its `Crank`, from the time or, with a motor, from the auxiliary states."""
+    """Angle [rad] of the crank and its `Crank`, from the time or, with a motor, from the auxiliary
+    states."""
     if p.drive.kind == MOTOR:
         return x[2], Crank(math.cos(x[2]), math.sin(x[2]), x[6], 0.0)
     angle, speed, acceleration = crank_motion(p, time)
@@ -227,7 +249,19 @@ def crank_at(p, time, x) -> tuple:
 @inlined
 def rates_of_auxiliary(x, found, bristles) -> tuple:
     """Time derivatives of the auxiliary states; `found` are `accelerations`."""
-    return (x[4], x[5], x[6], x[7], found[4], found[5], found[6], found[7], bristles[0], bristles[1], bristles[2])
+    return (
+        x[4],
+        x[5],
+        x[6],
+        x[7],
+        found[4],
+        found[5],
+        found[6],
+        found[7],
+        bristles[0],
+        bristles[1],
+        bristles[2],
+    )
 
 
 @compiled
@@ -235,7 +269,9 @@ def instant(p, time, y, x, modes, approaches, begins):
     """The instant of a state."""
     angle, crank = crank_at(p, time, x)
     damping = damping_factors(p, approaches, begins, time)
-    a, pin, piston, pivot, _, _, bristles = accelerations(p, time, angle, crank, y, x, modes, damping)
+    a, pin, piston, pivot, _, _, bristles = accelerations(
+        p, time, angle, crank, y, x, modes, damping
+    )
     slope = (y[4], y[5], y[6], y[7], a[0], a[1], a[2], a[3])
     normals = (pin[0], piston[0], pivot[0])
     rates = rates_of_auxiliary(x, a, bristles)
@@ -248,7 +284,8 @@ instant_in_place = inlined(getattr(instant, "py_func", instant))
 
 @inlined
 def auxiliary_rows(p, weights, row, first, last, k) -> tuple:
-    """Weighted sums of the auxiliary states' rates; those of bristles only where a joint has some."""
+    """Weighted sums of the auxiliary states' rates; those of bristles only where a joint has
+    some."""
     if p.switches.bristles:
         return weighted_auxiliary(k.auxiliary_rates, weights, row, first, last)[:AUXILIARY_STATES]
     return (*weighted_motion(k.auxiliary_rates, weights, row, first, last), 0.0, 0.0, 0.0)
@@ -258,11 +295,15 @@ def auxiliary_rows(p, weights, row, first, last, k) -> tuple:
 def auxiliary_after(p, x, ds, sums, weight, newest) -> tuple:
     """Auxiliary states after `ds` from `x`; `sums` contain all rates except the newest one."""
     motion = (
-        x[0] + ds * (sums[0] + weight * newest[0]), x[1] + ds * (sums[1] + weight * newest[1]),
-        x[2] + ds * (sums[2] + weight * newest[2]), x[3] + ds * (sums[3] + weight * newest[3]),
-        x[4] + ds * (sums[4] + weight * newest[4]), x[5] + ds * (sums[5] + weight * newest[5]),
-        x[6] + ds * (sums[6] + weight * newest[6]), x[7] + ds * (sums[7] + weight * newest[7]),
-    )  # fmt: skip
+        x[0] + ds * (sums[0] + weight * newest[0]),
+        x[1] + ds * (sums[1] + weight * newest[1]),
+        x[2] + ds * (sums[2] + weight * newest[2]),
+        x[3] + ds * (sums[3] + weight * newest[3]),
+        x[4] + ds * (sums[4] + weight * newest[4]),
+        x[5] + ds * (sums[5] + weight * newest[5]),
+        x[6] + ds * (sums[6] + weight * newest[6]),
+        x[7] + ds * (sums[7] + weight * newest[7]),
+    )
     if not p.switches.bristles:
         return (*motion, x[8], x[9], x[10])
     return (
@@ -277,10 +318,18 @@ def auxiliary_after(p, x, ds, sums, weight, newest) -> tuple:
 def _scaled(factor, rates) -> tuple:
     """Rates of the auxiliary states times a factor."""
     return (
-        factor * rates[0], factor * rates[1], factor * rates[2], factor * rates[3], factor * rates[4],
-        factor * rates[5], factor * rates[6], factor * rates[7], factor * rates[8], factor * rates[9],
+        factor * rates[0],
+        factor * rates[1],
+        factor * rates[2],
+        factor * rates[3],
+        factor * rates[4],
+        factor * rates[5],
+        factor * rates[6],
+        factor * rates[7],
+        factor * rates[8],
+        factor * rates[9],
         factor * rates[10],
-    )  # fmt: skip
+    )
 
 
 @inlined
@@ -297,34 +346,55 @@ def rates_over_s(k, row, here, factor, auxiliary) -> None:
 def step(p, here, time_map, s, ds, k):
     """Advance the state from s to s + ds with constant modes."""
     y, x, begins = here.clearance_state, here.auxiliary_state, here.begins
-    damping, later = damping_factors(p, here.approaches, begins, here.time), here.time + elapsed_time(time_map, s, ds)
+    damping, later = (
+        damping_factors(p, here.approaches, begins, here.time),
+        here.time + elapsed_time(time_map, s, ds),
+    )
     fades = (
         _fades(p.crank_pin, begins[0], here.time, later)
         or _fades(p.piston_pin, begins[1], here.time, later)
         or _fades(p.crank_pivot, begins[2], here.time, later)
     )
-    # The newest stage's rates are kept in registers: the slow sums over the earlier ones do not depend on them.
+    # The newest stage's rates are kept in registers: the slow sums over the earlier ones do not
+    # depend on them.
     auxiliary, factor, v = p.switches.auxiliary, dt_ds(time_map, s), here.clearance_rates
     newest = (
-        factor * v[0], factor * v[1], factor * v[2], factor * v[3],
-        factor * v[4], factor * v[5], factor * v[6], factor * v[7],
-    )  # fmt: skip
+        factor * v[0],
+        factor * v[1],
+        factor * v[2],
+        factor * v[3],
+        factor * v[4],
+        factor * v[5],
+        factor * v[6],
+        factor * v[7],
+    )
     rates_over_s(k, 0, here, factor, auxiliary)
     for i in range(3):
         k.normals[i, 0] = here.normals[i]
-    z_auxiliary, newest_auxiliary, crank, angle = x, _scaled(factor, here.auxiliary_rates), here.crank, here.crank_angle
+    z_auxiliary, newest_auxiliary, crank, angle = (
+        x,
+        _scaled(factor, here.auxiliary_rates),
+        here.crank,
+        here.crank_angle,
+    )
     for stage in range(1, COUNT):
         earlier = weighted_rows(k.rates, STAGES, stage, SECOND[stage], stage - 1)
         w = ds * STAGES[stage, stage - 1]
         z = (
-            y[0] + ds * earlier[0] + w * newest[0], y[1] + ds * earlier[1] + w * newest[1],
-            y[2] + ds * earlier[2] + w * newest[2], y[3] + ds * earlier[3] + w * newest[3],
-            y[4] + ds * earlier[4] + w * newest[4], y[5] + ds * earlier[5] + w * newest[5],
-            y[6] + ds * earlier[6] + w * newest[6], y[7] + ds * earlier[7] + w * newest[7],
-        )  # fmt: skip
+            y[0] + ds * earlier[0] + w * newest[0],
+            y[1] + ds * earlier[1] + w * newest[1],
+            y[2] + ds * earlier[2] + w * newest[2],
+            y[3] + ds * earlier[3] + w * newest[3],
+            y[4] + ds * earlier[4] + w * newest[4],
+            y[5] + ds * earlier[5] + w * newest[5],
+            y[6] + ds * earlier[6] + w * newest[6],
+            y[7] + ds * earlier[7] + w * newest[7],
+        )
         if auxiliary:
             sums = auxiliary_rows(p, STAGES, stage, SECOND[stage], stage - 1, k)
-            z_auxiliary = auxiliary_after(p, x, ds, sums, STAGES[stage, stage - 1], newest_auxiliary)
+            z_auxiliary = auxiliary_after(
+                p, x, ds, sums, STAGES[stage, stage - 1], newest_auxiliary
+            )
         advance = NODES[stage] * ds
         passed = elapsed_time(time_map, s, advance)
         if p.drive.kind == CONSTANT:
@@ -340,9 +410,15 @@ def step(p, here, time_map, s, ds, k):
         )
         factor = dt_ds(time_map, s + advance)
         newest = (
-            factor * z[4], factor * z[5], factor * z[6], factor * z[7],
-            factor * a4[0], factor * a4[1], factor * a4[2], factor * a4[3],
-        )  # fmt: skip
+            factor * z[4],
+            factor * z[5],
+            factor * z[6],
+            factor * z[7],
+            factor * a4[0],
+            factor * a4[1],
+            factor * a4[2],
+            factor * a4[3],
+        )
         for i in range(STATES):
             k.rates[stage, i] = newest[i]
         if auxiliary:
@@ -353,11 +429,15 @@ def step(p, here, time_map, s, ds, k):
     e, w = weighted_rows(k.rates, STAGES, COUNT, SECOND[COUNT], _LAST), STAGES[COUNT, _LAST]
     # Sum up before adding to the state: one rounding error of the state instead of several.
     z = (
-        y[0] + ds * (e[0] + w * newest[0]), y[1] + ds * (e[1] + w * newest[1]),
-        y[2] + ds * (e[2] + w * newest[2]), y[3] + ds * (e[3] + w * newest[3]),
-        y[4] + ds * (e[4] + w * newest[4]), y[5] + ds * (e[5] + w * newest[5]),
-        y[6] + ds * (e[6] + w * newest[6]), y[7] + ds * (e[7] + w * newest[7]),
-    )  # fmt: skip
+        y[0] + ds * (e[0] + w * newest[0]),
+        y[1] + ds * (e[1] + w * newest[1]),
+        y[2] + ds * (e[2] + w * newest[2]),
+        y[3] + ds * (e[3] + w * newest[3]),
+        y[4] + ds * (e[4] + w * newest[4]),
+        y[5] + ds * (e[5] + w * newest[5]),
+        y[6] + ds * (e[6] + w * newest[6]),
+        y[7] + ds * (e[7] + w * newest[7]),
+    )
     if auxiliary:
         sums = auxiliary_rows(p, STAGES, COUNT, SECOND[COUNT], _LAST, k)
         z_auxiliary = auxiliary_after(p, x, ds, sums, STAGES[COUNT, _LAST], newest_auxiliary)
@@ -367,8 +447,12 @@ def step(p, here, time_map, s, ds, k):
 @inlined
 def _squares(values) -> float:
     """Sum of the squares of eight errors, those of the velocities times `VELOCITY_TIME`."""
-    places = (values[0] * values[0] + values[1] * values[1]) + (values[2] * values[2] + values[3] * values[3])
-    speeds = (values[4] * values[4] + values[5] * values[5]) + (values[6] * values[6] + values[7] * values[7])
+    places = (values[0] * values[0] + values[1] * values[1]) + (
+        values[2] * values[2] + values[3] * values[3]
+    )
+    speeds = (values[4] * values[4] + values[5] * values[5]) + (
+        values[6] * values[6] + values[7] * values[7]
+    )
     return places + VELOCITY_TIME * VELOCITY_TIME * speeds
 
 
@@ -377,16 +461,24 @@ def _with_newest(k, row, newest) -> tuple:
     """Error estimate in the states with the weights of row `row` of `_ERRORS`."""
     e, w = weighted_rows(k.rates, _ERRORS, row, SECOND[COUNT], _LAST), _ERRORS[row, _LAST]
     return (
-        e[0] + w * newest[0], e[1] + w * newest[1], e[2] + w * newest[2], e[3] + w * newest[3],
-        e[4] + w * newest[4], e[5] + w * newest[5], e[6] + w * newest[6], e[7] + w * newest[7],
-    )  # fmt: skip
+        e[0] + w * newest[0],
+        e[1] + w * newest[1],
+        e[2] + w * newest[2],
+        e[3] + w * newest[3],
+        e[4] + w * newest[4],
+        e[5] + w * newest[5],
+        e[6] + w * newest[6],
+        e[7] + w * newest[7],
+    )
 
 
 @inlined
 def relative_error(p, k, newest) -> float:
-    """Estimated local error [m] over ds, from a step's stages: the 5th-order estimate, damped by the 3rd-order one.
+    """Estimated local error [m] over ds, from a step's stages: the 5th-order estimate, damped by
+    the 3rd-order one.
 
-    Errors in velocities are multiplied by `VELOCITY_TIME`, those of the crank angle by the crank's length.
+    Errors in velocities are multiplied by `VELOCITY_TIME`, those of the crank angle by the crank's
+    length.
     """
     fifth = _squares(_with_newest(k, 0, newest))
     third = _squares(_with_newest(k, 1, newest))

@@ -12,7 +12,9 @@ from jointgap.dynamics.joints import NOTHING, clearances, reaction
 from jointgap.dynamics.numba_cache import compiled, inlined
 from jointgap.dynamics.runge_kutta import crank_at, damping_factors
 
-SAMPLE = np.dtype((np.record, [(column.name, "f8") for column in TRAJECTORY.columns if column.kind == "float"]))
+SAMPLE = np.dtype(
+    (np.record, [(column.name, "f8") for column in TRAJECTORY.columns if column.kind == "float"])
+)
 """Record of one sample in compiled code."""
 
 
@@ -20,7 +22,8 @@ SAMPLE = np.dtype((np.record, [(column.name, "f8") for column in TRAJECTORY.colu
 def polar_rates(vector, direction):
     """Length and direction of a clearance vector with two time derivatives each.
 
-    At length zero its derivatives are the right-sided ones; the direction and its derivatives are NaN.
+    At length zero its derivatives are the right-sided ones; the direction and its derivatives are
+    NaN.
     """
     ex, ey, vx, vy, ax, ay = vector
     r = math.sqrt(ex * ex + ey * ey)
@@ -43,11 +46,13 @@ def _never_pulling(joint, force):
 
 @inlined
 def joint_forces_at(p, crank, alpha, pin, piston, pivot) -> tuple:
-    """Forces in the joints for samples, without attractive ones, including those of an ideal crank pivot."""
+    """Forces in the joints for samples, without attractive ones, including those of an ideal crank
+    pivot."""
     pin, piston = _never_pulling(p.crank_pin, pin), _never_pulling(p.piston_pin, piston)
     if p.crank_pivot.loose:
         return pin, piston, _never_pulling(p.crank_pivot, pivot)
-    # The crank as a free body: m a + alpha z x h - w^2 h = force,  I alpha + h x a = moment about its pivot end.
+    # The crank as a free body: m a + alpha z x h - w^2 h = force,  I alpha + h x a = moment about
+    # its pivot end.
     b = p.bodies
     hx, hy = crank_moment(b, crank)
     fx = pin[2] - b.crank_mass * b.gravity_x - alpha * hy - crank.speed**2 * hx
@@ -84,7 +89,9 @@ def fill_samples(p, found, samples):
         x = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
         angle, crank = crank_at(p, times[n], x)
         damping = damping_factors(p, approaches, begins, times[n])
-        a, pin, piston, pivot, _, force, _ = accelerations(p, times[n], angle, crank, y, x, modes, damping)
+        a, pin, piston, pivot, _, force, _ = accelerations(
+            p, times[n], angle, crank, y, x, modes, damping
+        )
         motion, at = clearances(y, x), directions_at[n]
         row.r2, row.r2_dot, row.r2_ddot, row.gamma2, row.gamma2_dot, row.gamma2_ddot = polar_rates(
             (*motion[0], a[0], a[1]), at[0]
@@ -100,7 +107,13 @@ def fill_samples(p, found, samples):
         alpha = a[6]
         pin, piston, pivot = joint_forces_at(p, crank, alpha, pin, piston, pivot)
         hx, hy = crank_moment(b, crank)
-        torque = b.crank_inertia * alpha + hx * (a[5] - b.gravity_y) - hy * (a[4] - b.gravity_x) - pivot[4] - pin[5]
+        torque = (
+            b.crank_inertia * alpha
+            + hx * (a[5] - b.gravity_y)
+            - hy * (a[4] - b.gravity_x)
+            - pivot[4]
+            - pin[5]
+        )
         torque += b.crank_length * (crank.cosine * pin[3] - crank.sine * pin[2])
         torque -= crank_losses(p, place.slider, place.slider_speed, crank.speed, angle, times[n])
         row.crank_pin_normal_force, row.crank_pin_friction_force = pin[0], pin[1]
@@ -113,13 +126,28 @@ def fill_samples(p, found, samples):
         c, s, speed, arm = place.rod_cos, place.rod_sin, place.rod_speed, b.rod_centre
         moment = pin[4] + piston[4] - arm * (c * pin[3] - s * pin[2])
         moment += (b.rod_length - arm) * (c * piston[3] - s * piston[2])
-        rod = rod_accelerations(b, c, s, speed, x[3], x[7], pin[2] + piston[2], pin[3] + piston[3], moment)
-        row.time, row.crank_angle, row.crank_speed, row.crank_acceleration = times[n], angle, crank.speed, alpha
+        rod = rod_accelerations(
+            b, c, s, speed, x[3], x[7], pin[2] + piston[2], pin[3] + piston[3], moment
+        )
+        row.time, row.crank_angle, row.crank_speed, row.crank_acceleration = (
+            times[n],
+            angle,
+            crank.speed,
+            alpha,
+        )
         row.rod_position_x = b.crank_length * crank.cosine + y[0] + x[0] + arm * c
         row.rod_position_y = b.crank_length * crank.sine + y[1] + x[1] + arm * s
-        row.rod_velocity_x = y[4] + x[4] - b.crank_length * crank.speed * crank.sine - arm * speed * s
-        row.rod_velocity_y = y[5] + x[5] + b.crank_length * crank.speed * crank.cosine + arm * speed * c
-        row.rod_acceleration_x, row.rod_acceleration_y, row.rod_angular_acceleration = rod[0], rod[1], rod[2]
+        row.rod_velocity_x = (
+            y[4] + x[4] - b.crank_length * crank.speed * crank.sine - arm * speed * s
+        )
+        row.rod_velocity_y = (
+            y[5] + x[5] + b.crank_length * crank.speed * crank.cosine + arm * speed * c
+        )
+        row.rod_acceleration_x, row.rod_acceleration_y, row.rod_angular_acceleration = (
+            rod[0],
+            rod[1],
+            rod[2],
+        )
         row.rod_angle, row.rod_angular_velocity, row.rod_deflection = math.atan2(s, c), speed, x[3]
         row.transmission_angle = math.pi / 2 + row.rod_angle
         row.slider_position, row.slider_velocity = place.slider, place.slider_speed
@@ -132,18 +160,24 @@ def fill_samples(p, found, samples):
 ROUNDING = 1e-9
 """[rad] Crank angles closer than this are equal."""
 
-_TIME, _JOINT, _BEGINS, _PEAK_FORCE = (EVENT.index(name) for name in ("time", "joint", "begins", "peak_force"))
+_TIME, _JOINT, _BEGINS, _PEAK_FORCE = (
+    EVENT.index(name) for name in ("time", "joint", "begins", "peak_force")
+)
 
 
 @compiled
 def angle_errors(p, angles, states, auxiliary_states, low, high):
-    """Difference of the transmission angle from that of the same lengths without clearance, equations (10) and (17)."""
+    """Difference of the transmission angle from that of the same lengths without clearance,
+    equations (10) and (17)."""
     b, everywhere = p.bodies, low <= 0.0 and high >= 2.0 * math.pi - ROUNDING
     count, squares, total, peak, steepest = 0, 0.0, 0.0, 0.0, 0.0
     for n in range(angles.size):
         rise = b.crank_length * math.sin(angles[n])
         end = rise + states[n, 1] + auxiliary_states[n, 1]
-        rod, ideal = (b.slider_offset + states[n, 3] - end) / b.rod_length, (b.slider_offset - rise) / b.rod_length
+        rod, ideal = (
+            (b.slider_offset + states[n, 3] - end) / b.rod_length,
+            (b.slider_offset - rise) / b.rod_length,
+        )
         steepest = max(steepest, abs(rod))
         # rounding may put the first sample of a later revolution before its beginning
         turned = angles[n] + ROUNDING
@@ -151,7 +185,9 @@ def angle_errors(p, angles, states, auxiliary_states, low, high):
             turned %= 2.0 * math.pi
         if everywhere or low <= turned <= high + 2.0 * ROUNDING:
             # difference of two angles from their sines: one inverse sine instead of two
-            size = abs(math.asin(ideal * math.sqrt(1.0 - rod * rod) - rod * math.sqrt(1.0 - ideal * ideal)))
+            size = abs(
+                math.asin(ideal * math.sqrt(1.0 - rod * rod) - rod * math.sqrt(1.0 - ideal * ideal))
+            )
             count += 1
             squares += size * size
             total += size

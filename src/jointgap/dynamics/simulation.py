@@ -35,37 +35,45 @@ from jointgap.dynamics.sampling import SAMPLE, fill_samples
 
 
 def perturbed_start(vectors: np.ndarray, loose: Collection[str]) -> np.ndarray:
-    """Initial clearance vectors, of one start or several: `vectors` in loose joints, zero in ideal ones."""
+    """Initial clearance vectors, of one start or several: `vectors` in loose joints, zero in ideal
+    ones."""
     return np.where(np.repeat([joint in loose for joint in JOINTS], 2), vectors, 0.0)
 
 
 def start_state(p: Parameters, perturbation=None) -> tuple[np.ndarray, np.ndarray]:
-    """State with given clearance vectors and zero rates; by default the ideal mechanism's positions and velocities."""
+    """State with given clearance vectors and zero rates; by default the ideal mechanism's positions
+    and velocities."""
     vectors = np.zeros(4) if perturbation is None else np.asarray(perturbation, dtype=float)
     if vectors.shape not in ((4,), (6,)) or not np.isfinite(vectors).all():
         raise InputError(
-            f"perturbation {vectors.tolist()} must be four or six finite lengths in m: r2 x, r2 y, r3 x, r3 y, r1 x, "
-            "r1 y"
+            f"perturbation {vectors.tolist()} must be four or six finite lengths in m: r2 x, r2 y,"
+            " r3 x, r3 y, r1 x, r1 y"
         )
     vectors = np.append(vectors, np.zeros(6 - vectors.size))
     for joint in JOINT.values():
         length, numbers = math.hypot(*vectors[joint.components]), getattr(p, joint.name)
         if length > 0 and not numbers.loose:
             raise InputError(
-                f"perturbation of the {joint.words}: r{joint.number} is {length:g} m, but the joint is ideal; set it "
-                "to 0"
+                f"perturbation of the {joint.words}: r{joint.number} is {length:g} m, but the joint"
+                " is ideal; set it to 0"
             )
         if length >= numbers.clearance:
             raise InputError(
-                f"perturbation of the {joint.words}: {length:g} m is not less than its clearance of "
-                f"{numbers.clearance:g} m; a simulation starts without contact"
+                f"perturbation of the {joint.words}: {length:g} m is not less than its clearance of"
+                f" {numbers.clearance:g} m; a simulation starts without contact"
             )
     b, d = p.bodies, p.drive
-    rise = b.slider_offset + vectors[3] - b.crank_length * math.sin(d.start_angle) - vectors[1] - vectors[5]
+    rise = (
+        b.slider_offset
+        + vectors[3]
+        - b.crank_length * math.sin(d.start_angle)
+        - vectors[1]
+        - vectors[5]
+    )
     if abs(rise) >= b.rod_length:
         raise InputError(
-            f"the rod of {b.rod_length:g} m does not reach the slide {abs(rise):g} m away at crank angle "
-            f"{math.degrees(d.start_angle):g} deg; lengthen the rod or shorten the crank"
+            f"the rod of {b.rod_length:g} m does not reach the slide {abs(rise):g} m away at crank"
+            f" angle {math.degrees(d.start_angle):g} deg; lengthen the rod or shorten the crank"
         )
     y, x = np.zeros(STATES), np.zeros(AUXILIARY_STATES)
     y[:4], x[:2] = vectors[:4], vectors[4:]
@@ -74,15 +82,15 @@ def start_state(p: Parameters, perturbation=None) -> tuple[np.ndarray, np.ndarra
 
 
 STEPS_PER_REVOLUTION = 1_000_000
-"""Largest mean number of steps per revolution: seconds on one core. Typical are some thousands; 10 000 to 50 000 with a
-journal that whirls by friction; some 100 000 at 3 rpm or with stiff bristles; 600 000 for a film combined with all
-other effects.
+"""Largest mean number of steps per revolution: seconds on one core. Typical are some thousands; 10
+000 to 50 000 with a journal that whirls by friction; some 100 000 at 3 rpm or with stiff bristles;
+600 000 for a film combined with all other effects.
 """
 
 COARSEST_PUBLISHED = 1e-8
-"""Largest tolerance [m] for a contact of the published form. Its damping by the approach speed is permanent, so the
-equations are stiff after a slow impact, and an explicit method with a larger tolerance takes up to twenty times as many
-steps."""
+"""Largest tolerance [m] for a contact of the published form. Its damping by the approach speed is
+permanent, so the equations are stiff after a slow impact, and an explicit method with a larger
+tolerance takes up to twenty times as many steps."""
 
 _FAILURES = {
     TOO_MANY_STEPS: "requires more than {limit} steps",
@@ -92,19 +100,24 @@ _FAILURES = {
 }
 _ADVICE = {
     STALLED: "give the motor more torque or inertia, or less load",
-    NOT_FINITE: "check the effects and formulas (a root of a negative number, self-locking friction) and "
-    "whether a contact is so soft that the rod leaves the slide",
+    NOT_FINITE: (
+        "check the effects and formulas (a root of a negative number, self-locking friction) and "
+        "whether a contact is so soft that the rod leaves the slide"
+    ),
 }
 
 _CREEPING = 1e-3
-"""Share of a motor's no_load_speed below which it has stalled; with smooth friction laws the crank never stops."""
+"""Share of a motor's no_load_speed below which it has stalled; with smooth friction laws the crank
+never stops."""
 
 
 @dataclass(frozen=True)
 class Trajectory:
     """One simulated motion."""
 
-    samples: pd.DataFrame  # One row per sample, columns of the table ``trajectory``; NaN where undefined
+    samples: (
+        pd.DataFrame
+    )  # One row per sample, columns of the table ``trajectory``; NaN where undefined
     events: pd.DataFrame  # One row per beginning or end of contact, columns of the table ``events``
     steps: int  # Integration steps, including rejected ones
 
@@ -127,7 +140,8 @@ class IntegrationResult(NamedTuple):
         return IntegrationResult(*(values[chosen] for values in self[:-2]), *self[-2:])
 
     def observed(self, p: Parameters) -> dict[str, np.ndarray]:
-        """All quantities of the samples, by column of `jointgap.dynamics.sampling.SAMPLE`, (n,) each."""
+        """All quantities of the samples, by column of `jointgap.dynamics.sampling.SAMPLE`, (n,)
+        each."""
         samples = np.empty(self.times.size, SAMPLE)
         fill_samples(p, self, samples)
         return {name: samples[name] for name in SAMPLE.names}
@@ -153,22 +167,34 @@ def simulate(mechanism: Mechanism, options: Simulate, perturbation=None) -> Traj
 
 def _clockwise(mechanism: Mechanism, options: Simulate, perturbation) -> Trajectory:
     """`simulate` for a clockwise crank, by its mirror image."""
-    behind = options.model_copy(update={"speed": -options.speed, "start_angle": -options.start_angle})
+    behind = options.model_copy(
+        update={"speed": -options.speed, "start_angle": -options.start_angle}
+    )
     if perturbation is not None:
-        perturbation = np.asarray(perturbation, dtype=float) * np.resize([1.0, -1.0], np.shape(perturbation))
+        perturbation = np.asarray(perturbation, dtype=float) * np.resize(
+            [1.0, -1.0], np.shape(perturbation)
+        )
     seen = simulate(mechanism.applied().mirrored(), behind, perturbation)
     samples = seen.samples.copy()
     for name in samples:
         if _turns_sign(name):
             samples[name] = -samples[name]
     samples["transmission_angle"] = math.pi - samples["transmission_angle"]
-    return Trajectory(samples, seen.events.assign(crank_angle=-seen.events["crank_angle"]), seen.steps)
+    return Trajectory(
+        samples, seen.events.assign(crank_angle=-seen.events["crank_angle"]), seen.steps
+    )
 
 
 def _turns_sign(name: str) -> bool:
     """Whether a column of the trajectory changes its sign in the mirror image in the line y = 0."""
-    across = name.endswith(("_y", "_friction_force", "_torque")) or name.startswith(("crank_a", "crank_s", "gamma"))
-    return across or (name.startswith(("guide_", "rod_a")) and "acceleration_x" not in name) or name == "rod_deflection"
+    across = name.endswith(("_y", "_friction_force", "_torque")) or name.startswith(
+        ("crank_a", "crank_s", "gamma")
+    )
+    return (
+        across
+        or (name.startswith(("guide_", "rod_a")) and "acceleration_x" not in name)
+        or name == "rod_deflection"
+    )
 
 
 def crank_angles(options: Simulate) -> np.ndarray:
@@ -186,7 +212,8 @@ def integrate_to_angles(
     tolerance: float,
     steps_per_revolution: int | None = None,
 ) -> IntegrationResult:
-    """Integrate from `start` and sample at the crank angles `angles` (n,) [rad], the first being the start angle."""
+    """Integrate from `start` and sample at the crank angles `angles` (n,) [rad], the first being
+    the start angle."""
     progress = beginning(p, *start, crank_times(p, angles[:1])[0])
     return integrate_on(p, progress, angles, tolerance, steps_per_revolution)[0]
 
@@ -220,17 +247,23 @@ def integrate_on(
     status, end, events, steps = integrate(p, progress, samples, angles, fine, limit, room)
     if status != DONE:
         advice = (
-            f"use a larger tolerance than {tolerance:g} m, or check the causes of stiffness: stiffness, "
-            "restitution, friction_speed or bristle_stiffness of the contacts, a small mass, an effect or its formula"
+            f"use a larger tolerance than {tolerance:g} m, or check the causes of stiffness:"
+            " stiffness, restitution, friction_speed or bristle_stiffness of the contacts, a small"
+            " mass, an effect or its formula"
         )
         if status == TOO_MANY_STEPS:
-            advice = f"{_format_contacts(p, end.here, events)}; {advice}, or friction that makes a journal whirl"
-            if p.drive.kind == MOTOR and abs(end.here.crank.speed) < _CREEPING * abs(p.drive.no_load_speed):
+            advice = (
+                f"{_format_contacts(p, end.here, events)}; {advice}, or friction that makes a"
+                " journal whirl"
+            )
+            if p.drive.kind == MOTOR and abs(end.here.crank.speed) < _CREEPING * abs(
+                p.drive.no_load_speed
+            ):
                 advice = f"the crank almost stands still; {_ADVICE[STALLED]}"
         raise SimulationError(
-            f"the simulation {_FAILURES[status].format(limit=limit)} at time {end.here.time:.9g} s, crank "
-            f"angle {math.degrees(end.here.crank_angle):.6g} deg ({_format_state(p, end.here)}); "
-            f"{_ADVICE.get(status, advice)}"
+            f"the simulation {_FAILURES[status].format(limit=limit)} at time {end.here.time:.9g} s,"
+            f" crank angle {math.degrees(end.here.crank_angle):.6g} deg"
+            f" ({_format_state(p, end.here)}); {_ADVICE.get(status, advice)}"
         )
     return samples._replace(events=events, steps=steps), end
 
@@ -240,14 +273,17 @@ def _check_reached(p: Parameters, times: np.ndarray, angles: np.ndarray) -> None
     reached = crank_motion(p, times[-1])[0]
     if (np.diff(times) <= 0).any() or abs(reached - angles[-1]) > 1e-9 * max(abs(angles[-1]), 1.0):
         raise InputError(
-            f"the measured crank angle ends at {math.degrees(reached):.9g} deg and {times[-1]:.9g} s, the "
-            f"samples at {math.degrees(angles[-1]):.9g} deg; reduce the revolutions or give a longer record"
+            f"the measured crank angle ends at {math.degrees(reached):.9g} deg and {times[-1]:.9g}"
+            f" s, the samples at {math.degrees(angles[-1]):.9g} deg; reduce the revolutions or give"
+            " a longer record"
         )
 
 
 def _fine_enough(p: Parameters, tolerance: float) -> float:
     joints = [getattr(p, name) for name in JOINTS]
-    published = any(joint.loose and joint.damping > 0 and math.isinf(joint.memory_time) for joint in joints)
+    published = any(
+        joint.loose and joint.damping > 0 and math.isinf(joint.memory_time) for joint in joints
+    )
     return min(tolerance, COARSEST_PUBLISHED) if published else tolerance
 
 
@@ -276,17 +312,20 @@ def _format_contacts(p: Parameters, end: Instant, events: np.ndarray) -> str:
 
 
 def _check_finite(columns: dict[str, np.ndarray], times: np.ndarray) -> None:
-    """SimulationError where a quantity besides the motion, such as the torque on a prescribed crank, is not finite."""
+    """SimulationError where a quantity besides the motion, such as the torque on a prescribed
+    crank, is not finite."""
     for name, values in columns.items():
         if name.startswith("gamma") or np.isfinite(values).all():
             continue
         sample = int(np.flatnonzero(~np.isfinite(values))[0])
         state = ", ".join(
-            f"{key} {columns[key][sample]:.9g}" for key in ("crank_speed", "slider_position", "rod_angle")
+            f"{key} {columns[key][sample]:.9g}"
+            for key in ("crank_speed", "slider_position", "rod_angle")
         )
         raise SimulationError(
-            f"{name} is not finite at time {times[sample]:.9g} s, crank angle "
-            f"{math.degrees(columns['crank_angle'][sample]):.6g} deg (state in SI: {state}); {_ADVICE[NOT_FINITE]}"
+            f"{name} is not finite at time {times[sample]:.9g} s, crank angle"
+            f" {math.degrees(columns['crank_angle'][sample]):.6g} deg (state in SI: {state});"
+            f" {_ADVICE[NOT_FINITE]}"
         )
 
 

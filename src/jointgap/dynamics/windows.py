@@ -1,8 +1,11 @@
-"""A motion in windows: the full contact model over short parts of a record, each with its own initial state.
+"""A motion in windows: the full contact model over short parts of a record, each with its own
+initial state.
 
-The state of a loose joint in a window is the angle of its pin on the clearance circle and the rate of that angle. The
-distance of the centres follows: in contact the equilibrium penetration, plus the deviation at the end of the previous
-window; in flight its share of the clearance. Windows that join form one trajectory from an estimated start."""
+The state of a loose joint in a window is the angle of its pin on the clearance circle and the rate
+of that angle. The distance of the centres follows: in contact the equilibrium penetration, plus the
+deviation at the end of the previous window; in flight its share of the clearance. Windows that join
+form one trajectory from an estimated start.
+"""
 
 import math
 from dataclasses import dataclass
@@ -25,7 +28,10 @@ STEPS_PER_REVOLUTION = 30_000
 """Largest number of steps of a window, per revolution: states that require more are unrealistic."""
 
 _LONG_AGO = -1e6  # [s] beginning of a contact whose impact has no effect any more
-_NEWTON, _CLOSE = 6, 1e-6  # largest number of steps to the equilibrium, and its tolerance of the forces [1]
+_NEWTON, _CLOSE = (
+    6,
+    1e-6,
+)  # largest number of steps to the equilibrium, and its tolerance of the forces [1]
 _LOST = 100.0  # [1] squared residual of each reading in a failed window
 _NEGLIGIBLE = 0.3  # [1] decrease of a window's squares below which iteration stops
 _LEAST_FORCE = 1e-4  # [N] of a contact in equilibrium without load
@@ -34,11 +40,15 @@ _LEAST_FORCE = 1e-4  # [N] of a contact in equilibrium without load
 class Carried(NamedTuple):
     """Initial values of each of k windows besides its state, from the previous window."""
 
-    auxiliary: np.ndarray  # (k, 11) states of a bending rod, of bristles, and of a crank that is free
+    auxiliary: (
+        np.ndarray
+    )  # (k, 11) states of a bending rod, of bristles, and of a crank that is free
     modes: np.ndarray  # (k, 3)
     approaches: np.ndarray  # (k, 3) [m/s]
     begins: np.ndarray  # (k, 3) [s]
-    off: np.ndarray  # (k, 3) in contact the penetration minus that of the equilibrium [m], in flight r over clearance
+    # (k, 3) in contact the penetration minus that of the equilibrium [m], in flight r over
+    # clearance
+    off: np.ndarray
     radial: np.ndarray  # (k, 3) radial speeds [m/s]
 
 
@@ -110,12 +120,17 @@ def _leaving(p, here, angle, rate, depth, out):
         if joint.loose:
             ax = a[4] if j == 0 else (a[6] if j == 1 else b[4])
             ay = a[5] if j == 0 else (a[7] if j == 1 else b[5])
-            out[j] = ax * math.cos(angle[j]) + ay * math.sin(angle[j]) + (joint.clearance + depth[j]) * rate[j] ** 2
+            out[j] = (
+                ax * math.cos(angle[j])
+                + ay * math.sin(angle[j])
+                + (joint.clearance + depth[j]) * rate[j] ** 2
+            )
 
 
 @compiled
 def _balance(p, time, angle, rate, depth, radial, auxiliary, modes, approaches, begins):
-    """The `depth` [m] (3,) with the equilibrium penetration of joints in contact, which keeps them on their circles.
+    """The `depth` [m] (3,) with the equilibrium penetration of joints in contact, which keeps them
+    on their circles.
 
     Newton's method for the forces; accelerations are linear in them, except for friction.
     """
@@ -137,7 +152,9 @@ def _balance(p, time, angle, rate, depth, radial, auxiliary, modes, approaches, 
                 joint, more = _joint(p, j), max(1e-3 * force[j], 1e-3)
                 before = depth[j]
                 depth[j] = ((force[j] + more) / joint.stiffness) ** (1.0 / joint.exponent)
-                there = _placed(p, time, angle, rate, depth, still, auxiliary, modes, approaches, begins)
+                there = _placed(
+                    p, time, angle, rate, depth, still, auxiliary, modes, approaches, begins
+                )
                 _leaving(p, there, angle, rate, depth, moved)
                 depth[j] = before
                 for i in range(3):
@@ -193,7 +210,9 @@ def _begin(p, time, k, slow, speed, carried):
     here = _placed(p, time, angle, rate, depth, radial, auxiliary, modes, approaches, begins)
     seen = clearances(here.clearance_state, here.auxiliary_state)
     start = 0.05 * longest_step(p)
-    return Progress(here, seen, here.time, (0.0, 0.0, 0.0), np.zeros((3, EPISODE)), start, LINEAR, 0.0)
+    return Progress(
+        here, seen, here.time, (0.0, 0.0, 0.0), np.zeros((3, EPISODE)), start, LINEAR, 0.0
+    )
 
 
 @compiled
@@ -216,13 +235,15 @@ def _part(found, first, last):
 def _run(p, k, slow, speed, carried, rows, tolerance, room, end, after):
     """Integrate window `k` from the state `slow` (d,); returns whether it succeeded.
 
-    Its samples are those of the `rows`, the last one at its end. The state there and its other values become row `k` of
-    `end` and `after`.
+    Its samples are those of the `rows`, the last one at its end. The state there and its other
+    values become row `k` of `end` and `after`.
     """
     found, first, last = rows.found, rows.bounds[k], rows.bounds[k + 1]
     part = _part(found, first, last)
     progress = _begin(p, part.times[0], k, slow, speed, carried)
-    status, _, _, _ = integrate(p, progress, part, rows.angles[first:last], tolerance, rows.limits[k], room)
+    status, _, _, _ = integrate(
+        p, progress, part, rows.angles[first:last], tolerance, rows.limits[k], room
+    )
     if status != DONE:
         return False
     y, x, n = part.states[-1], part.auxiliary_states[-1], last - 1
@@ -239,7 +260,11 @@ def _run(p, k, slow, speed, carried, rows, tolerance, room, end, after):
     for i in range(AUXILIARY_STATES):
         after.auxiliary[k, i] = x[i]
     for j in range(3):
-        after.modes[k, j], after.approaches[k, j], after.begins[k, j] = modes[j], approaches[j], begins[j]
+        after.modes[k, j], after.approaches[k, j], after.begins[k, j] = (
+            modes[j],
+            approaches[j],
+            begins[j],
+        )
         after.off[k, j], after.radial[k, j] = 0.0, polar[j, 1]
         joint = _joint(p, j)
         if joint.loose:
@@ -269,7 +294,8 @@ class Rows(NamedTuple):
 
 
 def rows_of(p: Parameters, edges: np.ndarray, angles: np.ndarray) -> Rows:
-    """Rows for samples at sorted crank `angles` [rad] in windows between the crank angles `edges` (k + 1,) [rad]."""
+    """Rows for samples at sorted crank `angles` [rad] in windows between the crank angles `edges`
+    (k + 1,) [rad]."""
     count = edges.size - 1
     window = np.clip(np.searchsorted(edges, angles, side="right") - 1, 0, count - 1)
     places, turned = np.arange(count), np.clip(angles, edges[0], edges[-1])
@@ -289,15 +315,18 @@ def rows_of(p: Parameters, edges: np.ndarray, angles: np.ndarray) -> Rows:
         np.empty((0, len(EVENT))),
         0,
     )
-    limits = np.ceil(STEPS_PER_REVOLUTION * np.maximum(np.diff(edges) / math.tau, 0.02)).astype(np.int64)
+    limits = np.ceil(STEPS_PER_REVOLUTION * np.maximum(np.diff(edges) / math.tau, 0.02)).astype(
+        np.int64
+    )
     return Rows(all_angles, np.searchsorted(of[order], np.arange(count + 1)), sample, found, limits)
 
 
 def simulate_windows(
     p: Parameters, rows: Rows, slow: np.ndarray, carried: Carried, tolerance: float
 ) -> tuple[dict[str, np.ndarray], np.ndarray, Carried, np.ndarray]:
-    """Channels (m,) at the samples of the `rows`, by column of `jointgap.dynamics.sampling.SAMPLE`; states (k, d) at
-    the ends of the windows, further values there, and the success (k,) of each window.
+    """Channels (m,) at the samples of the `rows`, by column of `jointgap.dynamics.sampling.SAMPLE`;
+    states (k, d) at the ends of the windows, further values there, and the success (k,) of each
+    window.
 
     NaN in failed windows.
     """
@@ -344,13 +373,16 @@ class Readings(NamedTuple):
     factor: np.ndarray  # (c,) scale of the readings
     shift: np.ndarray  # (c,) offset of the readings [unit]
     data: np.ndarray  # (n, c) [unit]
-    weight: np.ndarray  # (n, c) 1 over the standard deviation of the noise [1/unit]; 0 for missing readings
+    weight: (
+        np.ndarray
+    )  # (n, c) 1 over the standard deviation of the noise [1/unit]; 0 for missing readings
 
 
 class FilterSettings(NamedTuple):
     """Settings of the filter."""
 
-    jump: float  # [rad], [crank speeds] standard deviation of a state relative to the end of the previous window
+    # [rad], [crank speeds] standard deviation of a state relative to the end of the previous window
+    jump: float
     first: float = 1.0  # the same for the first state relative to the best guess
     heavy: float = 9.0  # degrees of freedom of the heavy-tailed residuals
     iterations: int = 6
@@ -361,7 +393,8 @@ class FilterSettings(NamedTuple):
 
 @compiled
 def _misfit(p, found, first, last, samples, numbers, readings, heavy, out):
-    """Residuals of the rows from `first` to `last`, into `out` (c n,); returns their number and sum of squares."""
+    """Residuals of the rows from `first` to `last`, into `out` (c n,); returns their number and sum
+    of squares."""
     fill_samples(p, _part(found, first, last), samples[first:last])
     n, total = 0, 0.0
     for i in range(first, last):
@@ -370,7 +403,11 @@ def _misfit(p, found, first, last, samples, numbers, readings, heavy, out):
             if weight > 0.0:
                 value = readings.factor[c] * numbers[i, readings.columns[c]] + readings.shift[c]
                 r = (value - readings.data[i, c]) * weight
-                r = math.copysign(math.sqrt(heavy * math.log1p(r * r / heavy)), r) if abs(r) < 1e9 else 1e2
+                r = (
+                    math.copysign(math.sqrt(heavy * math.log1p(r * r / heavy)), r)
+                    if abs(r) < 1e9
+                    else 1e2
+                )
                 out[n] = r
                 total += r * r
                 n += 1
@@ -410,12 +447,21 @@ class _Filtering(NamedTuple):
 
 @compiled
 def _trial(p, k, state, of, into, end):
-    """Simulate window `k` from a `state`; returns number and squares of residuals, 0 and infinity for a failure."""
+    """Simulate window `k` from a `state`; returns number and squares of residuals, 0 and infinity
+    for a failure."""
     rows, speed = of.rows, abs(p.drive.speed)
     if not _run(p, k, state, speed, of.carried, rows, of.tolerance, of.room, end, of.after):
         return 0, math.inf
     return _misfit(
-        p, rows.found, rows.bounds[k], rows.bounds[k + 1], of.samples, of.numbers, of.readings, of.settings.heavy, into
+        p,
+        rows.found,
+        rows.bounds[k],
+        rows.bounds[k + 1],
+        of.samples,
+        of.numbers,
+        of.readings,
+        of.settings.heavy,
+        into,
     )
 
 
@@ -428,8 +474,8 @@ def _pull(state, mean, precision, change):
 
 @compiled
 def _refined_state(p, k, state, mean, precision, of):
-    """The best state of window `k` near `state`, by Levenberg-Marquardt steps, with its squares of residuals and of the
-    deviation from its `mean`."""
+    """The best state of window `k` near `state`, by Levenberg-Marquardt steps, with its squares of
+    residuals and of the deviation from its `mean`."""
     d, settings = state.size, of.settings
     n, total = _trial(p, k, state, of, of.residual, of.end)
     damping = 1e-3
@@ -478,13 +524,15 @@ def _refined_state(p, k, state, mean, precision, of):
 
 @compiled
 def find_states(p, of, guesses, first_is_known, others, slow):
-    """Estimate the states of all windows one after the other, each from the end of the previous one.
+    """Estimate the states of all windows one after the other, each from the end of the previous
+    one.
 
-    An iterated extended Kalman filter. The first state is near the best of the `guesses`, or near the first of them if
-    that is known and fits well. For a window with large residuals the one of the `others` (k, d) is tried too, unless
-    it is NaN. Fills `slow` (k, d) and the initial values of the windows. Returns sums over the windows: squares of
-    residuals and jumps, and log determinants, which give the log marginal likelihood; and squares (k,) and numbers (k,)
-    of the residuals.
+    An iterated extended Kalman filter. The first state is near the best of the `guesses`, or near
+    the first of them if that is known and fits well. For a window with large residuals the one of
+    the `others` (k, d) is tried too, unless it is NaN. Fills `slow` (k, d) and the initial values
+    of the windows. Returns sums over the windows: squares of residuals and jumps, and log
+    determinants, which give the log marginal likelihood; and squares (k,) and numbers (k,) of the
+    residuals.
     """
     count, d = slow.shape
     rows, settings = of.rows, of.settings
@@ -503,7 +551,10 @@ def find_states(p, of, guesses, first_is_known, others, slow):
         elif not math.isnan(others[k, 0]):
             for other in (mean, others[k]):
                 m, total = _trial(p, k, other, of, of.moved, of.tried_end)
-                if total < (least if least < math.inf else total + 1.0) and least > settings.bad * m:
+                if (
+                    total < (least if least < math.inf else total + 1.0)
+                    and least > settings.bad * m
+                ):
                     lost = least < math.inf and total < 0.5 * least
                     state = other.copy()
                     if lost:  # do not start from the end of a failed window
@@ -564,17 +615,36 @@ def filtered(
     others: np.ndarray,
     tolerance: float,
 ) -> tuple[Found, Sums]:
-    """States of the first `count` windows of the `rows`, by `find_states` with the same arguments."""
+    """States of the first `count` windows of the `rows`, by `find_states` with the same
+    arguments."""
     d, carried = others.shape[1], resting(p, count)
     slow, numbers = np.zeros((count, d)), np.zeros((rows.angles.size, len(SAMPLE.names)))
     most = int(np.max(np.diff(rows.bounds[: count + 1]))) * readings.columns.size
     of = _Filtering(
-        rows, readings, settings, tolerance, carried, _like(carried), room_for_stages(),
-        np.frombuffer(numbers, dtype=SAMPLE), numbers, np.zeros(most), np.zeros(most), np.zeros((most, d)), np.eye(d),
-        np.zeros((d, d)), np.zeros(d), np.zeros((count, d)), np.zeros((count, d)),
-    )  # fmt: skip
+        rows,
+        readings,
+        settings,
+        tolerance,
+        carried,
+        _like(carried),
+        room_for_stages(),
+        np.frombuffer(numbers, dtype=SAMPLE),
+        numbers,
+        np.zeros(most),
+        np.zeros(most),
+        np.zeros((most, d)),
+        np.eye(d),
+        np.zeros((d, d)),
+        np.zeros(d),
+        np.zeros((count, d)),
+        np.zeros((count, d)),
+    )
     cost, determinant, squares, sizes = find_states(p, of, guesses, first_is_known, others, slow)
     lost = ~np.isfinite(squares)
     # a failed window counts as much as one that misses all of its readings
-    usual = float(np.mean(sizes[~lost])) if (~lost).any() else float(np.count_nonzero(readings.weight))
-    return Found(slow, carried), Sums(cost + determinant + _LOST * usual * int(lost.sum()), float(sizes.sum()))
+    usual = (
+        float(np.mean(sizes[~lost])) if (~lost).any() else float(np.count_nonzero(readings.weight))
+    )
+    return Found(slow, carried), Sums(
+        cost + determinant + _LOST * usual * int(lost.sum()), float(sizes.sum())
+    )

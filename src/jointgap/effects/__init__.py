@@ -7,11 +7,20 @@ from typing import Annotated
 from pydantic import Field
 
 from jointgap.core.errors import MEANINGS
-from jointgap.effects import bodies, clearance, crank, pins, slider, slider_force_table  # noqa: F401
+from jointgap.effects import (  # noqa: F401 importing a module registers its effects
+    bodies,
+    clearance,
+    crank,
+    pins,
+    slider,
+    slider_force_table,
+)
 from jointgap.effects.base import CATALOGUE, CRANK_SIGN_SPEED, GROUPS, SLIDER_SIGN_SPEED, Effect
 
 #: Every effect by its name, in the order of the catalogue.
-EFFECTS: dict[str, type[Effect]] = {effect.NAME: effect for effect in sorted(CATALOGUE, key=lambda one: one.ORDER)}
+EFFECTS: dict[str, type[Effect]] = {
+    effect.NAME: effect for effect in sorted(CATALOGUE, key=lambda one: one.ORDER)
+}
 
 MEANINGS.update((name, effect.__doc__) for name, effect in EFFECTS.items())
 

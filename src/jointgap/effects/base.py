@@ -75,7 +75,8 @@ class MotionScale:
 
     @classmethod
     def of(cls, mechanism: Any, turning: float) -> "MotionScale":
-        """For a `mechanism` (`jointgap.config.Mechanism`) with the crank speed `turning` [rad/s]."""
+        """For a `mechanism` (`jointgap.config.Mechanism`) with the crank speed `turning`
+        [rad/s]."""
         crank, rod = mechanism.crank.length, mechanism.rod.length
         mass = mechanism.slider.mass + 0.5 * mechanism.rod.mass
         inertia = mass * crank * turning**2 / math.sqrt(2.0)
@@ -157,23 +158,28 @@ class EffectParameter:
 parameter = EffectParameter
 
 
-def amplitude(name: str, step: float, unit: str, low: float = -math.inf, high: float = math.inf) -> Parameter:
-    """A coordinate `name` of a fit that is 0 without the effect; `step`, `low` and `high` in `unit`."""
+def amplitude(
+    name: str, step: float, unit: str, low: float = -math.inf, high: float = math.inf
+) -> Parameter:
+    """A coordinate `name` of a fit that is 0 without the effect; `step`, `low` and `high` in
+    `unit`."""
     return Parameter(name, 0.0, low, high, step, unit)
 
 
 def size_and_angle(values: Values, size: str, angle: str) -> dict[str, float]:
-    """The parameters `size` and `angle` [rad], from the values of the coordinates ``cosine`` and ``sine``."""
+    """The parameters `size` and `angle` [rad], from the values of the coordinates ``cosine`` and
+    ``sine``."""
     cosine, sine = values["cosine"], values["sine"]
     return {size: math.hypot(cosine, sine), angle: math.atan2(sine, cosine)}
 
 
 class Effect(ConfigModel):
-    """A physical effect besides contact and friction in the joints; active if a mechanism file lists it.
+    """A physical effect besides contact and friction in the joints; active if a mechanism file
+    lists it.
 
-    The decorator `register_effect` adds a subclass to the catalogue. Its entry in a mechanism file has the keys
-    ``name`` (the class name in snake case), those of `KEYS`, and ``parameters``. Symbols of the laws: slider velocity
-    v and position x, crank speed w and angle theta, time t.
+    The decorator `register_effect` adds a subclass to the catalogue. Its entry in a mechanism file
+    has the keys ``name`` (the class name in snake case), those of `KEYS`, and ``parameters``.
+    Symbols of the laws: slider velocity v and position x, crank speed w and angle theta, time t.
 
     Attributes
     ----------
@@ -192,8 +198,8 @@ class Effect(ConfigModel):
     PARAMETERS : ConfigModel
         Parameters, with units in their names, if they are not class attributes (`parameter`).
     ANGLE : str
-        The parameter that is the phase or direction [rad] of the parameter with a ``step``; a fit varies ``cosine``
-        and ``sine`` instead.
+        The parameter that is the phase or direction [rad] of the parameter with a ``step``; a fit
+        varies ``cosine`` and ``sine`` instead.
     OPTIONAL : bool
         Whether an entry may omit ``parameters``.
     ADDS_TO : mapping of str to (str, str)
@@ -201,7 +207,8 @@ class Effect(ConfigModel):
     DRIVE : str
         The required kind of drive; empty for all.
     MEMBERS : mapping of str to float
-        For the law of a family: its members and the shape [1] of each. The shape is fitted once a member is found.
+        For the law of a family: its members and the shape [1] of each. The shape is fitted once a
+        member is found.
     SHAPE, IN_USE : str, tuple of float
         For the law of a family: the shape parameter, and shapes of common laws.
     ACTS_AT_ZERO : bool
@@ -252,17 +259,23 @@ class Effect(ConfigModel):
     def compile_into(self, records: Records) -> None:
         """Write its parameters into the records of the equations of motion."""
         compiled = {key: one.compiled for key, one in self.DESCRIBED.items() if one.compiled}
-        records["effects"] |= {field: getattr(self.parameters, key) for key, field in compiled.items()}
+        records["effects"] |= {
+            field: getattr(self.parameters, key) for key, field in compiled.items()
+        }
         if self.GROUP == "slider":
             records["effects"]["on_slider"] = True
 
     def largest_force(self, stroke: float) -> float:
-        """Approximate largest force [N] on the slider over a `stroke` [m]; 0 if it has no stated force."""
+        """Approximate largest force [N] on the slider over a `stroke` [m]; 0 if it has no stated
+        force."""
         return abs(getattr(self.parameters, "force_N", 0.0))
 
     def mirrored(self) -> "Effect":
-        """The effect mirrored at the slide, which makes a clockwise crank turn counter-clockwise."""
-        odd = {key: -getattr(self.parameters, key) for key, one in self.DESCRIBED.items() if one.odd}
+        """The effect mirrored at the slide, which makes a clockwise crank turn
+        counter-clockwise."""
+        odd = {
+            key: -getattr(self.parameters, key) for key, one in self.DESCRIBED.items() if one.odd
+        }
         return self.with_parameters(**odd) if odd else self
 
     def with_parameters(self, **values: Any) -> "Effect":
@@ -271,7 +284,11 @@ class Effect(ConfigModel):
 
     @classmethod
     def candidate(
-        cls, *coordinates: Parameter, site: str = "", amplitudes: tuple[str, ...] = (), **attributes: Any
+        cls,
+        *coordinates: Parameter,
+        site: str = "",
+        amplitudes: tuple[str, ...] = (),
+        **attributes: Any,
     ) -> Candidate:
         """The candidate of this effect.
 
@@ -287,7 +304,9 @@ class Effect(ConfigModel):
             Other attributes of a `Candidate`.
         """
         keys = amplitudes or tuple(coordinate.key for coordinate in coordinates)
-        return Candidate(cls.NAME, site or cls.SITE, coordinates, keys, has_site=bool(site), **attributes)
+        return Candidate(
+            cls.NAME, site or cls.SITE, coordinates, keys, has_site=bool(site), **attributes
+        )
 
     @classmethod
     def sizes(cls, scale: MotionScale) -> tuple[Parameter, ...]:
@@ -298,7 +317,9 @@ class Effect(ConfigModel):
                 high = math.inf if one.le is None else float(one.le)
                 low = -high if cls.ANGLE else -math.inf if one.ge is None else float(one.ge)
                 names = ("cosine", "sine") if cls.ANGLE else (key,)
-                found += [amplitude(name, one.step(scale), one.unit or "1", low, high) for name in names]
+                found += [
+                    amplitude(name, one.step(scale), one.unit or "1", low, high) for name in names
+                ]
         return tuple(found)
 
     @classmethod
@@ -316,12 +337,22 @@ class Effect(ConfigModel):
 
     @classmethod
     def family(
-        cls, member: type["Effect"], scale: MotionScale, sizes=(), others=(), values: Callable = dict, **attributes: Any
+        cls,
+        member: type["Effect"],
+        scale: MotionScale,
+        sizes=(),
+        others=(),
+        values: Callable = dict,
+        **attributes: Any,
     ) -> LawFamily:
-        """This law as family of a `member`: a fit varies the shape, `sizes` (default: those of the law) and `others`,
-        which are inactive at the member's shape.
+        """This law as family of a `member`: a fit varies the shape, `sizes` (default: those of the
+        law) and `others`, which are inactive at the member's shape.
         """
-        sizes, own, bounds = sizes or cls.sizes(scale), cls.MEMBERS[member.NAME], cls.DESCRIBED[cls.SHAPE]
+        sizes, own, bounds = (
+            sizes or cls.sizes(scale),
+            cls.MEMBERS[member.NAME],
+            cls.DESCRIBED[cls.SHAPE],
+        )
         shape = Parameter(cls.SHAPE, own, float(bounds.ge), float(bounds.le), 0.1)
         amplitudes = tuple(one.key for one in sizes)
         law = cls.candidate(*sizes, *others, shape, amplitudes=amplitudes, **attributes)
@@ -331,7 +362,11 @@ class Effect(ConfigModel):
     def candidates(cls, context: FitContext) -> Candidates:
         """One candidate for each site where it can act; default: the parameters with a ``step``."""
         sizes = () if cls.MEMBERS else cls.sizes(context.scale)
-        return [cls.candidate(*sizes, parameters=cls.stated, families=cls.families(context))] if sizes else []
+        return (
+            [cls.candidate(*sizes, parameters=cls.stated, families=cls.families(context))]
+            if sizes
+            else []
+        )
 
     @classmethod
     def simulated(cls, values: Values) -> tuple[Values, float]:
@@ -346,18 +381,21 @@ class DataEffect(Effect):
         return True
 
     def apply(self, data: dict[str, Any]) -> None:
-        """Change `data`, the content of a mechanism file in SI; InputError if required data are missing."""
+        """Change `data`, the content of a mechanism file in SI; InputError if required data are
+        missing."""
         for key, (body, datum) in self.ADDS_TO.items():
             data[body][datum] += getattr(self.parameters, key)
 
 
 def joint_data(data: dict[str, Any], effect: str, joint: str) -> dict[str, Any]:
-    """The entry of a `joint` in a mechanism file's `data`; InputError if the joint is only ``ideal``."""
+    """The entry of a `joint` in a mechanism file's `data`; InputError if the joint is only
+    ``ideal``."""
     entry = data["joints"][joint]
     if entry == "ideal":
         raise InputError(
-            f"effects: {effect} requires the data of {joint}; write the joint as a mapping with journal, "
-            "journal_radius, bearing_radius and contact, and 'loose: false' for an ideal joint"
+            f"effects: {effect} requires the data of {joint}; write the joint as a mapping with"
+            " journal, journal_radius, bearing_radius and contact, and 'loose: false' for an ideal"
+            " joint"
         )
     return entry
 
@@ -382,11 +420,20 @@ def register_effect(order: int) -> Callable[[type[Effect]], type[Effect]]:
                 )
                 for key, one in described.items()
             }
-            section = create_model(f"{cls.__name__}Parameters", __base__=ConfigModel, **options, **fields)
+            section = create_model(
+                f"{cls.__name__}Parameters", __base__=ConfigModel, **options, **fields
+            )
             section.__doc__ = f"Parameters of ``{name}``."
         keys = cls.KEYS | {"parameters": (section, section() if cls.OPTIONAL else ...)}
-        effect = create_model(cls.__name__, __base__=cls, **options, name=(Literal[name], ...), **keys)
-        effect.__doc__, effect.NAME, effect.ORDER, effect.DESCRIBED = cls.__doc__, name, order, described
+        effect = create_model(
+            cls.__name__, __base__=cls, **options, name=(Literal[name], ...), **keys
+        )
+        effect.__doc__, effect.NAME, effect.ORDER, effect.DESCRIBED = (
+            cls.__doc__,
+            name,
+            order,
+            described,
+        )
         if cls.PARAMETERS is None:
             setattr(effect, section.__name__, section)  # for pickle
             section.__qualname__ = f"{effect.__name__}.{section.__name__}"
@@ -400,7 +447,10 @@ class FormulaParameters(ConfigModel):
     """Parameters of ``discovered_slider_force`` and ``discovered_crank_torque``."""
 
     formula: str = Field(
-        description="SI; of v, x (slider), w, theta (crank), t, pi, sin cos tan tanh exp log sqrt abs sgn, bars, ^",
+        description=(
+            "SI; of v, x (slider), w, theta (crank), t, pi, sin cos tan tanh exp log sqrt abs sgn,"
+            " bars, ^"
+        ),
         examples=["-a*v*|v| + b*sin(theta)"],
     )
     coefficients: dict[str, quantity("")] = Field(
@@ -419,9 +469,14 @@ def _sum(first: Program, second: Program) -> Program:
         return second
     moved = second.codes + np.outer(second.codes[:, 0] == NUMBER, [0, len(first.numbers)])
     codes = np.vstack([first.codes, moved, [[ADD, 0]]])
-    steps = np.where(codes[:, 0] <= VARIABLE, 1, np.where((codes[:, 0] >= ADD) & (codes[:, 0] <= POWER), -1, 0))
+    steps = np.where(
+        codes[:, 0] <= VARIABLE, 1, np.where((codes[:, 0] >= ADD) & (codes[:, 0] <= POWER), -1, 0)
+    )
     if len(codes) > LONGEST_FORMULA or np.cumsum(steps).max() > DEEPEST_STACK:
-        raise InputError("effects: the formulas on one body are together too long or nested too deeply; shorten them")
+        raise InputError(
+            "effects: the formulas on one body are together too long or nested too deeply; shorten"
+            " them"
+        )
     return Program(codes, np.concatenate([first.numbers, second.numbers]))
 
 
@@ -439,7 +494,10 @@ class DiscoveredLaw(Effect):
 
     def compile_into(self, records: Records) -> None:
         super().compile_into(records)
-        program, key = compile_formula(self.parameters.formula, self.parameters.coefficients), f"{self.GROUP}_formula"
+        program, key = (
+            compile_formula(self.parameters.formula, self.parameters.coefficients),
+            f"{self.GROUP}_formula",
+        )
         records["formulas"][key] = _sum(records["formulas"][key], program)
 
     def mirrored(self) -> Effect:
@@ -464,8 +522,14 @@ def parameters_of(effect: type[Effect]) -> list[ParameterDescription]:
     for name, schema in section.model_json_schema()["properties"].items():
         number = next(iter(schema.get("anyOf", [schema])))
         unit = schema.get("unit", "1") if number.get("type") in ("number", "integer") else ""
-        default = "" if section.model_fields[name].is_required() else _default(section.model_fields[name].default)
-        rows.append(ParameterDescription(name, unit, _bounds(number), default, schema["description"]))
+        default = (
+            ""
+            if section.model_fields[name].is_required()
+            else _default(section.model_fields[name].default)
+        )
+        rows.append(
+            ParameterDescription(name, unit, _bounds(number), default, schema["description"])
+        )
     return rows
 
 
@@ -486,5 +550,7 @@ def example(effect: type[Effect]) -> dict[str, Any]:
     """An example entry of a mechanism file."""
     site = {"site": effect.sites()[0]} if effect.sites() else {}
     fields = effect.model_fields["parameters"].annotation.model_fields
-    typical = {name: field.examples[0] for name, field in fields.items() if field.examples[0] is not None}
+    typical = {
+        name: field.examples[0] for name, field in fields.items() if field.examples[0] is not None
+    }
     return {"name": effect.NAME} | site | {"parameters": typical}

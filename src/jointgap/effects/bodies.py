@@ -5,10 +5,18 @@ from typing import Any
 
 from jointgap.core.candidates import Parameter
 from jointgap.effects import base
-from jointgap.effects.base import DETECTABLE_SHARE, DataEffect, Effect, amplitude, parameter, register_effect
+from jointgap.effects.base import (
+    DETECTABLE_SHARE,
+    DataEffect,
+    Effect,
+    amplitude,
+    parameter,
+    register_effect,
+)
 
-# Bending in the mode sin(pi s / l) of a uniform beam of mass m reduces the moment of inertia of a rod whose mass centre
-# is b from midspan by m b^2 times this: 2 k^2 / (1 - 2 k^2) with the mode's mean k = 2 / pi
+# Bending in the mode sin(pi s / l) of a uniform beam of mass m reduces the moment of inertia of a
+# rod whose mass centre is b from midspan by m b^2 times this: 2 k^2 / (1 - 2 k^2) with the mode's
+# mean k = 2 / pi
 _BENDING_COUPLING = 8 / (math.pi**2 - 8)
 
 # Least remaining share of rod.inertia: with a farther mass centre the rod is no uniform beam
@@ -31,7 +39,13 @@ class Gravity(Effect):
     WORDS = "the weight of the bodies"
     OPTIONAL = True
     acceleration_m_s2 = parameter(
-        "m/s^2", "g, gravitational acceleration", 9.80665, default=9.80665, ge=0, le=15, step=lambda scale: 0.5
+        "m/s^2",
+        "g, gravitational acceleration",
+        9.80665,
+        default=9.80665,
+        ge=0,
+        le=15,
+        step=lambda scale: 0.5,
     )
 
 
@@ -48,7 +62,9 @@ class AddedSliderMass(DataEffect):
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
         mass, replaces = context.mechanism.slider.mass, context.replaced({"slider_mass": "mass_kg"})
-        yield cls.candidate(amplitude("mass_kg", DETECTABLE_SHARE * mass, "kg", -0.95 * mass), replaces=replaces)
+        yield cls.candidate(
+            amplitude("mass_kg", DETECTABLE_SHARE * mass, "kg", -0.95 * mass), replaces=replaces
+        )
 
 
 @register_effect(order=160)
@@ -70,7 +86,8 @@ class SliderOffset(DataEffect):
 
 @register_effect(order=170)
 class LinkLengthError(DataEffect):
-    """Deviations of crank and rod length; mass centres scale with the lengths, masses and inertias do not change."""
+    """Deviations of crank and rod length; mass centres scale with the lengths, masses and inertias
+    do not change."""
 
     GROUP, SITE = "bodies", "crank, rod"
     LAW = "crank.length + a, rod.length + b"
@@ -91,18 +108,20 @@ class LinkLengthError(DataEffect):
         lengths = (("crank_m", crank), ("rod_m", rod))
         replaces = context.replaced({"crank_length": "crank_m", "rod_length": "rod_m"})
         yield cls.candidate(
-            *(amplitude(key, 2e-3 * length, "m", -0.5 * length) for key, length in lengths), replaces=replaces
+            *(amplitude(key, 2e-3 * length, "m", -0.5 * length) for key, length in lengths),
+            replaces=replaces,
         )
 
 
 @register_effect(order=210)
 class RodFlexibility(Effect):
-    """Bending of the rod, excited by the inertia of its own mass; requires a mass centre near the middle."""
+    """Bending of the rod, excited by the inertia of its own mass; requires a mass centre near the
+    middle."""
 
     GROUP, SITE = "bodies", "rod"
     LAW = (
-        "q'' + 2 zeta (2 pi nu) q' + (2 pi nu)^2 q = inertia, deflection q sin(pi s / l): first mode of the "
-        "pinned-pinned uniform beam with the rod's mass"
+        "q'' + 2 zeta (2 pi nu) q' + (2 pi nu)^2 q = inertia, deflection q sin(pi s / l): first"
+        " mode of the pinned-pinned uniform beam with the rod's mass"
     )
     REFERENCE = "Meirovitch, Fundamentals of vibrations (2001)"
     WORDS = "bending of the rod"
@@ -115,13 +134,17 @@ class RodFlexibility(Effect):
         if left < least * rod.inertia:
             farthest = math.sqrt((1 - least) * rod.inertia / (_BENDING_COUPLING * rod.mass))
             raise ValueError(
-                f"effects: rod_flexibility models a uniform beam; with rod.mass_centre {rod.mass_centre:g} m bending "
-                f"reduces rod.inertia from {rod.inertia:g} to {left:.3g} kg m^2; put the mass centre within "
-                f"{farthest:.3g} m of {rod.length / 2:g} m, or remove the effect"
+                "effects: rod_flexibility models a uniform beam; with rod.mass_centre"
+                f" {rod.mass_centre:g} m bending reduces rod.inertia from {rod.inertia:g} to"
+                f" {left:.3g} kg m^2; put the mass centre within {farthest:.3g} m of"
+                f" {rod.length / 2:g} m, or remove the effect"
             )
 
     def compile_into(self, records: base.Records) -> None:
-        frequency, damping = 2 * math.pi * self.parameters.frequency_Hz, self.parameters.damping_ratio
+        frequency, damping = (
+            2 * math.pi * self.parameters.frequency_Hz,
+            self.parameters.damping_ratio,
+        )
         records["bodies"] |= {"rod_angular_frequency": frequency, "rod_damping_ratio": damping}
 
     @classmethod
@@ -134,11 +157,17 @@ class RodFlexibility(Effect):
             return {"frequency_Hz": frequency, "damping_ratio": values["damping_ratio"]}
 
         yield cls.candidate(
-            # squared period instead of frequency: for a stiff rod the deflection is proportional to it
-            amplitude("compliance_s2", 0.1 * (1.0 / (30.0 * turning) ** 2), "s^2", 0.0, 0.1 / turning**2),
+            # squared period instead of frequency: for a stiff rod the deflection is proportional to
+            # it
+            amplitude(
+                "compliance_s2", 0.1 * (1.0 / (30.0 * turning) ** 2), "s^2", 0.0, 0.1 / turning**2
+            ),
             Parameter("damping_ratio", 0.02, 0.0, 0.9, 0.01),
             amplitudes=("compliance_s2",),
-            initial_guesses=(damping, *({**damping, "compliance_s2": compliance} for compliance in compliances)),
+            initial_guesses=(
+                damping,
+                *({**damping, "compliance_s2": compliance} for compliance in compliances),
+            ),
             parameters=parameters,
         )
 

@@ -9,7 +9,15 @@ from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.joints import REFERENCE_APPROACH_SPEED
 from jointgap.core.section import ConfigModel
 from jointgap.core.units import FrictionCoefficient, quantity
-from jointgap.effects.base import Candidates, DataEffect, FitContext, Values, amplitude, joint_data, register_effect
+from jointgap.effects.base import (
+    Candidates,
+    DataEffect,
+    FitContext,
+    Values,
+    amplitude,
+    joint_data,
+    register_effect,
+)
 
 #: [m] Smaller clearances are lost in the rounding of the radii.
 LEAST_CLEARANCE = 1e-9
@@ -26,37 +34,46 @@ _LOOSER = (0.5, 3.0)
 #: Bounds for the contact of a joint that was ideal: steel on bronze or steel, dry to greased.
 RESTITUTIONS, FRICTIONS = (0.3, 0.9), (0.0, 0.3)
 
-#: Largest factor, either way, on contact stiffness and on damping of steady contact (bearing length and alignment are
-#: not in Hertz's formula), and on the friction transition speed, to which readings of a sticking journal are sensitive.
+#: Largest factor, either way, on contact stiffness and on damping of steady contact (bearing length
+#: and alignment are not in Hertz's formula), and on the friction transition speed, to which
+#: readings of a sticking journal are sensitive.
 STIFFNESS_FACTOR, DAMPING_FACTOR, FRICTION_SPEED_FACTOR = 3.0, 4.0, 4.0
 
 
 def _none_or_more_than_atoms(clearance: float) -> float:
     if 0 < clearance < LEAST_CLEARANCE:
         raise ValueError(
-            f"is less than {LEAST_CLEARANCE:g} m; give 0 for an ideal joint, or at least {LEAST_CLEARANCE:g} m"
+            f"is less than {LEAST_CLEARANCE:g} m; give 0 for an ideal joint, or at least"
+            f" {LEAST_CLEARANCE:g} m"
         )
     return clearance
 
 
 class ClearanceParameters(ConfigModel):
-    """Parameters of the effects ``crank_pivot_clearance``, ``crank_pin_clearance`` and ``piston_pin_clearance``."""
+    """Parameters of the effects ``crank_pivot_clearance``, ``crank_pin_clearance`` and
+    ``piston_pin_clearance``."""
 
     clearance_m: Annotated[quantity("m", ge=0), AfterValidator(_none_or_more_than_atoms)] = Field(
         description="c, total radial clearance; 0, or at least 1e-9 m", examples=[0.0002]
     )
     restitution: quantity("", ge=1e-3, lt=1) | None = Field(
-        None, description="coefficient of restitution; null: that of the joint's contact", examples=[0.6]
+        None,
+        description="coefficient of restitution; null: that of the joint's contact",
+        examples=[0.6],
     )
     friction: FrictionCoefficient | None = Field(
-        None, description="coefficient of friction; null: that of the joint's contact", examples=[0.1]
+        None,
+        description="coefficient of friction; null: that of the joint's contact",
+        examples=[0.1],
     )
     stiffness_factor: quantity("", gt=0) = Field(
         1.0, description="factor on the stiffness of the joint's contact", examples=[2.0]
     )
     damping_factor: quantity("", gt=0) = Field(
         1.0,
-        description="factor on the damping of steady contact; requires a contact with `memory: fading`",
+        description=(
+            "factor on the damping of steady contact; requires a contact with `memory: fading`"
+        ),
         examples=[0.5],
     )
     friction_speed_factor: quantity("", gt=0) = Field(
@@ -81,7 +98,11 @@ class Clearance(DataEffect):
     def _contact(self, contact: dict[str, Any]) -> dict[str, Any]:
         """The changed keys of `contact`."""
         own = self.parameters
-        changed = {key: getattr(own, key) for key in ("restitution", "friction") if getattr(own, key) is not None}
+        changed = {
+            key: getattr(own, key)
+            for key in ("restitution", "friction")
+            if getattr(own, key) is not None
+        }
         if own.stiffness_factor != 1.0:  # Hertz's stiffness is proportional to the modulus
             key = "youngs_modulus" if contact["stiffness"] is None else "stiffness"
             changed[key] = own.stiffness_factor * contact[key]
@@ -110,10 +131,13 @@ class Clearance(DataEffect):
 
     @classmethod
     def _of_ideal_joint(cls, contact: Any, longest: float) -> Candidate:
-        """The candidate of an ideal joint, with clearances up to `longest` [m] and unknown `contact`."""
+        """The candidate of an ideal joint, with clearances up to `longest` [m] and unknown
+        `contact`."""
         shapes = [Parameter("contact_friction", contact.friction, *FRICTIONS, step=0.02)]
         if contact.restitution is not None:
-            shapes.insert(0, Parameter("contact_restitution", contact.restitution, *RESTITUTIONS, step=0.05))
+            shapes.insert(
+                0, Parameter("contact_restitution", contact.restitution, *RESTITUTIONS, step=0.05)
+            )
         factors = {"stiffness": STIFFNESS_FACTOR, "friction_speed": FRICTION_SPEED_FACTOR}
         if contact.reference_speed is not None:
             factors["damping"] = DAMPING_FACTOR

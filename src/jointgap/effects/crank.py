@@ -6,13 +6,21 @@ from typing import Any
 
 from jointgap.core.candidates import Candidate, LawFamily, Parameter
 from jointgap.effects import base
-from jointgap.effects.base import CRANK_SIGN, FRICTION_SURVEY, DiscoveredLaw, Effect, parameter, register_effect
+from jointgap.effects.base import (
+    CRANK_SIGN,
+    FRICTION_SURVEY,
+    DiscoveredLaw,
+    Effect,
+    parameter,
+    register_effect,
+)
 
 # Angles [rad] of largest friction at which fits start
 _TIGHTEST = (0.0, -2.0 * math.pi / 3.0, 2.0 * math.pi / 3.0)
 
-# Integer orders [cycles per revolution] of a fitted torque. Orders one and two are those of masses, weight and slider
-# forces, which are candidates themselves. Poles, slots and teeth of drives are below the highest
+# Integer orders [cycles per revolution] of a fitted torque. Orders one and two are those of masses,
+# weight and slider forces, which are candidates themselves. Poles, slots and teeth of drives are
+# below the highest
 _FITTED_ORDERS = range(3, 25)
 
 # Orders [1] of a preflight, which has no residual
@@ -44,13 +52,15 @@ class CrankCoulombFriction(CrankEffect):
     LAW = f"M = -m sgn w, {CRANK_SIGN}"
     REFERENCE = FRICTION_SURVEY
     WORDS = "Coulomb friction of the crank"
-    torque_N_m = parameter("N*m", "m, friction torque", 0.3, ge=0, compiled="crank_coulomb", step=_torque)
+    torque_N_m = parameter(
+        "N*m", "m, friction torque", 0.3, ge=0, compiled="crank_coulomb", step=_torque
+    )
 
 
 @register_effect(order=115)
 class CrankAngleFriction(CrankEffect):
-    """Angle-dependent dry friction of the crank, such as of an eccentric seal or a bent shaft: a family of Coulomb
-    friction.
+    """Angle-dependent dry friction of the crank, such as of an eccentric seal or a bent shaft: a
+    family of Coulomb friction.
 
     Not a candidate itself: the share is fitted once Coulomb friction is found.
     """
@@ -59,11 +69,20 @@ class CrankAngleFriction(CrankEffect):
     WORDS = "angle-dependent dry friction of the crank"
     MEMBERS = {"crank_coulomb_friction": 0.0}
     SHAPE = "varying_share"
-    torque_N_m = parameter("N*m", "m, largest friction torque", 0.3, ge=0, compiled="angle_friction", step=_torque)
-    tightest_angle_rad = parameter(
-        "rad", "a, crank angle of the largest friction", 0.5, 0.0, "angle_friction_tightest", odd=True
+    torque_N_m = parameter(
+        "N*m", "m, largest friction torque", 0.3, ge=0, compiled="angle_friction", step=_torque
     )
-    varying_share = parameter("", "s, varying share of the torque", 0.5, ge=0, le=1, compiled="angle_friction_share")
+    tightest_angle_rad = parameter(
+        "rad",
+        "a, crank angle of the largest friction",
+        0.5,
+        0.0,
+        "angle_friction_tightest",
+        odd=True,
+    )
+    varying_share = parameter(
+        "", "s, varying share of the torque", 0.5, ge=0, le=1, compiled="angle_friction_share"
+    )
 
     @classmethod
     def family(cls, member: type[Effect], scale: base.MotionScale) -> LawFamily:
@@ -80,21 +99,32 @@ class CrankViscousFriction(CrankEffect):
     LAW = "M = -c w"
     REFERENCE = FRICTION_SURVEY
     WORDS = "viscous friction of the crank"
-    damping_N_m_s = parameter("N*m*s", "c, torque per speed", 0.01, ge=0, compiled="crank_viscous", step=_damping)
+    damping_N_m_s = parameter(
+        "N*m*s", "c, torque per speed", 0.01, ge=0, compiled="crank_viscous", step=_damping
+    )
 
 
 @register_effect(order=123)
 class CrankBrake(CrankEffect):
-    """The known torque of a brake, generator or dynamometer that loads the crank; not a candidate."""
+    """The known torque of a brake, generator or dynamometer that loads the crank; not a
+    candidate."""
 
     LAW = f"M = -T |w / w0|^n sgn w, {CRANK_SIGN}"
     WORDS = "a brake of the crank"
-    torque_N_m = parameter("N*m", "T, torque at the reference speed", 10.0, ge=0, compiled="crank_brake")
+    torque_N_m = parameter(
+        "N*m", "T, torque at the reference speed", 10.0, ge=0, compiled="crank_brake"
+    )
     reference_speed_rad_s = parameter(
         "rad/s", "w0, speed at which the torque is T", 150.0, gt=0, compiled="crank_brake_speed"
     )
     exponent = parameter(
-        "", "n: 0 constant, 1 generator with a resistor, 2 water brake", 1.0, 1.0, "crank_brake_exponent", ge=0, le=4
+        "",
+        "n: 0 constant, 1 generator with a resistor, 2 water brake",
+        1.0,
+        1.0,
+        "crank_brake_exponent",
+        ge=0,
+        le=4,
     )
 
 
@@ -104,7 +134,9 @@ class PeriodicEffect(CrankEffect):
     ANGLE = "phase_rad"
 
     @classmethod
-    def phase_locked(cls, context: base.FitContext, whole: range, first: Sequence[int], **attributes: Any) -> Candidate:
+    def phase_locked(
+        cls, context: base.FitContext, whole: range, first: Sequence[int], **attributes: Any
+    ) -> Candidate:
         """The candidate with an integer ``order`` out of `whole`; fits start at the orders `first`.
 
         With one run half-integer orders are tried too; with several runs their phase is ambiguous.
@@ -112,7 +144,9 @@ class PeriodicEffect(CrankEffect):
         orders = [float(order) for order in whole]
         if len(context.runs) == 1:
             orders = sorted({*orders, *(k + 0.5 for k in range(int(orders[-1])))})
-        order = Parameter("order", orders[0], orders[0], orders[-1], 1e-3, whole=True, tried=tuple(orders))
+        order = Parameter(
+            "order", orders[0], orders[0], orders[-1], 1e-3, whole=True, tried=tuple(orders)
+        )
         guesses = tuple({"order": float(tried)} for tried in first or orders if first or tried < 9)
         sizes = cls.sizes(context.scale)
         attributes |= {"initial_guesses": guesses, "parameters": cls.stated}
@@ -122,7 +156,9 @@ class PeriodicEffect(CrankEffect):
     def stated(cls, values: base.Values) -> dict[str, float]:
         """The order is rounded to an integer or half-integer."""
         doubled = round(2.0 * values["order"])
-        return super().stated(values) | {"order": doubled // 2 if doubled % 2 == 0 else doubled / 2.0}
+        return super().stated(values) | {
+            "order": doubled // 2 if doubled % 2 == 0 else doubled / 2.0
+        }
 
 
 @register_effect(order=127)
@@ -134,10 +170,16 @@ class CrankPeriodicTorque(PeriodicEffect):
 
     LAW = "M = a cos(k theta - phase)"
     WORDS = "a periodic torque on the crank"
-    torque_N_m = parameter("N*m", "a, amplitude", 0.2, ge=0, compiled="crank_periodic", step=_torque)
+    torque_N_m = parameter(
+        "N*m", "a, amplitude", 0.2, ge=0, compiled="crank_periodic", step=_torque
+    )
     order = parameter("", "k, cycles per revolution", 12, ge=0.5, le=100, multiple_of=0.5)
     phase_rad = parameter(
-        "rad", "angle k theta of the largest torque", 0.5, default=0.0, compiled="crank_periodic_phase"
+        "rad",
+        "angle k theta of the largest torque",
+        0.5,
+        default=0.0,
+        compiled="crank_periodic_phase",
     )
 
     def compile_into(self, records: base.Records) -> None:
@@ -150,14 +192,17 @@ class CrankPeriodicTorque(PeriodicEffect):
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
-        yield cls.phase_locked(context, _FITTED_ORDERS, _USUAL_ORDERS, carrier=CrankCoulombFriction.NAME)
+        yield cls.phase_locked(
+            context, _FITTED_ORDERS, _USUAL_ORDERS, carrier=CrankCoulombFriction.NAME
+        )
 
 
 @register_effect(order=130)
 class CrankUnbalance(CrankEffect):
     """An additional mass (imbalance) on the crank, at the distance crank.length from the pivot.
 
-    Its mass is U / crank.length, its inertia U crank.length. Frame forces, gravity and a motor drive show it.
+    Its mass is U / crank.length, its inertia U crank.length. Frame forces, gravity and a motor
+    drive show it.
     """
 
     SITE = "crank"
@@ -165,11 +210,17 @@ class CrankUnbalance(CrankEffect):
     REFERENCE = "ISO 21940-2:2017, rotor balancing, vocabulary"
     WORDS = "an unbalance of the crank"
     ANGLE = "angle_rad"
-    unbalance_kg_m = parameter("kg*m", "U, mass times distance from the pivot", 0.005, ge=0, step=_unbalance)
+    unbalance_kg_m = parameter(
+        "kg*m", "U, mass times distance from the pivot", 0.005, ge=0, step=_unbalance
+    )
     angle_rad = parameter("rad", "direction relative to the crank", 1.0, default=0.0, odd=True)
 
     def compile_into(self, records: base.Records) -> None:
-        bodies, unbalance, angle = records["bodies"], self.parameters.unbalance_kg_m, self.parameters.angle_rad
+        bodies, unbalance, angle = (
+            records["bodies"],
+            self.parameters.unbalance_kg_m,
+            self.parameters.angle_rad,
+        )
         bodies["crank_mass"] += unbalance / bodies["crank_length"]
         bodies["crank_moment_x"] += unbalance * math.cos(angle)
         bodies["crank_moment_y"] += unbalance * math.sin(angle)
@@ -178,7 +229,8 @@ class CrankUnbalance(CrankEffect):
 
 @register_effect(order=150)
 class SpeedFluctuation(PeriodicEffect):
-    """A speed that depends on the crank angle; only for the constant-speed drive, with w0 = simulate.speed."""
+    """A speed that depends on the crank angle; only for the constant-speed drive, with w0 =
+    simulate.speed."""
 
     SITE = "drive"
     LAW = "w = w0 (1 + a cos(k theta - phase))"
@@ -189,7 +241,11 @@ class SpeedFluctuation(PeriodicEffect):
     phase_rad = parameter("rad", "angle k theta of the largest speed", 0.5, default=0.0, odd=True)
 
     def compile_into(self, records: base.Records) -> None:
-        ratio, order, phase = self.parameters.ratio, float(self.parameters.order), self.parameters.phase_rad
+        ratio, order, phase = (
+            self.parameters.ratio,
+            float(self.parameters.order),
+            self.parameters.phase_rad,
+        )
         records["drive"] |= {"kind": "fluctuating", "ratio": ratio, "order": order, "phase": phase}
 
     @classmethod

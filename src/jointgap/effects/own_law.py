@@ -7,7 +7,14 @@ from collections.abc import Collection, Iterator, Mapping
 from itertools import combinations
 from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    WithJsonSchema,
+    model_validator,
+)
 
 from jointgap.core.formula import _parsed, compile_formula
 from jointgap.core.section import ConfigModel
@@ -68,19 +75,24 @@ def _checked(text: str) -> str:
 
 _ENDS = {"type": "array", "items": {"type": ["number", "string"]}, "minItems": 2, "maxItems": 2}
 Range = Annotated[
-    str, BeforeValidator(_as_text), AfterValidator(_checked), WithJsonSchema({"anyOf": [{"type": "string"}, _ENDS]})
+    str,
+    BeforeValidator(_as_text),
+    AfterValidator(_checked),
+    WithJsonSchema({"anyOf": [{"type": "string"}, _ENDS]}),
 ]
 
 
 class OwnLaw(ConfigModel):
-    """A law of your own; each further key is the range of a parameter of the formula, c: 0 to 100 N*s^3/m^3."""
+    """A law of your own; each further key is the range of a parameter of the formula, c: 0 to 100
+    N*s^3/m^3."""
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, Range]
 
     site: Literal["slider", "crank"] = Field(description="body on which it acts")
     force: str | None = Field(
-        None, description="site slider: force along +x [N], of v, x (slider), w, theta (crank): -c*v^3"
+        None,
+        description="site slider: force along +x [N], of v, x (slider), w, theta (crank): -c*v^3",
     )
     torque: str | None = Field(None, description="site crank: counter-clockwise torque [N m]: -m*w")
 
@@ -101,21 +113,31 @@ class OwnLaw(ConfigModel):
 
     @property
     def amplitudes(self) -> tuple[str, ...]:
-        """Parameters in which the law is linear, and without which it is 0; the others are shape parameters."""
+        """Parameters in which the law is linear, and without which it is 0; the others are shape
+        parameters."""
         return _amplitudes(self.formula, self.spans)[0]
 
     def errors(self) -> Iterator[str]:
         key, unit = _KEYS[self.site]
         other = "torque" if key == "force" else "force"
         if getattr(self, other) is not None or not self.formula:
-            yield f"site {self.site} requires the key {key} [{unit}], and not {other}, such as {key}: '-c*v'"
+            yield (
+                f"site {self.site} requires the key {key} [{unit}], and not {other}, such as {key}:"
+                " '-c*v'"
+            )
         spans = self.spans
         if not 0 < len(spans) <= _MOST_PARAMETERS:
-            yield f"has {len(spans)} parameters; give one to {_MOST_PARAMETERS}, such as c: 0 to 100 N*s/m"
+            yield (
+                f"has {len(spans)} parameters; give one to {_MOST_PARAMETERS}, such as c: 0 to 100"
+                " N*s/m"
+            )
         compile_formula(self.formula, {name: own.middle for name, own in spans.items()})
         where = f"{key} = '{self.formula}'"
         if re.search(r"\bt\b", self.formula):
-            yield f"{where}: the time t differs between runs; use v, x, w and theta, or the effect harmonic_force"
+            yield (
+                f"{where}: the time t differs between runs; use v, x, w and theta, or the effect"
+                " harmonic_force"
+            )
         sets = _amplitudes(self.formula, spans)
         if not sets:
             yield (
@@ -124,31 +146,45 @@ class OwnLaw(ConfigModel):
             )
         if len(sets) > 1:
             product = " and ".join("*".join(own) for own in sets)
-            yield f"{where}: only the product of {product} has an effect; replace one of them by a number"
+            yield (
+                f"{where}: only the product of {product} has an effect; replace one of them by a"
+                " number"
+            )
         shapes = [name for name in spans if name not in sets[0]]
         if len(shapes) > _MOST_SHAPES:
-            yield f"{where}: {joined(shapes)} are shape parameters; at most {_MOST_SHAPES} can be fitted"
+            yield (
+                f"{where}: {joined(shapes)} are shape parameters; at most {_MOST_SHAPES} can be"
+                " fitted"
+            )
         for name in sets[0]:
             if not spans[name].low <= 0.0 <= spans[name].high:
-                yield f"{name} = '{self.__pydantic_extra__[name]}' must include 0, where the effect is absent"
+                yield (
+                    f"{name} = '{self.__pydantic_extra__[name]}' must include 0, where the effect"
+                    " is absent"
+                )
         dimensions = {name: own.dimension for name, own in spans.items()}
         dimensions |= {name: dimension_of(own) for name, own in _VARIABLES.items()}
         found, needed = _dimension(_parsed(self.formula), dimensions), dimension_of(unit)
         if found is not None and found != needed:
             first = sets[0][0]
             instead = format_dimension(dimensions[first] * needed / found)
-            yield f"{where} has the unit {format_dimension(found)} and must have {unit}; give {first} in {instead}"
+            yield (
+                f"{where} has the unit {format_dimension(found)} and must have {unit}; give {first}"
+                f" in {instead}"
+            )
 
 
 def _amplitudes(formula: str, names: Collection[str]) -> list[tuple[str, ...]]:
-    """All sets of parameters of which each term has exactly one as a factor; of several sets only a product acts."""
+    """All sets of parameters of which each term has exactly one as a factor; of several sets only a
+    product acts."""
     tree = _parsed(formula)
     sets = (own for size in range(1, len(names) + 1) for own in combinations(names, size))
     return [own for own in sets if _degree(tree, own) == 1.0]
 
 
 def _degree(tree: ast.expr, amplitudes: Collection[str]) -> float:
-    """Degree of a polynomial in the `amplitudes`, whose terms have the same degree; NaN for other formulas."""
+    """Degree of a polynomial in the `amplitudes`, whose terms have the same degree; NaN for other
+    formulas."""
     match tree:
         case ast.Name(id=name):
             return float(name in amplitudes)
@@ -158,7 +194,9 @@ def _degree(tree: ast.expr, amplitudes: Collection[str]) -> float:
             first, second = _degree(left, amplitudes), _degree(right, amplitudes)
             if isinstance(op, ast.Mult):
                 return first + second
-            if (isinstance(op, ast.Div) and second == 0.0) or (isinstance(op, ast.Add | ast.Sub) and first == second):
+            if (isinstance(op, ast.Div) and second == 0.0) or (
+                isinstance(op, ast.Add | ast.Sub) and first == second
+            ):
                 return first
             return 0.0 if first == second == 0.0 else math.nan
         case ast.Call(args=[operand]) | ast.Set(elts=[operand]):
@@ -167,7 +205,8 @@ def _degree(tree: ast.expr, amplitudes: Collection[str]) -> float:
 
 
 def _dimension(tree: ast.expr, known: Mapping[str, Dimension | None]) -> Dimension | None:
-    """Dimension of a formula; None where it is open, as numbers may have a unit. ValueError for a contradiction."""
+    """Dimension of a formula; None where it is open, as numbers may have a unit. ValueError for a
+    contradiction."""
     match tree:
         case ast.Name(id=name):
             return known[name]
@@ -181,7 +220,9 @@ def _dimension(tree: ast.expr, known: Mapping[str, Dimension | None]) -> Dimensi
             if isinstance(op, ast.Add | ast.Sub):
                 if None not in (first, second) and first != second:
                     units = f"{format_dimension(first)} and {format_dimension(second)}"
-                    raise ValueError(f"'{ast.unparse(tree)}' adds {units}; correct the units of the parameters")
+                    raise ValueError(
+                        f"'{ast.unparse(tree)}' adds {units}; correct the units of the parameters"
+                    )
                 return second if first is None else first
             if first is None or second is None or isinstance(op, ast.Pow):
                 return None
@@ -192,6 +233,8 @@ def _dimension(tree: ast.expr, known: Mapping[str, Dimension | None]) -> Dimensi
                 return own if name == "abs" or own is None else own**0.5
             if name != "sgn" and own not in (None, dimension_of("")):
                 unit = format_dimension(own)
-                raise ValueError(f"'{ast.unparse(tree)}' is of a quantity in {unit}; divide it by one in {unit}")
+                raise ValueError(
+                    f"'{ast.unparse(tree)}' is of a quantity in {unit}; divide it by one in {unit}"
+                )
             return dimension_of("")
     return None

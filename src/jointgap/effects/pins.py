@@ -7,7 +7,15 @@ from pydantic import Field
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.joints import PINS
 from jointgap.effects import base
-from jointgap.effects.base import CRANK_SIGN, DataEffect, Effect, amplitude, joint_data, parameter, register_effect
+from jointgap.effects.base import (
+    CRANK_SIGN,
+    DataEffect,
+    Effect,
+    amplitude,
+    joint_data,
+    parameter,
+    register_effect,
+)
 
 # Largest least_film_m over clearance
 _LARGEST_FILM_SHARE = 0.5
@@ -24,16 +32,22 @@ class ContactCoefficient(DataEffect):
 
     GROUP, SITE = "pins", "loose pins"
     ACTS_AT_ZERO = True  # it replaces the nominal coefficient
-    IN_CONTACT: ClassVar[str]  # Key of the coefficient in a contact, and the nuisance shared by all pins
+    IN_CONTACT: ClassVar[
+        str
+    ]  # Key of the coefficient in a contact, and the nuisance shared by all pins
     NUISANCE: ClassVar[str]
 
     def apply(self, data: dict[str, Any]) -> None:
         pins = self.sites() and (self.site,)
         for pin in pins or [pin for pin in PINS if data["joints"][pin] != "ideal"] or PINS:
-            joint_data(data, self.NAME, pin)["contact"] |= {self.IN_CONTACT: self.parameters.coefficient}
+            joint_data(data, self.NAME, pin)["contact"] |= {
+                self.IN_CONTACT: self.parameters.coefficient
+            }
 
     @classmethod
-    def deviation_from(cls, nominal: float, step: float, *shared: Parameter, **attributes: Any) -> Candidate:
+    def deviation_from(
+        cls, nominal: float, step: float, *shared: Parameter, **attributes: Any
+    ) -> Candidate:
         """The candidate whose amplitude is the deviation from a `nominal` coefficient."""
         low, high = cls.DESCRIBED["coefficient"].ge, cls.DESCRIBED["coefficient"].le
         return cls.candidate(
@@ -61,12 +75,13 @@ class Friction(ContactCoefficient):
 
 @register_effect(order=100)
 class PinFriction(Friction):
-    """Friction in a pin: replaces the contact's coefficient in a loose pin, adds a friction moment in an ideal one."""
+    """Friction in a pin: replaces the contact's coefficient in a loose pin, adds a friction moment
+    in an ideal one."""
 
     SITE = "crank_pin or piston_pin"
     LAW = (
-        f"loose: contact.friction = k; ideal: M = -k r |F| sgn w, {CRANK_SIGN}, r: journal_radius, F: the pin's force, "
-        "w: relative speed of its bodies"
+        f"loose: contact.friction = k; ideal: M = -k r |F| sgn w, {CRANK_SIGN}, r: journal_radius,"
+        " F: the pin's force, w: relative speed of its bodies"
     )
     REFERENCE = "Haug, Wu and Yang, Mech. Mach. Theory 21 (1986) 401-406"
     WORDS = "friction in the {site}"
@@ -80,8 +95,8 @@ class PinFriction(Friction):
     def check(self, mechanism: Any) -> None:
         if mechanism.joint(self.site) is None:
             raise ValueError(
-                f"effects: pin_friction at {self.site} requires the joint's journal_radius; write the joint as a "
-                "mapping, with 'loose: false' for an ideal joint"
+                f"effects: pin_friction at {self.site} requires the joint's journal_radius; write"
+                " the joint as a mapping, with 'loose: false' for an ideal joint"
             )
 
     def compile_into(self, records: base.Records) -> None:
@@ -93,13 +108,22 @@ class PinFriction(Friction):
             joint = context.mechanism.joint(pin)
             if joint is None:
                 continue
-            own = {f"joint_friction_{pin}": "change", "joint_friction": "change"} if joint.loose else {}
+            own = (
+                {f"joint_friction_{pin}": "change", "joint_friction": "change"}
+                if joint.loose
+                else {}
+            )
             replaces, shared = context.replaced(own), []
             if "joint_friction" in replaces and set(context.mechanism.loose) - {pin, "crank_pivot"}:
                 # the shared nuisance then belongs to the other pin
                 shared = [context.nuisances["joint_friction"]]
-            nominal, guesses = joint.contact.friction if joint.loose else 0.0, {one.name: one.nominal for one in shared}
-            yield cls.deviation_from(nominal, 0.02, *shared, site=pin, initial_guesses=(guesses,), replaces=replaces)
+            nominal, guesses = (
+                joint.contact.friction if joint.loose else 0.0,
+                {one.name: one.nominal for one in shared},
+            )
+            yield cls.deviation_from(
+                nominal, 0.02, *shared, site=pin, initial_guesses=(guesses,), replaces=replaces
+            )
 
 
 @register_effect(order=102)
@@ -133,7 +157,9 @@ class PinRestitution(Restitution):
         for pin in cls.sites():
             shared = context.nuisances.get("restitution") if loose == [pin] else None
             if nuisance := context.nuisances.get(f"restitution_{pin}", shared):
-                yield cls.deviation_from(nuisance.nominal, nuisance.step, site=pin, replaces={nuisance.name: "change"})
+                yield cls.deviation_from(
+                    nuisance.nominal, nuisance.step, site=pin, replaces={nuisance.name: "change"}
+                )
 
 
 @register_effect(order=106)
@@ -146,19 +172,22 @@ class CommonPinRestitution(Restitution):
 
 @register_effect(order=220)
 class LubricatedJoint(Effect):
-    """A lubricant film in a loose pin with squeeze effect; dry contact if the film is thinner than h_min."""
+    """A lubricant film in a loose pin with squeeze effect; dry contact if the film is thinner than
+    h_min."""
 
     GROUP, SITE = "pins", "crank_pin or piston_pin"
     LAW = (
-        "short bearing (Ocvirk) with squeeze, pressure p >= 0: d/dz(h^3 dp/dz) = 6 mu ((w_j + w_b) dh/dphi + 2 dh/dt); "
-        "dry contact where h < h_min"
+        "short bearing (Ocvirk) with squeeze, pressure p >= 0: d/dz(h^3 dp/dz) = 6 mu ((w_j + w_b)"
+        " dh/dphi + 2 dh/dt); dry contact where h < h_min"
     )
     REFERENCE = "DuBois and Ocvirk, NACA report 1157 (1953)"
     WORDS = "a lubricant film in the {site}"
     KEYS = _ONE_PIN
     viscosity_Pa_s = parameter("Pa*s", "mu, dynamic viscosity", 0.05, gt=0)
     length_m = parameter("m", "L, axial length of the bearing", 0.012, gt=0)
-    least_film_m = parameter("m", "h_min, film thickness at which asperities touch: dry contact", 1e-6, 1e-6, gt=0)
+    least_film_m = parameter(
+        "m", "h_min, film thickness at which asperities touch: dry contact", 1e-6, 1e-6, gt=0
+    )
 
     def check(self, mechanism: Any) -> None:
         where = f"effects: lubricated_joint at {self.site}"
@@ -167,8 +196,8 @@ class LubricatedJoint(Effect):
         thinnest, clearance = self.parameters.least_film_m, mechanism.clearance(self.site)
         if thinnest > _LARGEST_FILM_SHARE * clearance:
             raise ValueError(
-                f"{where}: least_film_m {thinnest:g} m is more than {_LARGEST_FILM_SHARE:g} of the clearance "
-                f"{clearance:g} m; lower it"
+                f"{where}: least_film_m {thinnest:g} m is more than {_LARGEST_FILM_SHARE:g} of the"
+                f" clearance {clearance:g} m; lower it"
             )
 
     def compile_into(self, records: base.Records) -> None:
@@ -184,10 +213,14 @@ class LubricatedJoint(Effect):
             if pin in context.mechanism.loose:
                 joint = context.mechanism.joint(pin)
                 length = 2.0 * joint.journal_radius  # assumed
-                force_per_viscosity = joint.journal_radius * length**3 * scale.turning / joint.clearance**2
+                force_per_viscosity = (
+                    joint.journal_radius * length**3 * scale.turning / joint.clearance**2
+                )
                 yield cls.candidate(
                     amplitude("viscosity_Pa_s", scale.force / force_per_viscosity, "Pa*s", 0.0),
                     site=pin,
-                    initial_guesses=tuple({"viscosity_Pa_s": viscosity} for viscosity in _VISCOSITIES),
+                    initial_guesses=tuple(
+                        {"viscosity_Pa_s": viscosity} for viscosity in _VISCOSITIES
+                    ),
                     parameters=lambda values, length=length: {**values, "length_m": length},
                 )

@@ -17,14 +17,16 @@ from jointgap.effects.base import (
 
 _SIGN = f"sgn v = tanh(v / {SLIDER_SIGN_SPEED:g} m/s)"
 
-# Start value and bounds of the Stribeck speed [1, of the root mean square slider speed]. Lower speeds have too few
-# samples (the slider is slower than a tenth for 4.5 % of the time); higher ones resemble negative viscous friction
+# Start value and bounds of the Stribeck speed [1, of the root mean square slider speed]. Lower
+# speeds have too few samples (the slider is slower than a tenth for 4.5 % of the time); higher ones
+# resemble negative viscous friction
 _STRIBECK_SPEED, _SLOWEST, _FASTEST = 0.2, 0.1, 0.5
 
 # Positions of largest friction [half strokes from mid-stroke] at which fits start
 _TIGHTEST = (0.0, -2.0 / 3.0, 2.0 / 3.0)
 
-# Largest distance of a spring's rest position from mid-stroke [strokes]: beyond, the force is nearly constant
+# Largest distance of a spring's rest position from mid-stroke [strokes]: beyond, the force is
+# nearly constant
 _FARTHEST_STROKES = 3.0
 
 
@@ -62,7 +64,8 @@ class SliderCoulombFriction(SliderEffect):
 
 @register_effect(order=45)
 class SliderPowerDrag(SliderEffect):
-    """Drag with any power of the slider speed: the family of dry friction, viscous friction and quadratic drag.
+    """Drag with any power of the slider speed: the family of dry friction, viscous friction and
+    quadratic drag.
 
     Not a candidate itself: the exponent is fitted once a member of the family is found.
     """
@@ -70,11 +73,21 @@ class SliderPowerDrag(SliderEffect):
     LAW = f"F = -f |v/v0|^p sgn v, {_SIGN}"
     REFERENCE = FRICTION_SURVEY
     WORDS = "drag of the slider"
-    MEMBERS = {"slider_coulomb_friction": 0.0, "slider_viscous_friction": 1.0, "slider_quadratic_drag": 2.0}
+    MEMBERS = {
+        "slider_coulomb_friction": 0.0,
+        "slider_viscous_friction": 1.0,
+        "slider_quadratic_drag": 2.0,
+    }
     SHAPE, IN_USE = "exponent", (0.0, 1.0, 2.0, 3.0, 5.0)
-    force_N = parameter("N", "f, force at the speed v0", 10.0, ge=0, compiled="power_drag", step=_force)
-    speed_m_s = parameter("m/s", "v0, speed at which the force is f", 1.0, gt=0, compiled="power_drag_speed")
-    exponent = parameter("", "p, exponent of the speed", 3.0, ge=0, le=6.0, compiled="power_drag_exponent")
+    force_N = parameter(
+        "N", "f, force at the speed v0", 10.0, ge=0, compiled="power_drag", step=_force
+    )
+    speed_m_s = parameter(
+        "m/s", "v0, speed at which the force is f", 1.0, gt=0, compiled="power_drag_speed"
+    )
+    exponent = parameter(
+        "", "p, exponent of the speed", 3.0, ge=0, le=6.0, compiled="power_drag_exponent"
+    )
 
     @classmethod
     def family(cls, member: type[Effect], scale: base.MotionScale) -> LawFamily:
@@ -90,7 +103,8 @@ class SliderPowerDrag(SliderEffect):
 
 @register_effect(order=25)
 class SliderStribeckFriction(SliderEffect):
-    """Dry friction of the slider that decreases with speed (stiction): a family of Coulomb friction.
+    """Dry friction of the slider that decreases with speed (stiction): a family of Coulomb
+    friction.
 
     Not a candidate itself: the share is fitted once Coulomb friction is found.
     """
@@ -100,23 +114,36 @@ class SliderStribeckFriction(SliderEffect):
     WORDS = "dry friction of the slider"
     MEMBERS = {"slider_coulomb_friction": 0.0}
     SHAPE = "stribeck_share"
-    force_N = parameter("N", "f, friction force at low speed", 20.0, ge=0, compiled="stribeck", step=_force)
-    stribeck_speed_m_s = parameter("m/s", "v_s, Stribeck speed", 0.3, gt=0, compiled="stribeck_speed")
+    force_N = parameter(
+        "N", "f, friction force at low speed", 20.0, ge=0, compiled="stribeck", step=_force
+    )
+    stribeck_speed_m_s = parameter(
+        "m/s", "v_s, Stribeck speed", 0.3, gt=0, compiled="stribeck_speed"
+    )
     stribeck_share = parameter(
-        "", "s, share of the force that decreases with speed", 0.5, ge=0, le=1, compiled="stribeck_share"
+        "",
+        "s, share of the force that decreases with speed",
+        0.5,
+        ge=0,
+        le=1,
+        compiled="stribeck_share",
     )
 
     @classmethod
     def family(cls, member: type[Effect], scale: base.MotionScale) -> LawFamily:
-        start, slowest, fastest = (share * scale.speed for share in (_STRIBECK_SPEED, _SLOWEST, _FASTEST))
+        start, slowest, fastest = (
+            share * scale.speed for share in (_STRIBECK_SPEED, _SLOWEST, _FASTEST)
+        )
         speed = Parameter("stribeck_speed_m_s", start, slowest, fastest, 0.1 * start, "m/s")
-        return super().family(member, scale, others=(speed,), values=lambda force: {**force, speed.name: start})
+        return super().family(
+            member, scale, others=(speed,), values=lambda force: {**force, speed.name: start}
+        )
 
 
 @register_effect(order=27)
 class SliderPositionFriction(SliderEffect):
-    """Position-dependent dry friction of the slider, such as in a locally tight or worn bore: a family of Coulomb
-    friction.
+    """Position-dependent dry friction of the slider, such as in a locally tight or worn bore: a
+    family of Coulomb friction.
 
     Not a candidate itself: the share is fitted once Coulomb friction is found.
     """
@@ -125,22 +152,37 @@ class SliderPositionFriction(SliderEffect):
     WORDS = "position-dependent dry friction of the slider"
     MEMBERS = {"slider_coulomb_friction": 0.0}
     SHAPE = "varying_share"
-    force_N = parameter("N", "f, largest friction force", 20.0, ge=0, compiled="position_friction", step=_force)
-    tightest_position_m = parameter(
-        "m", "x_t, slider position of the largest friction", 0.56, compiled="position_friction_tightest"
+    force_N = parameter(
+        "N", "f, largest friction force", 20.0, ge=0, compiled="position_friction", step=_force
     )
-    length_m = parameter("m", "l, period along the stroke", 0.3, gt=0, compiled="position_friction_length")
-    varying_share = parameter("", "s, varying share of the force", 0.5, ge=0, le=1, compiled="position_friction_share")
+    tightest_position_m = parameter(
+        "m",
+        "x_t, slider position of the largest friction",
+        0.56,
+        compiled="position_friction_tightest",
+    )
+    length_m = parameter(
+        "m", "l, period along the stroke", 0.3, gt=0, compiled="position_friction_length"
+    )
+    varying_share = parameter(
+        "", "s, varying share of the force", 0.5, ge=0, le=1, compiled="position_friction_share"
+    )
 
     @classmethod
     def family(cls, member: type[Effect], scale: base.MotionScale) -> LawFamily:
         middle, half = scale.middle, scale.stroke
         # one period to either side of mid-stroke, so that no position of the stroke is a bound
-        place = Parameter("tightest_position_m", middle, middle - 2.0 * half, middle + 2.0 * half, 0.1 * half, "m")
+        place = Parameter(
+            "tightest_position_m", middle, middle - 2.0 * half, middle + 2.0 * half, 0.1 * half, "m"
+        )
         guesses = tuple({place.name: middle + share * half} for share in _TIGHTEST)
         length = {"length_m": 2.0 * half}
         return super().family(
-            member, scale, others=(place,), initial_guesses=guesses, parameters=lambda values: {**values, **length}
+            member,
+            scale,
+            others=(place,),
+            initial_guesses=guesses,
+            parameters=lambda values: {**values, **length},
         )
 
 
@@ -151,7 +193,9 @@ class SliderViscousFriction(SliderEffect):
     LAW = "F = -c v"
     REFERENCE = FRICTION_SURVEY
     WORDS = "viscous friction of the slider"
-    damping_N_s_m = parameter("N*s/m", "c, force per velocity", 5.0, ge=0, compiled="viscous", step=_force_over_speed)
+    damping_N_s_m = parameter(
+        "N*s/m", "c, force per velocity", 5.0, ge=0, compiled="viscous", step=_force_over_speed
+    )
 
 
 @register_effect(order=40)
@@ -162,7 +206,12 @@ class SliderQuadraticDrag(SliderEffect):
     REFERENCE = "Newton, Principia (1687), book II, section II"
     WORDS = "quadratic drag of the slider"
     drag_N_s2_m2 = parameter(
-        "N*s^2/m^2", "d, force per velocity squared", 0.5, ge=0, compiled="drag", step=_force_over_speed_squared
+        "N*s^2/m^2",
+        "d, force per velocity squared",
+        0.5,
+        ge=0,
+        compiled="drag",
+        step=_force_over_speed_squared,
     )
 
 
@@ -175,7 +224,13 @@ class SliderLoadFriction(SliderEffect):
     REFERENCE = "Amontons, Mém. Acad. R. Sci. (1699) 206-222"
     WORDS = "load-dependent friction of the slider guide"
     coefficient = parameter(
-        "", "k, coefficient of friction", 0.1, ge=0, le=1, compiled="load_friction", step=_coefficient
+        "",
+        "k, coefficient of friction",
+        0.1,
+        ge=0,
+        le=1,
+        compiled="load_friction",
+        step=_coefficient,
     )
 
 
@@ -195,13 +250,19 @@ class SliderSpring(SliderEffect):
     LAW = "F = -k (x - x0)"
     REFERENCE = "Hooke, De potentia restitutiva (1678)"
     WORDS = "a linear spring on the slider"
-    stiffness_N_m = parameter("N/m", "k, force per length", 2000.0, ge=0, compiled="spring_stiffness")
-    rest_position_m = parameter("m", "x0, slider position without force", 0.56, compiled="spring_rest")
+    stiffness_N_m = parameter(
+        "N/m", "k, force per length", 2000.0, ge=0, compiled="spring_stiffness"
+    )
+    rest_position_m = parameter(
+        "m", "x0, slider position without force", 0.56, compiled="spring_rest"
+    )
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
         parameters = partial(_one_spring, context.scale)
-        yield cls.candidate(*_two_springs(context.scale), parameters=parameters, families=cls.families(context))
+        yield cls.candidate(
+            *_two_springs(context.scale), parameters=parameters, families=cls.families(context)
+        )
 
 
 @register_effect(order=75)
@@ -217,29 +278,50 @@ class SliderNonlinearSpring(SliderEffect):
     MEMBERS = {"slider_spring": 0.0}
     SHAPE, IN_USE = "cubic_share", (-0.5, 0.0, 0.5, 1.0)
     stiffness_N_m = parameter(
-        "N/m", "k, force per length at the distance h from x0", 2000.0, ge=0, compiled="nonlinear_spring"
+        "N/m",
+        "k, force per length at the distance h from x0",
+        2000.0,
+        ge=0,
+        compiled="nonlinear_spring",
     )
-    rest_position_m = parameter("m", "x0, slider position without force", 0.56, compiled="nonlinear_spring_rest")
+    rest_position_m = parameter(
+        "m", "x0, slider position without force", 0.56, compiled="nonlinear_spring_rest"
+    )
     length_m = parameter(
-        "m", "h, distance from x0 at which the force is k h", 0.15, gt=0, compiled="nonlinear_spring_length"
+        "m",
+        "h, distance from x0 at which the force is k h",
+        0.15,
+        gt=0,
+        compiled="nonlinear_spring_length",
     )
     # the stiffness vanishes at the distance h from rest for -1/2, and at rest for 1
     cubic_share = parameter(
-        "", "c, share of the cubic part; negative: softening", 1.0, ge=-0.5, le=1.0, compiled="nonlinear_spring_share"
+        "",
+        "c, share of the cubic part; negative: softening",
+        1.0,
+        ge=-0.5,
+        le=1.0,
+        compiled="nonlinear_spring_share",
     )
 
     @classmethod
     def family(cls, member: type[Effect], scale: base.MotionScale) -> LawFamily:
         def parameters(values: base.Values) -> dict[str, float]:
-            return _one_spring(scale, values) | {"length_m": scale.stroke, "cubic_share": values["cubic_share"]}
+            return _one_spring(scale, values) | {
+                "length_m": scale.stroke,
+                "cubic_share": values["cubic_share"],
+            }
 
         return super().family(member, scale, _two_springs(scale), parameters=parameters)
 
 
 def _two_springs(scale: base.MotionScale) -> tuple[Parameter, ...]:
-    """Stiffnesses of two springs at the extreme rest positions: equivalent to one between them, and linear."""
+    """Stiffnesses of two springs at the extreme rest positions: equivalent to one between them, and
+    linear."""
     step = scale.force / (_FARTHEST_STROKES * 2.0 * scale.stroke)
-    return tuple(amplitude(key, step, "N/m", 0.0) for key in ("farthest_out_N_m", "farthest_in_N_m"))
+    return tuple(
+        amplitude(key, step, "N/m", 0.0) for key in ("farthest_out_N_m", "farthest_in_N_m")
+    )
 
 
 def _one_spring(scale: base.MotionScale, values: base.Values) -> dict[str, float]:
@@ -253,19 +335,30 @@ def _one_spring(scale: base.MotionScale, values: base.Values) -> dict[str, float
 
 @register_effect(order=80)
 class GasPressure(SliderEffect):
-    """A closed gas spring beyond the slider without loss. For a cylinder with valves or combustion use
-    `slider_force_table`.
+    """A closed gas spring beyond the slider without loss. For a cylinder with valves or combustion
+    use `slider_force_table`.
     """
 
     LAW = "F = -f (h / (h + x_out - x))^n, closed cycle, x_out: farthest-out position"
     REFERENCE = "Heywood, Internal combustion engine fundamentals (1988)"
     WORDS = "the pressure of a closed gas volume on the slider"
-    force_N = parameter("N", "f, force with the slider farthest out", 100.0, ge=0, compiled="gas_force", step=_force)
+    force_N = parameter(
+        "N", "f, force with the slider farthest out", 100.0, ge=0, compiled="gas_force", step=_force
+    )
     dead_length_m = parameter(
-        "m", "h, cylinder length beyond the farthest-out position", 0.05, gt=0, compiled="gas_length"
+        "m",
+        "h, cylinder length beyond the farthest-out position",
+        0.05,
+        gt=0,
+        compiled="gas_length",
     )
     exponent = parameter(
-        "", "n, polytropic exponent: 1 isothermal, 1.4 adiabatic for air", 1.3, ge=1, le=1.4, compiled="gas_exponent"
+        "",
+        "n, polytropic exponent: 1 isothermal, 1.4 adiabatic for air",
+        1.3,
+        ge=1,
+        le=1.4,
+        compiled="gas_exponent",
     )
 
     def largest_force(self, stroke: float) -> float:
@@ -281,7 +374,9 @@ class GasPressure(SliderEffect):
             Parameter("dead_length_m", short, 0.01 * stroke, 20.0 * stroke, 0.1 * short, "m"),
             Parameter("exponent", 1.2, 1.0, 1.4, 0.05),
             amplitudes=("force_N",),
-            initial_guesses=tuple({"dead_length_m": length, "exponent": 1.2} for length in (short, long)),
+            initial_guesses=tuple(
+                {"dead_length_m": length, "exponent": 1.2} for length in (short, long)
+            ),
         )
 
 
@@ -297,7 +392,9 @@ class HarmonicForce(SliderEffect):
 
     def compile_into(self, records: base.Records) -> None:
         super().compile_into(records)
-        records["effects"]["harmonic_angular_frequency"] = 2 * math.pi * self.parameters.frequency_Hz
+        records["effects"]["harmonic_angular_frequency"] = (
+            2 * math.pi * self.parameters.frequency_Hz
+        )
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
@@ -317,12 +414,16 @@ class HarmonicForce(SliderEffect):
 
 def _amplitude_and_phase(values: base.Values) -> dict[str, float]:
     """Parameters of one run, or the mean amplitude over runs and the phase in the first."""
-    cosines = {key.removeprefix("cosine"): values[key] for key in values if key.startswith("cosine")}
+    cosines = {
+        key.removeprefix("cosine"): values[key] for key in values if key.startswith("cosine")
+    }
     # f cos(w t + phase) = f cos(phase) cos(w t) - f sin(phase) sin(w t)
     sines = {run: -values[f"sine{run}"] for run in cosines}
     first = next(iter(cosines))
     return {
-        "force_N": math.sqrt(sum(cosines[run] ** 2 + sines[run] ** 2 for run in cosines) / len(cosines)),
+        "force_N": math.sqrt(
+            sum(cosines[run] ** 2 + sines[run] ** 2 for run in cosines) / len(cosines)
+        ),
         "frequency_Hz": values["frequency_Hz"],
         "phase_rad": math.atan2(sines[first], cosines[first]),
     }

@@ -33,18 +33,23 @@ from jointgap.identification.settings import (
 
 @dataclass(frozen=True)
 class _Scatter:
-    """Scatter of realisations: orthonormal modes (n, m) and variances (m,) [1, of that of noise]."""
+    """Scatter of realisations: orthonormal modes (n, m) and variances (m,) [1, of that of
+    noise]."""
 
     modes: np.ndarray
     variances: np.ndarray
 
     @classmethod
-    def of(cls, left: np.ndarray, degrees_of_freedom: int, settings: EnsembleSettings) -> "_Scatter":
+    def of(
+        cls, left: np.ndarray, degrees_of_freedom: int, settings: EnsembleSettings
+    ) -> "_Scatter":
         """From the residuals (members, n) of a regression."""
         try:
             _, singular_values, right = np.linalg.svd(left, full_matrices=False)
         except np.linalg.LinAlgError:  # divide and conquer may fail to converge
-            _, singular_values, right = scipy.linalg.svd(left, full_matrices=False, lapack_driver="gesvd")
+            _, singular_values, right = scipy.linalg.svd(
+                left, full_matrices=False, lapack_driver="gesvd"
+            )
         variances = singular_values**2 / degrees_of_freedom
         counted = variances > settings.least_variance
         return cls(right[counted].T, variances[counted])
@@ -55,16 +60,21 @@ class _Scatter:
         return values - (self.modes * removed) @ (self.modes.T @ values)
 
 
-def leading_over_ensembles(problem: Problem, base: Fit, fits: Sequence[Fit]) -> tuple[Fit, list[Fit]]:
-    """The base and the fits, the leading ones regressed over ensembles, as chi2 of a single realisation scatters by
-    more than the differences of explanations.
+def leading_over_ensembles(
+    problem: Problem, base: Fit, fits: Sequence[Fit]
+) -> tuple[Fit, list[Fit]]:
+    """The base and the fits, the leading ones regressed over ensembles, as chi2 of a single
+    realisation scatters by more than the differences of explanations.
 
-    The base is also regressed from the nuisances of the best fit, so that it does not lose by worse ones. Other fits
-    that are better than the base get the mean residual of as many realisations.
+    The base is also regressed from the nuisances of the best fit, so that it does not lose by worse
+    ones. Other fits that are better than the base get the mean residual of as many realisations.
     """
     settings = problem.settings.ensemble
     single = base if base.draws is None else _with_single_residual(problem, base)
-    better = sorted((fit for fit in fits if fit.status != FAILED and fit.bic < single.bic), key=lambda fit: fit.bic)
+    better = sorted(
+        (fit for fit in fits if fit.status != FAILED and fit.bic < single.bic),
+        key=lambda fit: fit.bic,
+    )
     if not better:
         return base, list(fits)
     most = single.bic - settings.leading_share * (single.bic - better[0].bic)
@@ -72,18 +82,26 @@ def leading_over_ensembles(problem: Problem, base: Fit, fits: Sequence[Fit]) -> 
     due = {id(fit) for fit in (base, *leading) if fit.draws is None}
     others = {id(fit) for fit in better if fit.draws is None} - due
     base, *fits = (
-        regressed_over_ensemble(problem, fit)
-        if id(fit) in due
-        else _with_mean_residual(problem, fit)
-        if id(fit) in others
-        else fit
+        (
+            regressed_over_ensemble(problem, fit)
+            if id(fit) in due
+            else _with_mean_residual(problem, fit)
+            if id(fit) in others
+            else fit
+        )
         for fit in (base, *fits)
     )
     best = min((fit for fit in fits if fit.status != FAILED), key=lambda fit: fit.bic)
     if due and best.bic < base.bic:
         # an effect that replaces a nuisance may exceed its bounds, the base may not
-        values = np.clip(list(with_nuisances_of(problem, base, best).values()), *bounds_of(base.parameters))
-        base = min(base, regressed_over_ensemble(problem, replace(base, values=values)), key=lambda fit: fit.chi2)
+        values = np.clip(
+            list(with_nuisances_of(problem, base, best).values()), *bounds_of(base.parameters)
+        )
+        base = min(
+            base,
+            regressed_over_ensemble(problem, replace(base, values=values)),
+            key=lambda fit: fit.chi2,
+        )
     return base, fits
 
 
@@ -128,7 +146,11 @@ def regressed_over_ensemble(problem: Problem, fit: Fit) -> Fit:
     (low, high), live = bounds_of(fit.parameters), _drawn_parameters(fit)
     if not live.any():
         return fit
-    centre, bounds, count = fit.values[live], (low[live], high[live]), settings.members_per_parameter * int(live.sum())
+    centre, bounds, count = (
+        fit.values[live],
+        (low[live], high[live]),
+        settings.members_per_parameter * int(live.sum()),
+    )
     slopes, slope, inflation = fit.jacobian[:, live], fit.half_derivative[live], fit.inflation
     known, no_shifts = None, np.empty((0, centre.size))
     for width in settings.widths:
@@ -150,11 +172,16 @@ def regressed_over_ensemble(problem: Problem, fit: Fit) -> Fit:
         step, _ = bounded_step(slopes, scatter.whiten(coefficients[0]), *ends)
         before, centre = centre, np.clip(middle + step, *bounds)
         white = scatter.whiten(coefficients[0] + plain @ (centre - middle))
-        slope, inflation = slopes.T @ white, max(1.0, float(white @ white) / max(white.size - centre.size, 1))
+        slope, inflation = (
+            slopes.T @ white,
+            max(1.0, float(white @ white) / max(white.size - centre.size, 1)),
+        )
         # the last change of the minimum is an error of the regression
         moved, first = (centre - before)[None, :], known is None
         known = bounded_normal(slopes, slope, inflation, centre, *bounds, moved)
-        if not first and np.all(np.square(moved[0]) <= settings.settled_share * np.diag(known.covariance)):
+        if not first and np.all(
+            np.square(moved[0]) <= settings.settled_share * np.diag(known.covariance)
+        ):
             break
     left, own = (_mean_realisation(problem, fit, live, at) for at in (centre, fit.values[live]))
     if left is None:
@@ -171,9 +198,14 @@ def regressed_over_ensemble(problem: Problem, fit: Fit) -> Fit:
     return replace(fit, values=values, residual=left, jacobian=jacobian, slope=None, draws=draws)
 
 
-def _mean_realisation(problem: Problem, fit: Fit, live: np.ndarray, centre: np.ndarray) -> np.ndarray | None:
-    """Mean residuals (n,) of some realisations at values (k,) of the live parameters; None if none can be simulated."""
-    steps = problem.settings.differences.probe_step * np.array([p.step for p in fit.parameters])[live]
+def _mean_realisation(
+    problem: Problem, fit: Fit, live: np.ndarray, centre: np.ndarray
+) -> np.ndarray | None:
+    """Mean residuals (n,) of some realisations at values (k,) of the live parameters; None if none
+    can be simulated."""
+    steps = (
+        problem.settings.differences.probe_step * np.array([p.step for p in fit.parameters])[live]
+    )
     low, high = (bound[live] for bound in bounds_of(fit.parameters))
     counts = np.arange(problem.settings.ensemble.realisations)[:, None]
     inwards = np.where(centre + counts[-1] * steps > high, -steps, steps)
@@ -190,7 +222,9 @@ def _ensemble_regression_drawn(
 ) -> np.ndarray:
     """Points (count, k) from the distribution `known` of the parameters about the `centre` (k,)."""
     if known.draws is not None:
-        return known.draws[generator.choice(len(known.draws), count, replace=len(known.draws) < count)]
+        return known.draws[
+            generator.choice(len(known.draws), count, replace=len(known.draws) < count)
+        ]
     errors = np.sqrt(np.diag(known.covariance))
     unit = np.where(errors > 0.0, errors, 1.0)
     normal = generator.multivariate_normal(
@@ -199,8 +233,11 @@ def _ensemble_regression_drawn(
     return np.clip(centre + unit * normal, *bounds)
 
 
-def _simulated(problem: Problem, fit: Fit, live: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The `points` (m, k) of the live parameters that can be simulated, and their residuals (m, n)."""
+def _simulated(
+    problem: Problem, fit: Fit, live: np.ndarray, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The `points` (m, k) of the live parameters that can be simulated, and their residuals (m,
+    n)."""
     keys = [p.key for p, own in zip(fit.parameters, live, strict=True) if own]
     kept, residuals = [], []
     for point in points:
@@ -210,7 +247,9 @@ def _simulated(problem: Problem, fit: Fit, live: np.ndarray, points: np.ndarray)
         except (InputError, SimulationError):
             continue
         kept.append(point)
-    return np.array(kept).reshape(-1, points.shape[1]), np.array(residuals).reshape(-1, problem.size)
+    return np.array(kept).reshape(-1, points.shape[1]), np.array(residuals).reshape(
+        -1, problem.size
+    )
 
 
 @dataclass(frozen=True)
@@ -219,12 +258,16 @@ class Baseline:
 
     problem: Problem  # Its noise includes solver error
     differences: FiniteDifferences
-    nominal: Fit  # Shared nuisances at nominal; only run-specific values (speed, first angle) are fitted
+    nominal: (
+        Fit  # Shared nuisances at nominal; only run-specific values (speed, first angle) are fitted
+    )
     base: Fit  # All nuisances fitted
 
 
 def recalibrate(
-    model: Model, noise: Mapping[tuple[str, str], Noise], settings: IdentificationSettings = DEFAULT_SETTINGS
+    model: Model,
+    noise: Mapping[tuple[str, str], Noise],
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> Baseline:
     """Fit the nuisances, add solver error to the noise, and fit again."""
     first = Problem(model, noise, settings=settings)
@@ -233,8 +276,12 @@ def recalibrate(
     start = fit_hypothesis(first, differences=differences)
     start = deepest_base(first, start, differences, _enough(first, start))
     if start.status == FAILED:
-        raise SimulationError(f"{model.name}: the current model cannot be simulated: {start.reason}")
-    problem = Problem(model, numerics_noise(model, start.mapping, noise, settings.noise), settings=settings)
+        raise SimulationError(
+            f"{model.name}: the current model cannot be simulated: {start.reason}"
+        )
+    problem = Problem(
+        model, numerics_noise(model, start.mapping, noise, settings.noise), settings=settings
+    )
     differences = probed_differences(problem, start.mapping)
     nominal = fit_hypothesis(
         problem,
@@ -252,9 +299,11 @@ def recalibrate(
 
 
 def deepest_base(problem: Problem, base: Fit, differences: FiniteDifferences, enough: float) -> Fit:
-    """The `base` or, if better, a fit from the best of random values of the shared nuisances (local minima).
+    """The `base` or, if better, a fit from the best of random values of the shared nuisances (local
+    minima).
 
-    The search ends below the chi2 `enough`, or if a fit ends in the same minimum as the best one (by chi2).
+    The search ends below the chi2 `enough`, or if a fit ends in the same minimum as the best one
+    (by chi2).
     """
     settings = problem.settings.baseline
     shared = [p for p in problem.nuisances if p.run is None and np.isfinite(p.high - p.low)]
@@ -285,7 +334,8 @@ def _enough(problem: Problem, fit: Fit) -> float:
 
 
 def probed_differences(problem: Problem, values: Mapping[str, float]) -> FiniteDifferences:
-    """Finite differences with the numerical noise at `values` (by key [SI]), if `problem` can be simulated."""
+    """Finite differences with the numerical noise at `values` (by key [SI]), if `problem` can be
+    simulated."""
     differences = FiniteDifferences(problem)
     try:
         differences.probe(problem.nuisances, values, problem.residual(values))
@@ -297,10 +347,11 @@ def probed_differences(problem: Problem, values: Mapping[str, float]) -> FiniteD
 def with_intervals(problem: Problem, fit: Fit) -> Fit:
     """The fit with draws (chaotic motion) or shifts for its intervals.
 
-    Shifts are the changes of the values between solver variants (including another start), projected onto the
-    parameters with the widths of their bounds, and the changes of fits that begin at draws from the distribution of the
-    values: where the residual is no linear function of them, these end elsewhere. For chaotic motion the values are
-    those of the regression; the residual is kept. The fit is unchanged if this fails.
+    Shifts are the changes of the values between solver variants (including another start),
+    projected onto the parameters with the widths of their bounds, and the changes of fits that
+    begin at draws from the distribution of the values: where the residual is no linear function of
+    them, these end elsewhere. For chaotic motion the values are those of the regression; the
+    residual is kept. The fit is unchanged if this fails.
     """
     if fit.status == FAILED or fit.draws is not None or fit.in_windows or not fit.values.size:
         return fit
@@ -320,9 +371,12 @@ def with_intervals(problem: Problem, fit: Fit) -> Fit:
 
 
 def _ends_from_draws(problem: Problem, fit: Fit) -> np.ndarray:
-    """Changes (m, k) [SI] of the values by fits from draws, over the root of their number: a mean square."""
+    """Changes (m, k) [SI] of the values by fits from draws, over the root of their number: a mean
+    square."""
     count, generator = problem.settings.intervals.starts, np.random.default_rng(0)
-    starts = _ensemble_regression_drawn(fit.distribution, fit.values, bounds_of(fit.parameters), count, generator)
+    starts = _ensemble_regression_drawn(
+        fit.distribution, fit.values, bounds_of(fit.parameters), count, generator
+    )
     known = {p.key: column for p, column in zip(fit.parameters, fit.jacobian.T, strict=True)}
     ends = []
     for start in starts:
@@ -334,9 +388,12 @@ def _ends_from_draws(problem: Problem, fit: Fit) -> np.ndarray:
 
 
 def other_numerics(problem: Problem, base: Fit) -> np.ndarray:
-    """Change (number of variants, n) of the whitened residuals of the fit `base` between solver variants."""
+    """Change (number of variants, n) of the whitened residuals of the fit `base` between solver
+    variants."""
     changes: list[np.ndarray] = []
     # estimated states compensate for solver variants
     for i in range(0 if base.in_windows else len(problem.model.numerics)):
-        changes.append(problem.residual(base.mapping, base.hypothesis, numerics=i + 1) - base.residual)
+        changes.append(
+            problem.residual(base.mapping, base.hypothesis, numerics=i + 1) - base.residual
+        )
     return np.array(changes).reshape(len(changes), problem.size)

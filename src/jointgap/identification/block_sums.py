@@ -1,7 +1,7 @@
 """Whitened residuals summed over blocks of samples.
 
-An impact that comes a few samples later changes single residuals by more than any effect does, so that their chi2 has
-many local minima. Sums over a part of a revolution change smoothly.
+An impact that comes a few samples later changes single residuals by more than any effect does, so
+that their chi2 has many local minima. Sums over a part of a revolution change smoothly.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,8 +15,8 @@ from jointgap.identification.screening import Sensitivities
 
 
 class BlockSums(Problem):
-    """A problem with the whitened residuals summed over blocks, divided by the root of their number: again of variance
-    1, if they are noise."""
+    """A problem with the whitened residuals summed over blocks, divided by the root of their
+    number: again of variance 1, if they are noise."""
 
     def __init__(self, problem: Problem, per_revolution: int):
         super().__init__(problem.model, problem.noise, settings=problem.settings)
@@ -45,7 +45,9 @@ class BlockSums(Problem):
         numerics: int = 0,
     ) -> np.ndarray:
         """Summed residuals (size,); those of runs that are not in `runs` are taken from `out`."""
-        summed = self.sums(self._problem.residual(values, hypothesis, runs, np.zeros(self._samples), numerics))
+        summed = self.sums(
+            self._problem.residual(values, hypothesis, runs, np.zeros(self._samples), numerics)
+        )
         if out is not None and runs is not None:
             for part in self.parts:
                 if part.series.run not in runs:
@@ -55,15 +57,24 @@ class BlockSums(Problem):
     def sums(self, residual: np.ndarray) -> np.ndarray:
         """Sums (size,) or (size, k) of residuals or their derivatives (n,) or (n, k)."""
         parts = [
-            np.add.reduceat(residual[place], edges, axis=0) / (root if residual.ndim == 1 else root[:, None])
+            np.add.reduceat(residual[place], edges, axis=0)
+            / (root if residual.ndim == 1 else root[:, None])
             for place, edges, root in self._blocks
         ]
         return np.concatenate(parts)
 
     def sensitivities(self, whole: Sensitivities) -> Sensitivities:
         """The sensitivities of the sums."""
-        entries = [replace(one, columns=self.sums(one.columns), origin=self.sums(one.origin)) for one in whole.entries]
-        return replace(whole, jacobian=self.sums(whole.jacobian), residual=self.sums(whole.residual), entries=entries)
+        entries = [
+            replace(one, columns=self.sums(one.columns), origin=self.sums(one.origin))
+            for one in whole.entries
+        ]
+        return replace(
+            whole,
+            jacobian=self.sums(whole.jacobian),
+            residual=self.sums(whole.residual),
+            entries=entries,
+        )
 
 
 def _edges(part: Part, per_revolution: int) -> np.ndarray:
@@ -76,7 +87,8 @@ def _edges(part: Part, per_revolution: int) -> np.ndarray:
 
 
 def is_rough(problem: Problem) -> bool:
-    """Whether chi2 of all samples is rough, as with loose joints: their solver error counts as noise."""
+    """Whether chi2 of all samples is rough, as with loose joints: their solver error counts as
+    noise."""
     return not problem.has_statistics and any(np.any(part.noise.numerics) for part in problem.parts)
 
 
@@ -88,8 +100,8 @@ def first_sums(problem: Problem) -> BlockSums:
 def fit_from_sums(
     problem: Problem, fit: Fit, differences: FiniteDifferences, sufficient_chi2: float = np.inf
 ) -> Fit | None:
-    """The fit to all samples from a `fit` of the `first_sums`, by sums of ever shorter blocks; None if any sums exceed
-    noise by far."""
+    """The fit to all samples from a `fit` of the `first_sums`, by sums of ever shorter blocks; None
+    if any sums exceed noise by far."""
     settings = problem.settings
     for per_revolution in settings.selection.sums_per_revolution[1:]:
         if _is_poor(fit):
@@ -98,11 +110,14 @@ def fit_from_sums(
     if _is_poor(fit):
         return None
     start = fit.mapping
-    return fit_hypothesis(problem, fit.hypothesis, start, differences=differences, sufficient_chi2=sufficient_chi2)
+    return fit_hypothesis(
+        problem, fit.hypothesis, start, differences=differences, sufficient_chi2=sufficient_chi2
+    )
 
 
 def fit_through_sums(problem: Problem, fit: Fit, differences: FiniteDifferences) -> Fit:
-    """The fit of the same hypothesis to all samples by sums of ever shorter blocks, however much they exceed noise."""
+    """The fit of the same hypothesis to all samples by sums of ever shorter blocks, however much
+    they exceed noise."""
     start = fit.mapping
     for per_revolution in problem.settings.selection.sums_per_revolution:
         summed = fit_hypothesis(BlockSums(problem, per_revolution), fit.hypothesis, start)
@@ -111,4 +126,7 @@ def fit_through_sums(problem: Problem, fit: Fit, differences: FiniteDifferences)
 
 
 def _is_poor(fit: Fit) -> bool:
-    return fit.status == FAILED or fit.chi2 > fit.settings.stopping.poor_chi2_per_sample * fit.residual.size
+    return (
+        fit.status == FAILED
+        or fit.chi2 > fit.settings.stopping.poor_chi2_per_sample * fit.residual.size
+    )

@@ -9,7 +9,15 @@ from scipy.special import chdtrc
 from scipy.stats import false_discovery_control
 
 from jointgap.identification.line import fit_line
-from jointgap.identification.problem import Noise, Part, Problem, autoregression, unwhiten, usual_step, whiten
+from jointgap.identification.problem import (
+    Noise,
+    Part,
+    Problem,
+    autoregression,
+    unwhiten,
+    usual_step,
+    whiten,
+)
 from jointgap.identification.settings import DEFAULT_SETTINGS, DisagreementSettings
 
 
@@ -22,7 +30,9 @@ def order_spectrum(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
             continue
         turns = np.ptp(angle) / (2 * np.pi)
         step = 1.0 / max(1, round(turns))
-        highest = min(problem.settings.disagreement.highest_order, np.pi / usual_step(np.abs(np.diff(angle))))
+        highest = min(
+            problem.settings.disagreement.highest_order, np.pi / usual_step(np.abs(np.diff(angle)))
+        )
         count = int(highest / step + 1e-9)
         order = step * np.arange(1, count + 1)
         rotation, rotated, sums = np.exp(-1j * step * angle), white - white.mean(), []
@@ -46,12 +56,15 @@ def order_spectrum(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
 
 
 def dominant_orders(problem: Problem, residual: np.ndarray, rate: float) -> pd.DataFrame:
-    """Integer crank orders that dominate the residual of a channel in a run, such as a motor's cogging."""
+    """Integer crank orders that dominate the residual of a channel in a run, such as a motor's
+    cogging."""
     settings, rows = problem.settings.disagreement, []
     spectrum = order_spectrum(problem, residual)
     lowest = settings.lowest_dominant_order
     order = spectrum["order"].to_numpy()
-    whole = spectrum[np.isclose(order, np.round(order), rtol=0.0, atol=1e-6) & (order > lowest - 0.5)]
+    whole = spectrum[
+        np.isclose(order, np.round(order), rtol=0.0, atol=1e-6) & (order > lowest - 0.5)
+    ]
     for part in problem.parts:
         own = whole[(whole["run"] == part.series.run) & (whole["channel"] == part.series.channel)]
         white = residual[part.place]
@@ -73,7 +86,9 @@ def dominant_orders(problem: Problem, residual: np.ndarray, rate: float) -> pd.D
                     "p": line["p"],
                 }
             )
-    return pd.DataFrame(rows, columns=["run", "channel", "unit", "order", "amplitude", "share", "p"])
+    return pd.DataFrame(
+        rows, columns=["run", "channel", "unit", "order", "amplitude", "share", "p"]
+    )
 
 
 def _amplitude(part: Part, white: np.ndarray, order: float) -> float:
@@ -92,7 +107,8 @@ def _unwhitened(part: Part, white: np.ndarray) -> np.ndarray:
 
 
 def speed_scaling(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
-    """Exponent of the growth of each channel's residual with speed: 0 for a constant force, 2 for inertia."""
+    """Exponent of the growth of each channel's residual with speed: 0 for a constant force, 2 for
+    inertia."""
     rows = []
     for channel in dict.fromkeys(part.series.channel for part in problem.parts):
         excesses = [
@@ -117,9 +133,11 @@ def speed_scaling(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
 
 
 def _excess(part: Part, residual: np.ndarray, sigmas: float) -> tuple[float, float, float] | None:
-    """Mean speed [rad/s], root mean square residual beyond noise [unit], and its relative standard deviation [1].
+    """Mean speed [rad/s], root mean square residual beyond noise [unit], and its relative standard
+    deviation [1].
 
-    None if it exceeds noise by fewer than `sigmas` standard deviations, or if the run has no angles and times.
+    None if it exceeds noise by fewer than `sigmas` standard deviations, or if the run has no angles
+    and times.
     """
     angle, time = part.series.angle[part.used], part.series.time[part.used]
     if angle.size < 2 or not (np.isfinite(angle).all() and np.isfinite(time).all()):
@@ -129,7 +147,9 @@ def _excess(part: Part, residual: np.ndarray, sigmas: float) -> tuple[float, flo
     noise = float(np.mean(part.noise.spread[part.used] ** 2))
     excess = float(square.mean()) - noise
     sd = np.sqrt((2.0 * noise**2 + 4.0 * noise * max(excess, 0.0)) / square.size)
-    return (speed, np.sqrt(excess), 0.5 * sd / excess) if speed > 0 and excess > sigmas * sd else None
+    return (
+        (speed, np.sqrt(excess), 0.5 * sd / excess) if speed > 0 and excess > sigmas * sd else None
+    )
 
 
 @dataclass(frozen=True)
@@ -148,21 +168,27 @@ class DisagreementMap:
     remark: str = ""  # Runs and channels without a map
 
 
-def map_disagreement(problem: Problem, residual: np.ndarray, false_discovery: float = 0.01) -> DisagreementMap:
+def map_disagreement(
+    problem: Problem, residual: np.ndarray, false_discovery: float = 0.01
+) -> DisagreementMap:
     """Test the residual by run, channel and bin of the crank angle.
 
-    Spans of several widths are tested by Fisher's combined probability (with a limited contribution of each bin), as a
-    small residual may be significant only over many bins. Within significant spans, bins are flagged that are likely
-    together with their neighbours; a window begins and ends with bins that are likely alone, and must be significant
-    itself.
+    Spans of several widths are tested by Fisher's combined probability (with a limited contribution
+    of each bin), as a small residual may be significant only over many bins. Within significant
+    spans, bins are flagged that are likely together with their neighbours; a window begins and ends
+    with bins that are likely alone, and must be significant itself.
     """
     settings = problem.settings.disagreement
-    tests = pd.DataFrame([_test(part, residual[part.place], settings.ljung_box_lags) for part in problem.parts])
+    tests = pd.DataFrame(
+        [_test(part, residual[part.place], settings.ljung_box_lags) for part in problem.parts]
+    )
     bins = pd.DataFrame(
         [row for part in problem.parts for row in _bins(part, residual[part.place], settings.bins)],
         columns=["run", "channel", "start_deg", "end_deg", "samples", "mean", "rms", "size", "p"],
     )
-    correlations = {part.series.key: bin_correlations(part, settings.bins) for part in problem.parts}
+    correlations = {
+        part.series.key: bin_correlations(part, settings.bins) for part in problem.parts
+    }
     bins = flag_bins(bins, settings, false_discovery, correlations)
     windows = _windows(bins)
     chi2 = float(residual @ residual)
@@ -189,7 +215,10 @@ def _remark(problem: Problem, bins: pd.DataFrame) -> str:
     ]
     if not without:
         return ""
-    return f"No map of {', '.join(without)}, as the phase is unknown; see the tests by run and channel."
+    return (
+        f"No map of {', '.join(without)}, as the phase is unknown; see the tests by run and"
+        " channel."
+    )
 
 
 def _test(part: Part, residual: np.ndarray, lags: int) -> dict:
@@ -205,7 +234,9 @@ def _test(part: Part, residual: np.ndarray, lags: int) -> dict:
 
 
 def ljung_box(
-    residual: np.ndarray, index: np.ndarray, lags: int = DEFAULT_SETTINGS.disagreement.ljung_box_lags
+    residual: np.ndarray,
+    index: np.ndarray,
+    lags: int = DEFAULT_SETTINGS.disagreement.ljung_box_lags,
 ) -> float:
     """Probability of such autocorrelations of independent numbers (Ljung and Box 1978)."""
     lags = min(lags, residual.size // 5)
@@ -226,7 +257,8 @@ def _bins(part: Part, residual: np.ndarray, count: int) -> list[dict]:
     series, used = part.series, part.used
     if not np.isfinite(series.angle[used]).all():
         return []
-    # each passage through a bin is whitened separately: otherwise the sample after a window would be flagged too
+    # each passage through a bin is whitened separately: otherwise the sample after a window would
+    # be flagged too
     white = np.full(used.size, np.nan)
     white[used] = residual
     scaled = unwhiten(white, part.noise)
@@ -258,7 +290,9 @@ def _bins(part: Part, residual: np.ndarray, count: int) -> list[dict]:
     return rows
 
 
-def _whiten_passages(columns: np.ndarray, bin_of: np.ndarray, autocorrelation: tuple[float, ...]) -> np.ndarray:
+def _whiten_passages(
+    columns: np.ndarray, bin_of: np.ndarray, autocorrelation: tuple[float, ...]
+) -> np.ndarray:
     """Columns (n, m), each passage through a bin whitened separately."""
     if not autocorrelation:
         return columns
@@ -290,15 +324,20 @@ def flag_bins(
     sure: float,
     correlations: Mapping[tuple[str, str], np.ndarray] | None = None,
 ) -> pd.DataFrame:
-    """Flag bins: in a significant span, likely with their neighbours, and in a window that is significant itself."""
+    """Flag bins: in a significant span, likely with their neighbours, and in a window that is
+    significant itself."""
     bins = bins.reset_index(drop=True)
     groups = list(bins.groupby(["run", "channel"], sort=False))
     circles = [
-        _ChannelBins(rows["p"].to_numpy(float), settings, (correlations or {}).get(key, np.empty(0)))
+        _ChannelBins(
+            rows["p"].to_numpy(float), settings, (correlations or {}).get(key, np.empty(0))
+        )
         for key, rows in groups
     ]
     spans = sum(circle.spans.size for circle in circles)
-    adjusted = false_discovery_control(np.concatenate([np.empty(0), *(circle.spans for circle in circles)]))
+    adjusted = false_discovery_control(
+        np.concatenate([np.empty(0), *(circle.spans for circle in circles)])
+    )
     p_adjusted, flagged = np.ones(len(bins)), np.zeros(len(bins), bool)
     for circle, (_, rows) in zip(circles, groups, strict=True):
         own, adjusted = adjusted[: circle.spans.size], adjusted[circle.spans.size :]
@@ -320,19 +359,24 @@ class _ChannelBins:
         self.p, self._least, self._squares = p, settings.least_of_one, np.square(correlations)
         widths = [1, *(width for width in settings.spans if width <= p.size)]
         self.held = np.vstack([self._spans_of(width) for width in widths])
-        self.spans = np.concatenate([p, *(self._combined(self._spans_of(width)) for width in widths[1:])])
+        self.spans = np.concatenate(
+            [p, *(self._combined(self._spans_of(width)) for width in widths[1:])]
+        )
         around = self._spans_of(min(settings.neighbours, p.size))
         self.around = np.roll(self._combined(around), settings.neighbours // 2)
 
     def _spans_of(self, width: int) -> np.ndarray:
         """Masks (m, m) of all spans of a width by their begin."""
-        return np.array([np.roll(np.arange(self.p.size) < width, begin) for begin in range(self.p.size)])
+        return np.array(
+            [np.roll(np.arange(self.p.size) < width, begin) for begin in range(self.p.size)]
+        )
 
     def _combined(self, held: np.ndarray) -> np.ndarray:
-        """Combined probability by noise of the bins in each of the spans `held` (k, m) of one width.
+        """Combined probability by noise of the bins in each of the spans `held` (k, m) of one
+        width.
 
-        Fisher's sum of logarithms, corrected for correlated noise (Brown, Biometrics 31 (1975) 987-992): squares of
-        normal numbers correlate by the square of their correlation.
+        Fisher's sum of logarithms, corrected for correlated noise (Brown, Biometrics 31 (1975)
+        987-992): squares of normal numbers correlate by the square of their correlation.
         """
         width = int(held[0].sum())
         squares = self._squares[: width - 1]
@@ -342,14 +386,15 @@ class _ChannelBins:
         return chdtrc(2.0 * width / alike, held @ logarithms / alike)
 
     def together(self, window: np.ndarray) -> float:
-        """Probability of a window (indices of its bins) by noise: the smallest of one bin or of all together."""
+        """Probability of a window (indices of its bins) by noise: the smallest of one bin or of all
+        together."""
         held = np.isin(np.arange(self.p.size), window)[None]
         return min(float(self.p[window].min()), float(self._combined(held)[0]))
 
 
 def bin_correlations(part: Part, count: int) -> np.ndarray:
-    """Correlations (count - 1,) [1] of the mean noise in bins at distances 1, 2, ...; empty for white noise or without
-    angles.
+    """Correlations (count - 1,) [1] of the mean noise in bins at distances 1, 2, ...; empty for
+    white noise or without angles.
     """
     if not part.noise.autocorrelation:
         return np.empty(0)
@@ -363,20 +408,29 @@ def bin_correlations(part: Part, count: int) -> np.ndarray:
     for lag in range(1, samples * count):
         reach = min(lag, weights.size)
         known = np.array([lags[lag - back] for back in range(1, reach + 1)])
-        lags.append(float(weights[:reach] @ known) if lag > weights.size else part.noise.autocorrelation[lag - 1])
+        lags.append(
+            float(weights[:reach] @ known)
+            if lag > weights.size
+            else part.noise.autocorrelation[lag - 1]
+        )
     offsets = np.subtract.outer(np.arange(samples), np.arange(samples))
-    means = [np.mean(np.array(lags)[np.abs(offsets + apart * samples)]) for apart in range(count - 1)]
+    means = [
+        np.mean(np.array(lags)[np.abs(offsets + apart * samples)]) for apart in range(count - 1)
+    ]
     return np.array(means[1:]) / means[0]
 
 
 def _trimmed(flagged: np.ndarray, ends: np.ndarray) -> list[np.ndarray]:
-    """Indices of the bins of each flagged span on the circle, trimmed to bins that may be at an end."""
+    """Indices of the bins of each flagged span on the circle, trimmed to bins that may be at an
+    end."""
     windows = []
     for begin, length in circular_spans(flagged):
         chosen = (begin + np.arange(length)) % flagged.size
         at_ends = np.flatnonzero(ends[chosen])
         if at_ends.size:
-            windows.append(chosen if length == flagged.size else chosen[at_ends[0] : at_ends[-1] + 1])
+            windows.append(
+                chosen if length == flagged.size else chosen[at_ends[0] : at_ends[-1] + 1]
+            )
     return windows
 
 
@@ -399,7 +453,9 @@ def _windows(bins: pd.DataFrame) -> pd.DataFrame:
                 }
             )
     columns = ["run", "channel", "start_deg", "end_deg", "mean", "rms", "p_adjusted"]
-    return pd.DataFrame(rows, columns=columns).sort_values("p_adjusted", kind="stable", ignore_index=True)
+    return pd.DataFrame(rows, columns=columns).sort_values(
+        "p_adjusted", kind="stable", ignore_index=True
+    )
 
 
 def circular_spans(flagged: np.ndarray) -> list[tuple[int, int]]:

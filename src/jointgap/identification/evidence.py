@@ -35,7 +35,9 @@ def row_of(
     if bounds is not None and not objection:
         objection = _objection(fit, bounds, settings, order_label)
     active = zip(fit.parameters, fit.values, fit.active, strict=True)
-    shared = [(p, value) for p, value, moves in active if moves and p.run is None and "." not in p.name]
+    shared = [
+        (p, value) for p, value, moves in active if moves and p.run is None and "." not in p.name
+    ]
     return Row(
         fit=fit,
         effects=tuple(candidate.label for candidate in fit.hypothesis),
@@ -63,23 +65,38 @@ def final_verdict(
     inconsistent_channels: Collection[str] = (),
     settings: DecisionSettings = DEFAULT_SETTINGS.decision,
 ) -> _Decided:
-    """The verdict including held-out data and inconsistent channels; sets `Fit.gap_left` of its fits."""
+    """The verdict including held-out data and inconsistent channels; sets `Fit.gap_left` of its
+    fits."""
     base, limits, gap = row_of(decision.base), Thresholds(0.0, 0.0, 0.0), confirmed.gap("confirm")
     rows = [row_of(fit) for fit in (decision.proposed,) if fit]
     heard = Evidence(
-        base, base, rows, limits, by_fits=decision, held_out=confirmed.held_out, inconsistent=inconsistent_channels
+        base,
+        base,
+        rows,
+        limits,
+        by_fits=decision,
+        held_out=confirmed.held_out,
+        inconsistent=inconsistent_channels,
     )
     found = verdict(heard, settings)
     if not gap > 1.0:
         return found
     leaving = {id(fit) for fit in (found.proposed or found.chosen, *found.equivalent)}
     fits = {name: getattr(found, name) for name in ("chosen", "best_known")}
-    fits = {name: replace(fit, gap_left=gap) if id(fit) in leaving else fit for name, fit in fits.items()}
-    others = {name: [replace(fit, gap_left=gap) for fit in getattr(found, name)] for name in ("equivalent", "twins")}
+    fits = {
+        name: replace(fit, gap_left=gap) if id(fit) in leaving else fit
+        for name, fit in fits.items()
+    }
+    others = {
+        name: [replace(fit, gap_left=gap) for fit in getattr(found, name)]
+        for name in ("equivalent", "twins")
+    }
     return replace(found, **others, **fits)
 
 
-def _objection(fit: Fit, bounds: Bounds, settings: DecisionSettings, order_label: Callable[[float], str]) -> str:
+def _objection(
+    fit: Fit, bounds: Bounds, settings: DecisionSettings, order_label: Callable[[float], str]
+) -> str:
     """Why an effect of an explanation is zero or no effect; empty if there is no objection."""
     values = fit.mapping
     for candidate in (one for one in fit.hypothesis if one.carrier):
@@ -88,24 +105,35 @@ def _objection(fit: Fit, bounds: Bounds, settings: DecisionSettings, order_label
             return f"{candidate.label} oscillates at {frequency:.4g} Hz, which is {order}"
     for candidate in fit.hypothesis:
         own = [p for p in fit.parameters if p.key.startswith(f"{candidate.label}.")]
-        sizes = [p for p in own if p.key.removeprefix(f"{candidate.label}.") in candidate.amplitudes]
+        sizes = [
+            p for p in own if p.key.removeprefix(f"{candidate.label}.") in candidate.amplitudes
+        ]
         if not any(values[p.key] for p in sizes):
             return f"{candidate.label} was fitted with size 0"
         stated = {p.key.removeprefix(f"{candidate.label}."): values[p.key] for p in own}
         size, value = next(iter(candidate.parameters(stated).items()))
         for p in sizes:
             # the lower bound of a change of a known value is a valid size
-            at_low, at_high = values[p.key] <= p.low and not candidate.is_perturbation, values[p.key] >= p.high
+            at_low, at_high = (
+                values[p.key] <= p.low and not candidate.is_perturbation,
+                values[p.key] >= p.high,
+            )
             if at_low or at_high:
                 key = p.key.removeprefix(f"{candidate.label}.")
                 inside = stated | {key: values[p.key] + (p.step if at_low else -p.step)}
-                # one of several amplitudes may be zero, unless the size that is stated depends on it
+                # one of several amplitudes may be zero, unless the size that is stated depends on
+                # it
                 if values[p.key] != 0.0 or candidate.parameters(inside)[size] != value:
                     bound = key if values[p.key] != 0.0 else size
-                    return f"{candidate.label} is at the bound of {bound}, so the cause is another one"
+                    return (
+                        f"{candidate.label} is at the bound of {bound}, so the cause is another one"
+                    )
         if _is_within_range(fit, candidate, bounds):
             replaced = " and ".join(candidate.replaces)
-            return f"{candidate.label} is equivalent to {replaced} within its range: a parameter, no effect"
+            return (
+                f"{candidate.label} is equivalent to {replaced} within its range: a parameter, no"
+                " effect"
+            )
     for candidate in fit.hypothesis:
         if chance(fit, candidate) > settings.max_chance_of_size:
             return f"{candidate.label} is not significant: the interval of its size contains 0"
@@ -115,10 +143,17 @@ def _objection(fit: Fit, bounds: Bounds, settings: DecisionSettings, order_label
 def _is_within_range(fit: Fit, candidate: Candidate, bounds: Bounds) -> bool:
     """Whether an effect only replaces nuisances within their ranges."""
     # if it keeps a shared nuisance, the effect is the difference of the two
-    if not candidate.replaces or candidate.replaces.keys() & {p.name for p in candidate.coordinates}:
+    if not candidate.replaces or candidate.replaces.keys() & {
+        p.name for p in candidate.coordinates
+    }:
         return False
-    replaced = {f"{candidate.label}.{key}": bounds[name] for name, key in candidate.replaces.items()}
-    sizes, errors = {f"{candidate.label}.{key}" for key in candidate.amplitudes}, np.sqrt(np.diag(fit.covariance()))
+    replaced = {
+        f"{candidate.label}.{key}": bounds[name] for name, key in candidate.replaces.items()
+    }
+    sizes, errors = (
+        {f"{candidate.label}.{key}" for key in candidate.amplitudes},
+        np.sqrt(np.diag(fit.covariance())),
+    )
     for p, value, error in zip(fit.parameters, fit.values, errors, strict=True):
         if p.key in replaced:
             nominal, low, high = replaced[p.key]

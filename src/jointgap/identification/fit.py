@@ -40,7 +40,8 @@ def bounded_normal(
     shifts: np.ndarray,
     settings: IntervalSettings = DEFAULT_SETTINGS.intervals,
 ) -> BoundedNormal:
-    """The distribution around the minimum of ``|residual|^2`` within bounds, for linear residuals."""
+    """The distribution around the minimum of ``|residual|^2`` within bounds, for linear
+    residuals."""
     length, width = np.linalg.norm(jacobian, axis=0), high - low
     live = (width > 0) & ((length > 0) | np.isfinite(width))
     covariance = np.zeros((values.size, values.size))
@@ -51,9 +52,14 @@ def bounded_normal(
     if singular_values.size < unit.size:  # fewer residuals than parameters
         right = np.linalg.svd(jacobian[:, live] * unit)[2]
         singular_values = np.append(singular_values, np.zeros(unit.size - singular_values.size))
-    singular_values = np.maximum(singular_values, settings.least_singular_value * max(singular_values[0], 1e-300))
-    # in the axes of chi2: variance `inflation` plus that of the shifts, whose signs and correlations are unknown
-    changed = singular_values[:, None] * right * (np.sqrt(np.sum(shifts[:, live] ** 2, axis=0)) / unit)
+    singular_values = np.maximum(
+        singular_values, settings.least_singular_value * max(singular_values[0], 1e-300)
+    )
+    # in the axes of chi2: variance `inflation` plus that of the shifts, whose signs and
+    # correlations are unknown
+    changed = (
+        singular_values[:, None] * right * (np.sqrt(np.sum(shifts[:, live] ** 2, axis=0)) / unit)
+    )
     variance = inflation * np.eye(unit.size) + changed @ changed.T
     inverse = right.T / singular_values
     free = inverse @ variance @ inverse.T
@@ -66,12 +72,17 @@ def bounded_normal(
     slope = slope[live] * unit
     outwards = ((below >= 0) & (slope > 0)) | ((above <= 0) & (slope < 0))
     beyond = np.linalg.solve(variance, (right @ np.where(outwards, slope, 0.0)) / singular_values)
-    precision = (right.T * singular_values) @ np.linalg.solve(variance, singular_values[:, None] * right)
+    precision = (right.T * singular_values) @ np.linalg.solve(
+        variance, singular_values[:, None] * right
+    )
     pull = -right.T @ (singular_values * beyond)
     axes = np.vstack([np.eye(unit.size), right])
     if shifts.any():  # then the axes of the distribution differ from those of chi2
         axes = np.vstack([axes, np.linalg.eigh(free)[1].T])
-    drawn = _gibbs(precision, pull, np.minimum(below, 0.0), np.maximum(above, 0.0), axes, settings) * unit
+    drawn = (
+        _gibbs(precision, pull, np.minimum(below, 0.0), np.maximum(above, 0.0), axes, settings)
+        * unit
+    )
     covariance[places] = np.atleast_2d(np.cov(drawn, rowvar=False))
     draws = np.tile(values, (len(drawn), 1))
     draws[:, live] = np.clip(values[live] + drawn, low[live], high[live])
@@ -86,7 +97,8 @@ def _gibbs(
     axes: np.ndarray,
     settings: IntervalSettings,
 ) -> np.ndarray:
-    """Draws (s, k) of the density exp(pull x - x precision x / 2) from `low` to `high` (k,), along `axes` (a, k)."""
+    """Draws (s, k) of the density exp(pull x - x precision x / 2) from `low` to `high` (k,), along
+    `axes` (a, k)."""
     generator = np.random.default_rng(0)
     least = 1e-12 * np.trace(precision)  # rounding may make the curvature negative
     x = np.zeros((settings.chains, low.size))
@@ -109,7 +121,8 @@ def _gibbs(
 def _truncated_normal(
     generator: np.random.Generator, mean: np.ndarray, sd: float, low: np.ndarray, high: np.ndarray
 ) -> np.ndarray:
-    """Truncated normal numbers with `mean` (c,) and `sd` from `low` to `high` (c,), by the inverse distribution."""
+    """Truncated normal numbers with `mean` (c,) and `sd` from `low` to `high` (c,), by the inverse
+    distribution."""
     a, b = (low - mean) / sd, (high - mean) / sd
     turned = a > -b  # in the left tail small probabilities are exact
     a, b = np.where(turned, -b, a), np.where(turned, -a, b)
@@ -125,9 +138,13 @@ class FiniteDifferences:
 
     def __init__(self, problem: Problem):
         self.problem = problem
-        statistics = sum(part.place.stop - part.place.start for part in problem.parts if part.series.statistic)
+        statistics = sum(
+            part.place.stop - part.place.start for part in problem.parts if part.series.statistic
+        )
         self.settings = problem.settings.differences
-        self.target = max(self.settings.target_length, self.settings.target_per_statistic * np.sqrt(statistics))
+        self.target = max(
+            self.settings.target_length, self.settings.target_per_statistic * np.sqrt(statistics)
+        )
         self._steps: dict[str, float] = {}
         self.numerical_noise = 0.0
 
@@ -136,10 +153,13 @@ class FiniteDifferences:
         """Change of chi2 by numerical noise (added to residuals of about unit length along it)."""
         return 2.0 * self.numerical_noise
 
-    def probe(self, parameters: Sequence[Parameter], values: Mapping[str, float], residual: np.ndarray) -> None:
+    def probe(
+        self, parameters: Sequence[Parameter], values: Mapping[str, float], residual: np.ndarray
+    ) -> None:
         """Estimate the numerical noise: norm of the whitened change for tiny changes of parameters.
 
-        It limits derivatives and the accuracy of fits, as the integration steps depend on contact times.
+        It limits derivatives and the accuracy of fits, as the integration steps depend on contact
+        times.
         """
         count = self.settings.probed_parameters
         shared = [p for p in parameters if p.run is None][:count] or list(parameters[:count])
@@ -149,9 +169,13 @@ class FiniteDifferences:
             step = size * (1.0 if values[p.key] + 2.0 * size <= p.high else -1.0)
             changes.append(self._noise_of(p.key, step, values, residual))
         self.numerical_noise = float(max(changes, default=0.0))
-        self.target = max(self.target, self.settings.target_over_numerical_noise * self.numerical_noise)
+        self.target = max(
+            self.target, self.settings.target_over_numerical_noise * self.numerical_noise
+        )
 
-    def _noise_of(self, key: str, step: float, values: Mapping[str, float], residual: np.ndarray) -> float:
+    def _noise_of(
+        self, key: str, step: float, values: Mapping[str, float], residual: np.ndarray
+    ) -> float:
         """Norm of the part of a change that is not proportional to the step."""
         change = self.problem.residual({**values, key: values[key] + step}) - residual
         length = float(np.linalg.norm(change))
@@ -171,9 +195,11 @@ class FiniteDifferences:
     ) -> np.ndarray:
         """Derivatives of the residuals."""
         columns = [
-            known_derivatives[p.key]
-            if known_derivatives and p.key in known_derivatives
-            else self.column(p, values, residual, hypothesis, fine)
+            (
+                known_derivatives[p.key]
+                if known_derivatives and p.key in known_derivatives
+                else self.column(p, values, residual, hypothesis, fine)
+            )
             for p in parameters
         ]
         return np.column_stack(columns) if columns else np.empty((residual.size, 0))
@@ -189,7 +215,9 @@ class FiniteDifferences:
         """Derivative with respect to one parameter, (n,) [1/SI]."""
         settings, target = self.settings, self.target
         if not fine:
-            target = max(target, settings.target_share_of_residual * float(np.linalg.norm(residual)))
+            target = max(
+                target, settings.target_share_of_residual * float(np.linalg.norm(residual))
+            )
         step = self._steps.get(parameter.key, parameter.step)
         change, step = self._change(parameter, step, values, residual, hypothesis)
         length, accepted = float(np.linalg.norm(change)), settings.accepted_factor
@@ -198,7 +226,9 @@ class FiniteDifferences:
             better, other = self._within(parameter, step * ratio), settings.min_step_change
             if abs(better) < abs(step) / other or abs(better) > abs(step) * other:
                 try:
-                    change, step = self._change(parameter, abs(better), values, residual, hypothesis)
+                    change, step = self._change(
+                        parameter, abs(better), values, residual, hypothesis
+                    )
                 except (InputError, SimulationError):
                     pass  # keep the first change
         self._steps[parameter.key] = abs(step)
@@ -221,7 +251,11 @@ class FiniteDifferences:
                 return self.problem.residual(shifted, hypothesis, runs, residual) - residual, signed
             except (InputError, SimulationError) as error:
                 problems.append(error)
-        raise problems[0] if problems else SimulationError(f"{parameter.key} cannot be varied within its bounds")
+        raise (
+            problems[0]
+            if problems
+            else SimulationError(f"{parameter.key} cannot be varied within its bounds")
+        )
 
 
 def compress_rows(*blocks: np.ndarray) -> list[np.ndarray]:
@@ -236,7 +270,11 @@ def compress_rows(*blocks: np.ndarray) -> list[np.ndarray]:
 
 
 def bounded_step(
-    jacobian: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.ndarray, damping: float = 0.0
+    jacobian: np.ndarray,
+    residual: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    damping: float = 0.0,
 ) -> tuple[np.ndarray, float]:
     """The step within bounds that minimises ``|residual + jacobian @ step|^2``, and the minimum."""
     length = np.linalg.norm(jacobian, axis=0)
@@ -266,7 +304,9 @@ def broyden_update(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -
     return jacobian + np.outer(change - jacobian @ step, weight / inner)
 
 
-def next_damping(damping: float, gain_ratio: float, fresh: bool, settings: DampingSettings) -> float | None:
+def next_damping(
+    damping: float, gain_ratio: float, fresh: bool, settings: DampingSettings
+) -> float | None:
     """The damping of the next step; None: recompute the Jacobian instead (if it is not `fresh`)."""
     if gain_ratio > settings.good_gain_ratio:
         return damping / settings.factor if damping > settings.negligible else 0.0
@@ -315,8 +355,8 @@ class StoppingRule:
         return slow and progress * chi2 > progress * settings.poor_chi2_per_sample * self.size
 
     def dominated(self, minimum: float) -> bool:
-        """Record the predicted `minimum` of a linear model that has proved right; whether it is far above a sufficient
-        chi2 and hardly less than the one before."""
+        """Record the predicted `minimum` of a linear model that has proved right; whether it is far
+        above a sufficient chi2 and hardly less than the one before."""
         before, self._minimum = self._minimum, minimum
         is_far = minimum > self._sufficient + self.settings.dominated_excess
         return is_far and minimum > (1.0 - self.settings.dominated_progress) * before
@@ -353,11 +393,15 @@ class Fit:
     status: str  # ``converged``, ``stopped`` or ``failed``
     reason: str = ""  # Of a status other than converged
     slope: np.ndarray | None = None  # Half the derivative of chi2 by the values [1/SI]
-    shifts: np.ndarray | None = None  # Changes (m, k) [SI] of the values by m solver variants or other minima
+    shifts: np.ndarray | None = (
+        None  # Changes (m, k) [SI] of the values by m solver variants or other minima
+    )
     draws: np.ndarray | None = None
     settings: IdentificationSettings = DEFAULT_SETTINGS  # Of the problem
     gap_left: float = 1.0  # [1] Gap on the held-out data, once predicted
-    states: Mapping[str, np.ndarray] | None = None  # By run (k, d): states of loose joints in k windows, if estimated
+    states: Mapping[str, np.ndarray] | None = (
+        None  # By run (k, d): states of loose joints in k windows, if estimated
+    )
 
     @property
     def in_windows(self) -> bool:
@@ -377,21 +421,25 @@ class Fit:
     def bic(self) -> float:
         """Bayesian information criterion: chi2 + k ln n (Schwarz 1978).
 
-        Only `active` parameters count, and nuisances that an effect replaces, as replacing must not be cheaper than
-        adding.
+        Only `active` parameters count, and nuisances that an effect replaces, as replacing must not
+        be cheaper than adding.
         """
         replaced = sum(len(candidate.replaces) for candidate in self.hypothesis)
         return self.chi2 + (self.active.sum() + replaced) * np.log(self.residual.size)
 
     @property
     def active(self) -> np.ndarray:
-        """Mask (k,) of parameters that influence the residual, over their range or a typical step."""
+        """Mask (k,) of parameters that influence the residual, over their range or a typical
+        step."""
         if self.status == FAILED:  # without derivatives
             return np.ones(len(self.parameters), bool)
         low, high = bounds_of(self.parameters)
         steps = np.array([p.step for p in self.parameters])
         reach = np.where(np.isfinite(high - low), high - low, steps)
-        return np.linalg.norm(self.jacobian, axis=0) * reach > self.settings.differences.negligible_change
+        return (
+            np.linalg.norm(self.jacobian, axis=0) * reach
+            > self.settings.differences.negligible_change
+        )
 
     @property
     def mapping(self) -> dict[str, float]:
@@ -405,7 +453,8 @@ class Fit:
 
     @property
     def inflation(self) -> float:
-        """Factor on variances [1]: reduced chi2 or the squared gap of the held-out data, at least 1."""
+        """Factor on variances [1]: reduced chi2 or the squared gap of the held-out data, at least
+        1."""
         return max(self._inflation_of_chi2, self.gap_left**2)
 
     @property
@@ -419,7 +468,8 @@ class Fit:
 
     @cached_property
     def distribution(self) -> BoundedNormal:
-        """Distribution of the values by data and bounds, for intervals; inflated like the `covariance`."""
+        """Distribution of the values by data and bounds, for intervals; inflated like the
+        `covariance`."""
         if self.status == FAILED:
             return BoundedNormal(np.zeros((self.values.size, self.values.size)))
         low, high = bounds_of(self.parameters)
@@ -427,20 +477,25 @@ class Fit:
             wider = np.sqrt(self.inflation / self._inflation_of_chi2)
             draws, shifts = self.values + wider * (self.draws - self.values), self.shifts
             if shifts is not None:
-                draws = draws + np.random.default_rng(0).standard_normal((len(draws), len(shifts))) @ shifts
+                draws = (
+                    draws
+                    + np.random.default_rng(0).standard_normal((len(draws), len(shifts))) @ shifts
+                )
             draws = self.draws if wider == 1.0 and shifts is None else np.clip(draws, low, high)
             return BoundedNormal(np.atleast_2d(np.cov(draws, rowvar=False)), draws)
         shifts = np.empty((0, self.values.size)) if self.shifts is None else self.shifts
         slope = np.nan_to_num(self.half_derivative)
         intervals = self.settings.intervals
-        return bounded_normal(self.jacobian, slope, self.inflation, self.values, low, high, shifts, intervals)
+        return bounded_normal(
+            self.jacobian, slope, self.inflation, self.values, low, high, shifts, intervals
+        )
 
     def covariance(self, released: Sequence[int] = ()) -> np.ndarray:
-        """Covariance (k, k) [SI] of the values, inflated if the residual exceeds noise; zero rows for values at a
-        bound, unless `released`.
+        """Covariance (k, k) [SI] of the values, inflated if the residual exceeds noise; zero rows
+        for values at a bound, unless `released`.
 
-        For steps and comparisons; stated intervals follow from the `distribution`. Bounds count as a prior with the
-        variance of a uniform distribution.
+        For steps and comparisons; stated intervals follow from the `distribution`. Bounds count as
+        a prior with the variance of a uniform distribution.
         """
         if self.status == FAILED:
             return np.zeros((self.values.size, self.values.size))
@@ -452,7 +507,9 @@ class Fit:
         free = inside & ((length > 0) | np.isfinite(width))
         covariance = np.zeros((self.values.size, self.values.size))
         if free.any():
-            inflation = max(1.0, self.chi2 / max(self.residual.size - free.sum(), 1), self.gap_left**2)
+            inflation = max(
+                1.0, self.chi2 / max(self.residual.size - free.sum(), 1), self.gap_left**2
+            )
             prior = np.diag(np.sqrt(inflation) * prior_of_bounds(low, high))
             rows = np.vstack([self.jacobian, prior])[:, free]
             scale = np.linalg.norm(rows, axis=0)
@@ -460,13 +517,15 @@ class Fit:
             # limit the uncertainty of inactive combinations
             least = self.settings.intervals.least_singular_value * singular_values[0]
             inverse = right.T / np.maximum(singular_values, least)
-            covariance[np.ix_(free, free)] = inflation * (inverse @ inverse.T) / np.outer(scale, scale)
+            covariance[np.ix_(free, free)] = (
+                inflation * (inverse @ inverse.T) / np.outer(scale, scale)
+            )
         return covariance
 
 
 def prior_of_bounds(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Bounds as a prior: one over its standard deviations, (k,) [1/SI], which are those of uniform distributions; 0
-    without bounds."""
+    """Bounds as a prior: one over its standard deviations, (k,) [1/SI], which are those of uniform
+    distributions; 0 without bounds."""
     width = high - low
     bounded = np.isfinite(width) & (width > 0.0)
     return np.where(bounded, np.sqrt(12.0) / np.where(bounded, width, 1.0), 0.0)
@@ -490,8 +549,8 @@ def fit_hypothesis(
 ) -> Fit:
     """Fit the nuisances and the parameters of a hypothesis with few simulations.
 
-    Damped Gauss-Newton steps within bounds, with Broyden updates of the Jacobian, which is recomputed if the fit
-    stalls.
+    Damped Gauss-Newton steps within bounds, with Broyden updates of the Jacobian, which is
+    recomputed if the fit stalls.
     """
     parameters = tuple(problem.parameters(hypothesis) if vary is None else vary)
     differences = differences or FiniteDifferences(problem)
@@ -500,14 +559,25 @@ def fit_hypothesis(
 
     def finished(status: str, reason: str = "") -> Fit:
         count = problem.simulations - simulations
-        found = Fit(hypothesis, parameters, descent.values, descent.residual, descent.jacobian, count, status, reason)
+        found = Fit(
+            hypothesis,
+            parameters,
+            descent.values,
+            descent.residual,
+            descent.jacobian,
+            count,
+            status,
+            reason,
+        )
         return replace(found, settings=problem.settings)
 
     try:
         descent.begin(known_derivatives)
     except (InputError, SimulationError) as error:
         return finished(FAILED, str(error))
-    stopping = StoppingRule(problem.settings.stopping, problem.size, differences.numerical_noise_chi2, sufficient_chi2)
+    stopping = StoppingRule(
+        problem.settings.stopping, problem.size, differences.numerical_noise_chi2, sufficient_chi2
+    )
     try:
         status, reason = _descend(descent, stopping, problem.settings.damping)
     except (InputError, SimulationError) as error:  # in a new Jacobian
@@ -520,7 +590,9 @@ def fit_hypothesis(
     return finished(status, reason)
 
 
-def _descend(descent: "_Descent", stopping: StoppingRule, damping: DampingSettings) -> tuple[str, str]:
+def _descend(
+    descent: "_Descent", stopping: StoppingRule, damping: DampingSettings
+) -> tuple[str, str]:
     """Iterate until the stopping rule ends; return status and reason."""
     stopping.record(descent.chi2)
     max_steps = stopping.settings.max_steps
@@ -580,8 +652,11 @@ class _Descent:
     def chi2(self) -> float:
         return float(self.residual @ self.residual)
 
-    def derivatives(self, known_derivatives: Mapping[str, np.ndarray] | None = None, fine: bool = False) -> np.ndarray:
-        """The Jacobian here, (n, k); `known_derivatives` and `fine` as in `FiniteDifferences.jacobian`."""
+    def derivatives(
+        self, known_derivatives: Mapping[str, np.ndarray] | None = None, fine: bool = False
+    ) -> np.ndarray:
+        """The Jacobian here, (n, k); `known_derivatives` and `fine` as in
+        `FiniteDifferences.jacobian`."""
         at = self._by_key(self.values)
         return self._differences.jacobian(
             self._parameters, at, self.residual, self._hypothesis, known_derivatives, fine
@@ -598,14 +673,17 @@ class _Descent:
         return step, self.chi2 - remainder
 
     def attempt(self, step: np.ndarray, predicted: float) -> float:
-        """Try a step, keep it if chi2 falls, and update the Jacobian; return the gain ratio (-inf on failure)."""
+        """Try a step, keep it if chi2 falls, and update the Jacobian; return the gain ratio (-inf
+        on failure)."""
         values = np.clip(self.values + step, self._low, self._high)
         try:
             residual = self._simulate(values)
         except (InputError, SimulationError):
             return -np.inf
         gain_ratio = (self.chi2 - residual @ residual) / predicted
-        self.jacobian = broyden_update(self.jacobian, values - self.values, residual - self.residual)
+        self.jacobian = broyden_update(
+            self.jacobian, values - self.values, residual - self.residual
+        )
         if gain_ratio > 0:
             self.values, self.residual = values, residual
             self.fresh = False
@@ -615,12 +693,14 @@ class _Descent:
         return self._problem.residual(self._by_key(values), self._hypothesis)
 
     def _by_key(self, values: np.ndarray) -> dict[str, float]:
-        return self._fixed | {p.key: float(v) for p, v in zip(self._parameters, values, strict=True)}
+        return self._fixed | {
+            p.key: float(v) for p, v in zip(self._parameters, values, strict=True)
+        }
 
 
 def wald_statistic(fit: Fit, candidate: Candidate) -> float:
-    """Wald statistic [1] of an effect's amplitudes: the gain in chi2 by the effect within the same minimum, for linear
-    residuals (Wald 1943).
+    """Wald statistic [1] of an effect's amplitudes: the gain in chi2 by the effect within the same
+    minimum, for linear residuals (Wald 1943).
 
     Amplitudes at a bound other than 0 have the error that they would have without the bound.
     """
@@ -629,7 +709,9 @@ def wald_statistic(fit: Fit, candidate: Candidate) -> float:
         return 0.0
     scale = np.sqrt(np.diag(covariance))
     scaled = amplitudes[free] / scale
-    return float(scaled @ np.linalg.pinv(covariance / np.outer(scale, scale), hermitian=True) @ scaled)
+    return float(
+        scaled @ np.linalg.pinv(covariance / np.outer(scale, scale), hermitian=True) @ scaled
+    )
 
 
 def chance(fit: Fit, candidate: Candidate) -> float:
@@ -665,15 +747,16 @@ NOT_ESTIMATED = "not estimated"
 """Remark: a value that is not fitted, such as the length of a film or an integer order."""
 
 CHANGES_NOTHING = "changes nothing in what was measured"
-"""Remark (a value of ``verdict.json``): no measured value depends on it, such as a mass without a force channel."""
+"""Remark (a value of ``verdict.json``): no measured value depends on it, such as a mass without a
+force channel."""
 
 NOT_DETERMINED = "not determined by the data"
 """Remark: the data allow almost the whole range, so there is no interval."""
 
 
 def nuisance_estimates(fit: Fit) -> list[tuple[Parameter, dict[str, Any]]]:
-    """Nuisances of a fit with their estimates as of `coordinate_estimate`, without intervals almost as wide as their
-    ranges.
+    """Nuisances of a fit with their estimates as of `coordinate_estimate`, without intervals almost
+    as wide as their ranges.
     """
     of_effects = {f"{c.label}.{p.key}" for c in fit.hypothesis for p in c.coordinates}
     active = fit.active
@@ -684,7 +767,9 @@ def nuisance_estimates(fit: Fit) -> list[tuple[Parameter, dict[str, Any]]]:
             return no_estimate(value, CHANGES_NOTHING)
         found = coordinate_estimate(fit, place)
         low, high = found["interval_90"]
-        is_wide = low is not None and high - low >= DEFAULT_SETTINGS.intervals.determined_share * (p.high - p.low)
+        is_wide = low is not None and high - low >= DEFAULT_SETTINGS.intervals.determined_share * (
+            p.high - p.low
+        )
         return no_estimate(value, found.get("remark", NOT_DETERMINED)) if is_wide else found
 
     return [(p, estimate(i)) for i, p in enumerate(fit.parameters) if p.key not in of_effects]
@@ -703,8 +788,8 @@ def determined_values(fit: Fit) -> dict[str, float]:
 
 
 def is_taken_over(estimate: dict[str, Any]) -> bool:
-    """Whether the augmented mechanism uses the fitted value of a nuisance: if the data determine it, or if it is not
-    varied.
+    """Whether the augmented mechanism uses the fitted value of a nuisance: if the data determine
+    it, or if it is not varied.
     """
     return estimate.get("remark", NOT_ESTIMATED) == NOT_ESTIMATED
 
@@ -712,8 +797,8 @@ def is_taken_over(estimate: dict[str, Any]) -> bool:
 def coordinate_estimate(fit: Fit, place: int) -> dict[str, Any]:
     """Value, standard error and intervals (`LEVELS`) of the parameter with the index `place`.
 
-    Intervals truncated by bounds are those of the draws. Only at a bound do they end at the value; there the standard
-    error is None, with a remark.
+    Intervals truncated by bounds are those of the draws. Only at a bound do they end at the value;
+    there the standard error is None, with a remark.
     """
     p, value, known = fit.parameters[place], float(fit.values[place]), fit.distribution
     if p.whole:
@@ -727,8 +812,8 @@ def coordinate_estimate(fit: Fit, place: int) -> dict[str, Any]:
 def effect_estimates(fit: Fit, candidate: Candidate) -> dict[str, dict[str, Any]]:
     """Stated parameters of an effect by name, each with an estimate as of `coordinate_estimate`.
 
-    Errors of derived parameters (such as an amplitude from cosine and sine parts) are propagated linearly, or by draws
-    if a bound truncates a coordinate.
+    Errors of derived parameters (such as an amplitude from cosine and sine parts) are propagated
+    linearly, or by draws if a bound truncates a coordinate.
     """
     keys = [p.key for p in fit.parameters]
     own = [p for p in candidate.coordinates if f"{candidate.label}.{p.key}" in keys]
@@ -741,22 +826,35 @@ def effect_estimates(fit: Fit, candidate: Candidate) -> dict[str, dict[str, Any]
     for i, (p, column) in enumerate(zip(own, columns, strict=True)):
         if sd[column] > 0:
             step = 1e-3 * sd[column]
-            sides = [candidate.parameters(fitted | {p.key: fitted[p.key] + sign * step}) for sign in (1, -1)]
+            sides = [
+                candidate.parameters(fitted | {p.key: fitted[p.key] + sign * step})
+                for sign in (1, -1)
+            ]
             for name in values:
                 slopes[name][i] = (sides[0][name] - sides[1][name]) / (2 * step)
     block = known.covariance[np.ix_(columns, columns)]
     cut = np.array([_is_cut_off(fit, column) for column in columns], dtype=bool)
-    # coordinates at a bound, each with a value inside: parameters that depend on them are at the bound too
+    # coordinates at a bound, each with a value inside: parameters that depend on them are at the
+    # bound too
     inside = [(p, fitted[p.key] + p.step) for p in own if fitted[p.key] <= p.low]
     inside += [(p, fitted[p.key] - p.step) for p in own if fitted[p.key] >= p.high]
     estimates = {}
     for name, value in values.items():
-        same = next((i for p, i in zip(own, columns, strict=True) if p.key == name and value == fitted[name]), None)
+        same = next(
+            (
+                i
+                for p, i in zip(own, columns, strict=True)
+                if p.key == name and value == fitted[name]
+            ),
+            None,
+        )
         if same is not None:
             estimates[name] = coordinate_estimate(fit, same)
             continue
         error = float(np.sqrt(max(slopes[name] @ block @ slopes[name], 0.0)))
-        at_bound = any(candidate.parameters(fitted | {p.key: nearby})[name] != value for p, nearby in inside)
+        at_bound = any(
+            candidate.parameters(fitted | {p.key: nearby})[name] != value for p, nearby in inside
+        )
         if at_bound and known.draws is None:
             estimates[name] = no_estimate(value, AT_BOUND)
         elif at_bound or (known.draws is not None and any(cut & (slopes[name] != 0.0))):
@@ -776,24 +874,38 @@ def effect_estimates(fit: Fit, candidate: Candidate) -> dict[str, dict[str, Any]
 def _is_cut_off(fit: Fit, place: int) -> bool:
     """Whether a bound truncates the distribution of a parameter."""
     p, value = fit.parameters[place], fit.values[place]
-    far = fit.settings.intervals.far_standard_deviations * np.sqrt(fit.distribution.covariance[place, place])
+    far = fit.settings.intervals.far_standard_deviations * np.sqrt(
+        fit.distribution.covariance[place, place]
+    )
     return bool(min(value - p.low, p.high - value) <= far)
 
 
-def _mapped_draws(fit: Fit, candidate: Candidate, keys: Sequence[str], columns: Sequence[int], name: str) -> np.ndarray:
-    """Draws (s,) of a parameter derived from the coordinates `keys` of an effect (`columns` of the fit)."""
+def _mapped_draws(
+    fit: Fit, candidate: Candidate, keys: Sequence[str], columns: Sequence[int], name: str
+) -> np.ndarray:
+    """Draws (s,) of a parameter derived from the coordinates `keys` of an effect (`columns` of the
+    fit)."""
     draws = fit.distribution.draws[:, columns]
     draws = draws[:: max(len(draws) // fit.settings.intervals.mapped_draws, 1)]
-    return np.array([candidate.parameters(dict(zip(keys, map(float, row), strict=True)))[name] for row in draws])
+    return np.array(
+        [candidate.parameters(dict(zip(keys, map(float, row), strict=True)))[name] for row in draws]
+    )
 
 
 def _from_draws(
-    value: float, draws: np.ndarray, sd: float, at_bound: bool, low: float = -np.inf, high: float = np.inf
+    value: float,
+    draws: np.ndarray,
+    sd: float,
+    at_bound: bool,
+    low: float = -np.inf,
+    high: float = np.inf,
 ) -> dict[str, Any]:
-    """The estimate of a `value` from its `draws` (s,), with intervals that hold their share of the draws.
+    """The estimate of a `value` from its `draws` (s,), with intervals that hold their share of the
+    draws.
 
-    They are equal-tailed, but the tail on one side is at most half of the draws on that side of the value, so that the
-    value is inside. If hardly a draw is there and the value is at no bound, they are symmetric about the value.
+    They are equal-tailed, but the tail on one side is at most half of the draws on that side of the
+    value, so that the value is inside. If hardly a draw is there and the value is at no bound, they
+    are symmetric about the value.
     """
     estimate: dict[str, Any] = {"value": value, "sd": None if at_bound else sd}
     below, above = float(np.mean(draws < value)), float(np.mean(draws > value))
@@ -815,7 +927,8 @@ def _from_draws(
 
 
 def estimate_with_interval(value: float, sd: float, low: float, high: float) -> dict[str, Any]:
-    """Value, standard error and intervals (`LEVELS`) within the bounds; without an error a remark."""
+    """Value, standard error and intervals (`LEVELS`) within the bounds; without an error a
+    remark."""
     if not sd > 0.0:
         return no_estimate(value, NOT_ESTIMATED if low < value < high else AT_BOUND)
     estimate: dict[str, Any] = {"value": float(value), "sd": float(sd)}

@@ -1,7 +1,7 @@
 """Search for a force law: the sum of one or two library terms that fits best in the simulation.
 
-The model's library has one candidate for each term, with its coefficient as the only coordinate, such as
-``discovered_slider_force[v^3]``. Measurements are not differentiated.
+The model's library has one candidate for each term, with its coefficient as the only coordinate,
+such as ``discovered_slider_force[v^3]``. Measurements are not differentiated.
 """
 
 import itertools
@@ -49,20 +49,31 @@ class Law:
     @property
     def words(self) -> str:
         """``slider force = -3.21*v^3 + 40*x``, SI."""
-        text = " + ".join(_product(f"{self.coefficients[name]:.4g}", term) for name, term in self.terms.items())
-        return f"{self.effect.removeprefix('discovered_').replace('_', ' ')} = {text.replace('+ -', '- ')}"
+        text = " + ".join(
+            _product(f"{self.coefficients[name]:.4g}", term) for name, term in self.terms.items()
+        )
+        return (
+            f"{self.effect.removeprefix('discovered_').replace('_', ' ')} ="
+            f" {text.replace('+ -', '- ')}"
+        )
 
 
 @dataclass(frozen=True)
 class ForceLawResult:
     """Result of the search."""
 
-    fit: Fit | None  # The best sum, or listed effects that explain as much, fitted together with the nuisances
+    fit: (
+        Fit | None
+    )  # The best sum, or listed effects that explain as much, fitted together with the nuisances
     accepted: bool
     because: str  # The reason
     rivals: list[Fit] = field(default_factory=list)  # Equivalent laws, best first
-    others: list[Fit] = field(default_factory=list)  # Other simulated laws, best first, the failed ones last
-    failed: Mapping[str, str] = field(default_factory=dict)  # Reasons of terms that could not be simulated
+    others: list[Fit] = field(
+        default_factory=list
+    )  # Other simulated laws, best first, the failed ones last
+    failed: Mapping[str, str] = field(
+        default_factory=dict
+    )  # Reasons of terms that could not be simulated
     ranking: list[Row] = field(default_factory=list)  # All simulated laws
 
     @property
@@ -92,7 +103,9 @@ class ForceLawResult:
     @property
     def law(self) -> Law | None:
         """The best sum as a formula; None for a listed effect."""
-        is_sum = self.fit is not None and all("[" in candidate.name for candidate in self.fit.hypothesis)
+        is_sum = self.fit is not None and all(
+            "[" in candidate.name for candidate in self.fit.hypothesis
+        )
         return law_of(self.fit.hypothesis, self.fit.mapping) if is_sum else None
 
 
@@ -105,10 +118,11 @@ def find_force_law(
 ) -> ForceLawResult:
     """Find the best law with at most two terms of one effect.
 
-    All sums are ranked by linear regression. The best are fitted by forward simulation, from the best multiple of the
-    linear estimate, and compared by the extended BIC, which counts the number of possible sums (Chen and Chen,
-    Biometrika 95 (2008) 759-771). A second term must improve it by `min_delta_bic`. Listed effects that explain as
-    much within the minimum of an accepted sum take its place: the search over them may have missed that minimum.
+    All sums are ranked by linear regression. The best are fitted by forward simulation, from the
+    best multiple of the linear estimate, and compared by the extended BIC, which counts the number
+    of possible sums (Chen and Chen, Biometrika 95 (2008) 759-771). A second term must improve it by
+    `min_delta_bic`. Listed effects that explain as much within the minimum of an accepted sum take
+    its place: the search over them may have missed that minimum.
     """
     differences = differences or FiniteDifferences(problem)
     min_delta_bic = problem.settings.decision.min_delta_bic
@@ -144,20 +158,40 @@ def find_force_law(
     best = fits[0]
     if best.status == FAILED:
         return ForceLawResult(
-            None, False, best.reason, [], fits, sensitivities.failed, [weigh_fit(base, fit, limits) for fit in fits]
+            None,
+            False,
+            best.reason,
+            [],
+            fits,
+            sensitivities.failed,
+            [weigh_fit(base, fit, limits) for fit in fits],
         )
     best = next(
-        (fit for fit in fits if len(fit.hypothesis) == 1 and cost[fit.label] - cost[best.label] < min_delta_bic), best
+        (
+            fit
+            for fit in fits
+            if len(fit.hypothesis) == 1 and cost[fit.label] - cost[best.label] < min_delta_bic
+        ),
+        best,
     )
     rest = [fit for fit in fits if fit is not best]
-    rivals = [fit for fit in rest if cost[fit.label] - cost[best.label] < min_delta_bic and _differs(fit, best, base)]
+    rivals = [
+        fit
+        for fit in rest
+        if cost[fit.label] - cost[best.label] < min_delta_bic and _differs(fit, best, base)
+    ]
     accepted, because = _gate(base, best, cost[best.label], limits, problem.settings)
     others = [fit for fit in rest if fit not in rivals]
     if accepted and (listed := _listed(problem, base, best, limits, differences)):
         others = [best, *rivals, *others]
-        best, rivals = listed[0], [fit for fit in listed[1:] if fit.bic < listed[0].bic + min_delta_bic]
+        best, rivals = (
+            listed[0],
+            [fit for fit in listed[1:] if fit.bic < listed[0].bic + min_delta_bic],
+        )
         _, because = _gate(base, best, best.bic, limits, problem.settings)
-    best = fit_hypothesis(problem, best.hypothesis, best.mapping, differences=differences, refresh=True)
+    best = fit_hypothesis(
+        problem, best.hypothesis, best.mapping, differences=differences, refresh=True
+    )
     best = with_intervals(problem, best)
     ranking = [weigh_fit(base, fit, limits) for fit in (best, *rivals, *others)]
     return ForceLawResult(best, accepted, because, rivals, others, sensitivities.failed, ranking)
@@ -166,7 +200,9 @@ def find_force_law(
 def law_of(hypothesis: Hypothesis, values: Mapping[str, float]) -> Law:
     """Terms of a library as one formula."""
     named = dict(zip(COEFFICIENTS, hypothesis, strict=False))
-    keys = {name: f"{candidate.label}.{candidate.amplitudes[0]}" for name, candidate in named.items()}
+    keys = {
+        name: f"{candidate.label}.{candidate.amplitudes[0]}" for name, candidate in named.items()
+    }
     terms = {name: term_of(candidate) for name, candidate in named.items()}
     coefficients = {name: values[key] for name, key in keys.items()}
     return Law(effect_of(hypothesis[0]), hypothesis[0].site, terms, coefficients, keys)
@@ -193,41 +229,60 @@ def _subsets(sensitivities: Sequence[Sensitivity]) -> Iterator[tuple[Sensitivity
                 yield chosen
 
 
-def _singles(sums: Sequence[LinearizedFit], settings: ModelSelectionSettings) -> list[LinearizedFit]:
+def _singles(
+    sums: Sequence[LinearizedFit], settings: ModelSelectionSettings
+) -> list[LinearizedFit]:
     """The best single terms, including some of each effect; `sums` is best first."""
     singles = [screened for screened in sums if len(screened.sensitivities) == 1]
     chosen = singles[: settings.max_singles]
     for effect in dict.fromkeys(effect_of(screened.hypothesis[0]) for screened in singles):
-        of_effect = [screened for screened in singles if effect_of(screened.hypothesis[0]) == effect]
-        chosen += [screened for screened in of_effect[: settings.partners] if screened not in chosen]
+        of_effect = [
+            screened for screened in singles if effect_of(screened.hypothesis[0]) == effect
+        ]
+        chosen += [
+            screened for screened in of_effect[: settings.partners] if screened not in chosen
+        ]
     return chosen
 
 
 def _pairs(
     sums: Sequence[LinearizedFit], alone: Fit, sufficient: bool, settings: ModelSelectionSettings
 ) -> list[LinearizedFit]:
-    """The best pairs with the best single term, and the best others unless it is sufficient; `sums` is best first."""
+    """The best pairs with the best single term, and the best others unless it is sufficient; `sums`
+    is best first."""
     pairs = [screened for screened in sums if len(screened.sensitivities) > 1]
     adding = [
-        screened for screened in pairs if {c.label for c in alone.hypothesis} < {c.label for c in screened.hypothesis}
+        screened
+        for screened in pairs
+        if {c.label for c in alone.hypothesis} < {c.label for c in screened.hypothesis}
     ]
     chosen = adding[: settings.partners]
-    return chosen if sufficient else chosen + [pair for pair in pairs[: settings.max_singles] if pair not in chosen]
+    return (
+        chosen
+        if sufficient
+        else chosen + [pair for pair in pairs[: settings.max_singles] if pair not in chosen]
+    )
 
 
-def _listed(problem: Problem, base: Fit, formula: Fit, limits: Thresholds, differences: FiniteDifferences) -> list[Fit]:
-    """Fits of listed effects, as many as the formula has terms, that explain as much from its nuisances and are
-    accepted, best first."""
+def _listed(
+    problem: Problem, base: Fit, formula: Fit, limits: Thresholds, differences: FiniteDifferences
+) -> list[Fit]:
+    """Fits of listed effects, as many as the formula has terms, that explain as much from its
+    nuisances and are accepted, best first."""
     without = without_other_effects(problem, formula, ())
     without = replace(without, residual=problem.residual(without.mapping))
     about = simulate_sensitivities(problem, without, differences)
     regression = SensitivityRegression(about)
     ranked = regression.singles() if len(formula.hypothesis) == 1 else regression.pairs()
     chosen = shortlist(ranked, problem.settings.selection.partners)
-    fits = [fit_screened(problem, differences, about, screened, formula.chi2) for screened in chosen]
+    fits = [
+        fit_screened(problem, differences, about, screened, formula.chi2) for screened in chosen
+    ]
     bounds = {p.name: (p.nominal, p.low, p.high) for p in problem.nuisances}
     most = formula.bic + problem.settings.decision.min_delta_bic
-    equal = [fit for fit in fits if fit.bic < most and weigh_fit(base, fit, limits, bounds).admissible]
+    equal = [
+        fit for fit in fits if fit.bic < most and weigh_fit(base, fit, limits, bounds).admissible
+    ]
     accepted = [fit for fit in equal if _gate(base, fit, fit.bic, limits, problem.settings)[0]]
     return sorted(accepted, key=lambda fit: fit.bic)
 
@@ -241,7 +296,9 @@ def _differs(fit: Fit, best: Fit, base: Fit) -> bool:
     return another or bool(apart > (1.0 - base.settings.decision.sure_explained_share) * change)
 
 
-def _gate(base: Fit, best: Fit, cost: float, limits: Thresholds, settings: IdentificationSettings) -> tuple[bool, str]:
+def _gate(
+    base: Fit, best: Fit, cost: float, limits: Thresholds, settings: IdentificationSettings
+) -> tuple[bool, str]:
     """Whether a law is accepted, and why."""
     ranked = weigh_fit(base, best, limits)
     if base.bic - cost < max(settings.decision.min_delta_bic, limits.max_gain_threshold):

@@ -11,7 +11,12 @@ from jointgap.identification.baseline import Baseline, probed_differences
 from jointgap.identification.block_sums import first_sums, fit_from_sums, is_rough
 from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
-from jointgap.identification.initial_fit import best_fit_per_hypothesis, fit_screened, labels_of, refit_from_part
+from jointgap.identification.initial_fit import (
+    best_fit_per_hypothesis,
+    fit_screened,
+    labels_of,
+    refit_from_part,
+)
 from jointgap.identification.law_family import family_suffices
 from jointgap.identification.model_selection import (
     best_sufficient,
@@ -40,21 +45,29 @@ Chosen = tuple[LinearizedFit, Sensitivities]
 
 
 def fit_singles(
-    baseline: Baseline, sensitivities: Sensitivities, limits: Thresholds, part: int = 0, parts: int = 1
+    baseline: Baseline,
+    sensitivities: Sensitivities,
+    limits: Thresholds,
+    part: int = 0,
+    parts: int = 1,
 ) -> TimedFits:
     """Fit every selected single effect of one part.
 
-    Failed fits are included with their reason. Once a fit is consistent with noise, dominated ones of the same part end
-    early. Slow effects of finite size, such as films, come last.
+    Failed fits are included with their reason. Once a fit is consistent with noise, dominated ones
+    of the same part end early. Slow effects of finite size, such as films, come last.
     """
     shortlist = shortlist_singles(sensitivities, limits, baseline.problem.settings)
     shortlist.sort(key=lambda single: _is_never_small(single.hypothesis))
-    return _fit_each(baseline, [(single, sensitivities) for single in shortlist[part::parts]], limits, ())
+    return _fit_each(
+        baseline, [(single, sensitivities) for single in shortlist[part::parts]], limits, ()
+    )
 
 
 def _is_never_small(hypothesis: Hypothesis) -> bool:
     """Whether an effect has finite start sizes only, as it is nonlinear at small ones."""
-    return any(all({*guess} & {*one.amplitudes} for guess in one.initial_guesses) for one in hypothesis)
+    return any(
+        all({*guess} & {*one.amplitudes} for guess in one.initial_guesses) for one in hypothesis
+    )
 
 
 def fit_pairs(
@@ -68,13 +81,17 @@ def fit_pairs(
 ) -> TimedFits:
     """Fit the selected pairs of one part.
 
-    If no single effect is sufficient, the first part searches for single effects and pairs (`_search`), which is
-    sequential, so not divided into parts. Clearances are not searched on inconsistent data.
+    If no single effect is sufficient, the first part searches for single effects and pairs
+    (`_search`), which is sequential, so not divided into parts. Clearances are not searched on
+    inconsistent data.
 
-    If a pair is selected, the first part searches likely clearances too, as a clearance can resemble two effects.
+    If a pair is selected, the first part searches likely clearances too, as a clearance can
+    resemble two effects.
     """
     if _insufficient(baseline, alone, limits):
-        return _search(baseline, sensitivities, limits, alone, inconsistent) if part == 0 else ([], [])
+        return (
+            _search(baseline, sensitivities, limits, alone, inconsistent) if part == 0 else ([], [])
+        )
     pairs = _pairs_of_best(baseline, sensitivities, limits, alone)
     fits, seconds = _fit_each(baseline, pairs[part::parts], limits, alone)
     if pairs and part == 0 and not inconsistent:
@@ -111,14 +128,19 @@ _CLEARANCES = "likely clearances"
 
 
 def _search(
-    baseline: Baseline, sensitivities: Sensitivities, limits: Thresholds, alone: Sequence[Fit], inconsistent: bool
+    baseline: Baseline,
+    sensitivities: Sensitivities,
+    limits: Thresholds,
+    alone: Sequence[Fit],
+    inconsistent: bool,
 ) -> TimedFits:
     """Search beyond linearisation about the base, until a fit is sufficient.
 
-    The steps: clearances that are likely by the filter; pairs whose sensitivities explain nearly everything; the best
-    partners of the leading single effects. If no law family suffices (the stage decide names it) these follow: single
-    effects fitted to sums of samples first; partners of further single effects; pairs near the best one. Each step has
-    an equal share of the simulated runs, so that none uses those of the next ones.
+    The steps: clearances that are likely by the filter; pairs whose sensitivities explain nearly
+    everything; the best partners of the leading single effects. If no law family suffices (the
+    stage decide names it) these follow: single effects fitted to sums of samples first; partners of
+    further single effects; pairs near the best one. Each step has an equal share of the simulated
+    runs, so that none uses those of the next ones.
     """
     begin, problem = time.monotonic(), baseline.problem
     # new steps: the result must not depend on earlier fits in this process
@@ -139,7 +161,9 @@ def _search(
         return _fit_each(baseline, pairs, limits, singles(), limit)[0]
 
     def partners(limit: SearchLimit) -> list[Fit]:
-        leading: dict[str, Fit] = {}  # one of each exclusion group; `swap_one_effect` fits the others
+        leading: dict[
+            str, Fit
+        ] = {}  # one of each exclusion group; `swap_one_effect` fits the others
         for fit in best_fit_per_hypothesis(singles()):
             # fits in windows have partners already
             if fit.status != FAILED and not fit.in_windows and fit.label not in partnered:
@@ -167,7 +191,9 @@ def _search(
         if search is sums and family_suffices(baseline, singles(), limits):
             break
         fits += search(problem.limit(step, 1.0 / len(steps)))
-        if any(_is_sufficient(fit, limits) for fit in fits) or not _insufficient(baseline, singles(), limits):
+        if any(_is_sufficient(fit, limits) for fit in fits) or not _insufficient(
+            baseline, singles(), limits
+        ):
             break
     done = {labels_of(fit.hypothesis) for fit in fits}
     chosen = _pairs_of_best(baseline, sensitivities, limits, singles())
@@ -181,12 +207,16 @@ def _search(
 def _fit_sums_first(
     baseline: Baseline, sensitivities: Sensitivities, limits: Thresholds, limit: SearchLimit
 ) -> list[Fit]:
-    """Fits of the single effects that rank first by sums of samples, where chi2 of all samples is rough."""
+    """Fits of the single effects that rank first by sums of samples, where chi2 of all samples is
+    rough."""
     problem = baseline.problem
     if not is_rough(problem):
         return []
     sums = first_sums(problem)
-    differences, about = probed_differences(sums, baseline.base.mapping), sums.sensitivities(sensitivities)
+    differences, about = (
+        probed_differences(sums, baseline.base.mapping),
+        sums.sensitivities(sensitivities),
+    )
     chosen = shortlist_singles(about, limits, problem.settings)
     starts = [fit_screened(sums, differences, about, single) for single in chosen]
     fits: list[Fit] = []
@@ -202,16 +232,21 @@ def _fit_sums_first(
 def _masked_pairs(
     baseline: Baseline, sensitivities: Sensitivities, alone: Sequence[Fit], limits: Thresholds
 ) -> list[Chosen]:
-    """The best pairs that explain nearly everything by linear regression, if no single effect is sufficient (masked
-    effects); without effects that failed `alone`."""
+    """The best pairs that explain nearly everything by linear regression, if no single effect is
+    sufficient (masked effects); without effects that failed `alone`."""
     regression, noise = SensitivityRegression(sensitivities), limits.omnibus * baseline.problem.size
     if any(single.chi2 <= noise for single in regression.singles()):
         return []
-    pairs = [pair for pair in regression.pairs() if not failed_labels(alone) & labels_of(pair.hypothesis)]
+    pairs = [
+        pair for pair in regression.pairs() if not failed_labels(alone) & labels_of(pair.hypothesis)
+    ]
     misfit = baseline.base.chi2 - baseline.problem.size
     least = baseline.problem.settings.decision.min_explained_share * misfit
     pairs = [pair for pair in pairs if baseline.base.chi2 - pair.chi2 >= least]
-    return [(pair, sensitivities) for pair in shortlist(pairs, baseline.problem.settings.selection.partners)]
+    return [
+        (pair, sensitivities)
+        for pair in shortlist(pairs, baseline.problem.settings.selection.partners)
+    ]
 
 
 def _pairs_of_leading(
@@ -224,8 +259,8 @@ def _pairs_of_leading(
 ) -> list[Fit]:
     """Fits of the `leading` single effects with their best partners, the best pairs first.
 
-    Partners are found by linearisation about the fit of each single effect, of those that the `sensitivities` about the
-    base rank first; these fits are returned too.
+    Partners are found by linearisation about the fit of each single effect, of those that the
+    `sensitivities` about the base rank first; these fits are returned too.
     """
     problem, settings = baseline.problem, baseline.problem.settings.selection
     singles: list[Fit] = []
@@ -233,7 +268,9 @@ def _pairs_of_leading(
     for fit in leading:
         if limit.reached():
             break
-        single = fit_hypothesis(problem, fit.hypothesis, fit.mapping, differences=baseline.differences, refresh=True)
+        single = fit_hypothesis(
+            problem, fit.hypothesis, fit.mapping, differences=baseline.differences, refresh=True
+        )
         if single.status == FAILED:
             continue
         singles.append(single)
@@ -246,7 +283,9 @@ def _pairs_of_leading(
         for pair in shortlist(partners, settings.partners):
             if pair.hypothesis[-1].label not in failed_labels(alone):
                 labels = labels_of(pair.hypothesis)
-                chosen[labels] = min(chosen.get(labels, (pair, about)), (pair, about), key=lambda each: each[0].chi2)
+                chosen[labels] = min(
+                    chosen.get(labels, (pair, about)), (pair, about), key=lambda each: each[0].chi2
+                )
     ranked = sorted(chosen.values(), key=lambda each: each[0].chi2)
     return [*singles, *_fit_each(baseline, ranked, limits, [*alone, *singles], limit)[0]]
 
@@ -269,7 +308,9 @@ def _fit_each(
         if limit and limit.reached():
             break
         begin = time.monotonic()
-        sufficient = min((fit.chi2 for fit in fits if reduced_chi2(fit) <= limits.omnibus), default=np.inf)
+        sufficient = min(
+            (fit.chi2 for fit in fits if reduced_chi2(fit) <= limits.omnibus), default=np.inf
+        )
         fit = fit_screened(problem, differences, sensitivities, screened, sufficient)
         fits.append(refit_from_part(problem, differences, fit, parts, sufficient))
         seconds.append(time.monotonic() - begin)

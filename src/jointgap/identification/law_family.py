@@ -1,7 +1,8 @@
 """Profile likelihood over the shape of a law family.
 
 An effect such as quadratic drag is one shape of a family, here drag with any exponent
-(`jointgap.core.candidates.LawFamily`). Once it is found, chi2 is profiled over the shape to see which shapes fit.
+(`jointgap.core.candidates.LawFamily`). Once it is found, chi2 is profiled over the shape to see
+which shapes fit.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +16,13 @@ from jointgap.core.candidates import Candidate, LawFamily
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.baseline import Baseline, with_intervals
 from jointgap.identification.evidence import reduced_chi2, weigh_fit
-from jointgap.identification.fit import CONVERGED, FAILED, FiniteDifferences, Fit, coordinate_estimate
+from jointgap.identification.fit import (
+    CONVERGED,
+    FAILED,
+    FiniteDifferences,
+    Fit,
+    coordinate_estimate,
+)
 from jointgap.identification.likelihood import fitted
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.screening import orthonormal
@@ -38,8 +45,8 @@ class ShapeProfile:
     chi2: np.ndarray  # Of the fits, over the inflation of the variance
 
     def interval(self, rise: float) -> tuple[float, float]:
-        """The interval [1] of shapes within which chi2 rises by less than `rise`, by linear interpolation of the root
-        of the rise; at most the whole profile."""
+        """The interval [1] of shapes within which chi2 rises by less than `rise`, by linear
+        interpolation of the root of the rise; at most the whole profile."""
         root = np.sqrt(self.chi2 - self.chi2.min())
         lowest = int(np.argmin(root))
         ends = []
@@ -56,22 +63,33 @@ class ShapeProfile:
 
 
 def fit_shape(
-    problem: Problem, found: Fit, member: Candidate, family: LawFamily, differences: FiniteDifferences | None = None
+    problem: Problem,
+    found: Fit,
+    member: Candidate,
+    family: LawFamily,
+    differences: FiniteDifferences | None = None,
 ) -> Fit:
     """Fit the law of a family including its shape, in place of the `member` in the fit `found`.
 
-    Starts are tried until a fit converges: the member's shape, then the next ones in use. If parameters are inactive at
-    the member's shape, the others in use with each initial guess of the law, the most promising first, at most
-    `tried_starts`.
+    Starts are tried until a fit converges: the member's shape, then the next ones in use. If
+    parameters are inactive at the member's shape, the others in use with each initial guess of the
+    law, the most promising first, at most `tried_starts`.
     """
     hypothesis, at = _with_law(found, member, family)
-    keys = {name: f"{family.law.label}.{name}" for name in (family.shape, *(family.law.initial_guesses or ({},))[0])}
+    keys = {
+        name: f"{family.law.label}.{name}"
+        for name in (family.shape, *(family.law.initial_guesses or ({},))[0])
+    }
     if found.in_windows and not family.inactive_at_default:
         # at the member's shape the law is the found effect: only the end of the fit is repeated
         start = at | {keys[family.shape]: family.own}
         return fitted(problem, hypothesis, start, near=found, vary=problem.parameters(hypothesis))
     shapes = sorted(family.in_use, key=lambda shape: abs(shape - family.own))
-    guesses = [{**guess, family.shape: shape} for shape in shapes for guess in family.law.initial_guesses or ({},)]
+    guesses = [
+        {**guess, family.shape: shape}
+        for shape in shapes
+        for guess in family.law.initial_guesses or ({},)
+    ]
     starts = [at | {keys[name]: value for name, value in guess.items()} for guess in guesses]
     if family.inactive_at_default:
         starts = [start for start in starts if start[keys[family.shape]] != family.own]
@@ -79,7 +97,9 @@ def fit_shape(
         starts = starts[: problem.settings.family.tried_starts]
     fits: list[Fit] = []
     for start in starts:
-        fits.append(fitted(problem, hypothesis, start, differences=differences, refresh=True, near=found))
+        fits.append(
+            fitted(problem, hypothesis, start, differences=differences, refresh=True, near=found)
+        )
         if fits[-1].status == CONVERGED:
             break
     return min(fits, key=lambda fit: fit.chi2)
@@ -96,10 +116,11 @@ def _chi2_at(problem: Problem, hypothesis: Hypothesis, values: Mapping[str, floa
 def profile_shape(
     problem: Problem, free: Fit, family: LawFamily, differences: FiniteDifferences | None = None
 ) -> ShapeProfile | None:
-    """Profile chi2 over the shape, outward from the best value until the interval or the range ends.
+    """Profile chi2 over the shape, outward from the best value until the interval or the range
+    ends.
 
-    The first step is half the interval of the linear model, further ones extrapolate the root of the rise. In windows,
-    where fits are expensive, chi2 is approximated by a parabola.
+    The first step is half the interval of the linear model, further ones extrapolate the root of
+    the rise. In windows, where fits are expensive, chi2 is approximated by a parabola.
     """
     settings, place = problem.settings.family, _place(free, family)
     shape = free.parameters[place]
@@ -116,14 +137,21 @@ def profile_shape(
         while value != end and chi2[value] <= min(chi2.values()) + rise * free.inflation:
             step = float(np.clip(step, settings.least_step, largest))
             value = float(np.clip(value + sign * step, shape.low, shape.high))
-            known = {p.key: column for p, column in zip(before.parameters, before.jacobian.T, strict=True)}
+            known = {
+                p.key: column
+                for p, column in zip(before.parameters, before.jacobian.T, strict=True)
+            }
             start = before.mapping | {shape.key: value}
-            fit = fitted(problem, free.hypothesis, start, known, differences, vary=vary, near=before)
+            fit = fitted(
+                problem, free.hypothesis, start, known, differences, vary=vary, near=before
+            )
             if fit.status == FAILED:
                 return None
             chi2[value], before, largest = fit.chi2, fit, 2.0 * largest
             risen = max(fit.chi2 - min(chi2.values()), 1e-3 * rise * free.inflation)
-            step = abs(value - centre) * (settings.overshoot * np.sqrt(rise * free.inflation / risen) - 1.0)
+            step = abs(value - centre) * (
+                settings.overshoot * np.sqrt(rise * free.inflation / risen) - 1.0
+            )
     shapes = np.array(sorted(chi2))
     return ShapeProfile(shapes, np.array([chi2[value] for value in shapes]) / free.inflation)
 
@@ -131,8 +159,8 @@ def profile_shape(
 def shape_interval(profile: ShapeProfile, family: LawFamily, level: float) -> tuple[float, float]:
     """The interval of the shape [1]; it contains the member's shape unless the data exclude that.
 
-    Parameters that are inactive at the member's shape add degrees of freedom there (R. B. Davies, Biometrika 74 (1987)
-    33-43, has the exact law).
+    Parameters that are inactive at the member's shape add degrees of freedom there (R. B. Davies,
+    Biometrika 74 (1987) 33-43, has the exact law).
     """
     low, high = profile.interval(float(chi_squared.ppf(level, 1)))
     least, most = profile.interval(rise_to_exclude(family, level))
@@ -163,7 +191,9 @@ class FamilyInterval:
     low: float  # [1] 99 % interval
     high: float  # [1] 99 % interval
     fits: bool  # Whether it contains the shape of the effect
-    alone: bool  # Whether it contains no other common shape: then the effect is named, not the family
+    alone: (
+        bool  # Whether it contains no other common shape: then the effect is named, not the family
+    )
 
 
 def with_families(
@@ -172,9 +202,10 @@ def with_families(
     """The decision with the shapes of its law families tested, and their intervals.
 
     - If the interval excludes the found effect, the best family law replaces it.
-    - If nothing is named, or with a remaining misfit, or a pair, or several explanations are equivalent, the laws of
-      these explanations and of the best single effect of each family are tried. The best one that is better and
-      consistent with noise is named; equivalent ones are ambiguous.
+    - If nothing is named, or with a remaining misfit, or a pair, or several explanations are
+      equivalent, the laws of these explanations and of the best single effect of each family are
+      tried. The best one that is better and consistent with noise is named; equivalent ones are
+      ambiguous.
     - Other effects are removed if they no longer gain significantly.
     - If all equivalent explanations are members of one family, the family is named.
     - Two members of one family in an explanation are not changed.
@@ -182,9 +213,14 @@ def with_families(
     problem = baseline.problem
     equal = decision.equivalent if _is_one_family(problem, decision.equivalent) else []
     is_pair = decision.verdict == NAMED and len(decision.chosen.hypothesis) > 1
-    if not equal and (is_pair or decision.verdict in (UNEXPLAINED, NAMED_WITH_REMAINING_MISFIT, AMBIGUOUS)):
+    if not equal and (
+        is_pair or decision.verdict in (UNEXPLAINED, NAMED_WITH_REMAINING_MISFIT, AMBIGUOUS)
+    ):
         settings = baseline.problem.settings
-        best = min(fit.bic for fit in (decision.chosen, *decision.equivalent)) - settings.decision.min_delta_bic
+        best = (
+            min(fit.bic for fit in (decision.chosen, *decision.equivalent))
+            - settings.decision.min_delta_bic
+        )
         laws, limit = [], problem.limit("shapes of law families")
         for found, member, family in _unproven(problem, decision, settings.family.least_share):
             if limit.reached():
@@ -197,11 +233,18 @@ def with_families(
             if is_named and interval is not None and not interval.fits:
                 laws.append((fit, interval))
         laws.sort(key=lambda law: law[0].bic)
-        laws = [law for law in laws if law[0].bic < laws[0][0].bic + settings.decision.min_delta_bic]
+        laws = [
+            law for law in laws if law[0].bic < laws[0][0].bic + settings.decision.min_delta_bic
+        ]
         if len({fit.label for fit, _ in laws}) > 1:
-            because, equivalent = "several explanations fit the data equally well", [fit for fit, _ in laws]
+            because, equivalent = (
+                "several explanations fit the data equally well",
+                [fit for fit, _ in laws],
+            )
             others = {"best_known": None, "twins": [], "certain": ()}
-            decision = replace(decision, verdict=AMBIGUOUS, because=because, equivalent=equivalent, **others)
+            decision = replace(
+                decision, verdict=AMBIGUOUS, because=because, equivalent=equivalent, **others
+            )
             return decision, tuple(interval for _, interval in laws)
         if laws:
             fit, interval = laws[0]
@@ -218,7 +261,12 @@ def with_families(
             fit = fit_shape(baseline.problem, found, member, family, baseline.differences)
             if fit.chi2 > found.chi2:
                 continue  # another minimum: the law with the member's shape leaves less
-            rivals = [other.own for fit in equal for other in _families(fit) if other.law.label == family.law.label]
+            rivals = [
+                other.own
+                for fit in equal
+                for other in _families(fit)
+                if other.law.label == family.law.label
+            ]
             asked.append(_asked(baseline, member, family, fit, limits, rivals))
         known = [(fit, interval) for fit, interval in asked if interval is not None]
         if better := [(fit, interval) for fit, interval in known if not interval.fits]:
@@ -230,19 +278,28 @@ def with_families(
     return decision, tuple(intervals) if decision.verdict != UNEXPLAINED else ()
 
 
-def _plain_interval(baseline: Baseline, found: Fit, member: Candidate, family: LawFamily) -> FamilyInterval | None:
-    """The interval of the shape by linearisation about the fit `found`; None unless twice this interval contains the
-    member's shape and no other common one."""
+def _plain_interval(
+    baseline: Baseline, found: Fit, member: Candidate, family: LawFamily
+) -> FamilyInterval | None:
+    """The interval of the shape by linearisation about the fit `found`; None unless twice this
+    interval contains the member's shape and no other common one."""
     problem = baseline.problem
     if problem.has_statistics or found.in_windows or found.jacobian.shape[0] != found.residual.size:
         return None
     hypothesis, at = _with_law(found, member, family)
-    shape = next(p for p in problem.parameters(hypothesis) if p.key == f"{family.law.label}.{family.shape}")
+    shape = next(
+        p for p in problem.parameters(hypothesis) if p.key == f"{family.law.label}.{family.shape}"
+    )
     nuisances, level, ends = orthonormal(found.jacobian), problem.settings.family.level, []
     for guess in family.law.initial_guesses or ({},):
-        own = {f"{family.law.label}.{name}": value for name, value in {**guess, family.shape: family.own}.items()}
+        own = {
+            f"{family.law.label}.{name}": value
+            for name, value in {**guess, family.shape: family.own}.items()
+        }
         try:
-            column = baseline.differences.column(shape, at | own, found.residual, hypothesis, fine=True)
+            column = baseline.differences.column(
+                shape, at | own, found.residual, hypothesis, fine=True
+            )
         except (InputError, SimulationError):
             return None
         column = column - nuisances @ (nuisances.T @ column)
@@ -254,19 +311,34 @@ def _plain_interval(baseline: Baseline, found: Fit, member: Candidate, family: L
     half, value = max(ends)
     low, high = min(value - half for half, value in ends), max(value + half for half, value in ends)
     wide = low - half, high + half
-    if not wide[0] <= family.own <= wide[1] or any(wide[0] <= s <= wide[1] for s in family.in_use if s != family.own):
+    if not wide[0] <= family.own <= wide[1] or any(
+        wide[0] <= s <= wide[1] for s in family.in_use if s != family.own
+    ):
         return None
     low, high = max(shape.low, min(low, family.own)), min(shape.high, max(high, family.own))
-    return FamilyInterval(member.label, family.law.label, family.shape, value, low, high, fits=True, alone=True)
+    return FamilyInterval(
+        member.label, family.law.label, family.shape, value, low, high, fits=True, alone=True
+    )
 
 
-def _with_law(found: Fit, member: Candidate, family: LawFamily) -> tuple[Hypothesis, dict[str, float]]:
-    """The hypothesis of a fit with the law of a family in place of its `member`, and the same values of the law."""
+def _with_law(
+    found: Fit, member: Candidate, family: LawFamily
+) -> tuple[Hypothesis, dict[str, float]]:
+    """The hypothesis of a fit with the law of a family in place of its `member`, and the same
+    values of the law."""
     prefix = f"{member.label}."
-    hypothesis = tuple(family.law if candidate is member else candidate for candidate in found.hypothesis)
-    own = {name.removeprefix(prefix): value for name, value in found.mapping.items() if name.startswith(prefix)}
+    hypothesis = tuple(
+        family.law if candidate is member else candidate for candidate in found.hypothesis
+    )
+    own = {
+        name.removeprefix(prefix): value
+        for name, value in found.mapping.items()
+        if name.startswith(prefix)
+    }
     start = {name: value for name, value in found.mapping.items() if not name.startswith(prefix)}
-    return hypothesis, start | {f"{family.law.label}.{name}": value for name, value in family.values(own).items()}
+    return hypothesis, start | {
+        f"{family.law.label}.{name}": value for name, value in family.values(own).items()
+    }
 
 
 def family_suffices(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) -> bool:
@@ -275,21 +347,41 @@ def family_suffices(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds
     share, best = problem.settings.family.least_share, {}
     for fit in sorted(alone, key=lambda fit: fit.bic, reverse=True):
         if fit.status != FAILED and base.chi2 - fit.chi2 >= share * (base.chi2 - problem.size):
-            best |= {family.law.label: (fit, each, family) for each, family in _of_families(problem, fit)}
+            best |= {
+                family.law.label: (fit, each, family) for each, family in _of_families(problem, fit)
+            }
     fits = (fit_shape(problem, *each, baseline.differences) for each in best.values())
     return any(reduced_chi2(fit) <= limits.omnibus for fit in fits)
 
 
-def _unproven(problem: Problem, decision: Decision, least_share: float) -> list[tuple[Fit, Candidate, LawFamily]]:
-    """Fits in which a family law is tried, with member and family: the best known or equivalent explanations, and of
-    each family the best single effect that explains the `least_share` of the misfit.
+def _unproven(
+    problem: Problem, decision: Decision, least_share: float
+) -> list[tuple[Fit, Candidate, LawFamily]]:
+    """Fits in which a family law is tried, with member and family: the best known or equivalent
+    explanations, and of each family the best single effect that explains the `least_share` of the
+    misfit.
     """
-    single = [ranked for ranked in decision.ranking if len(ranked.fit.hypothesis) == 1 and ranked.admissible]
-    alone = [ranked.fit for ranked in single if ranked.share >= least_share and ranked.fit is not decision.best_known]
+    single = [
+        ranked
+        for ranked in decision.ranking
+        if len(ranked.fit.hypothesis) == 1 and ranked.admissible
+    ]
+    alone = [
+        ranked.fit
+        for ranked in single
+        if ranked.share >= least_share and ranked.fit is not decision.best_known
+    ]
     known = decision.equivalent if decision.best_known is None else [decision.best_known]
     alone.sort(key=lambda fit: fit.bic, reverse=True)  # the best of each family is the last
-    best = {family.law.label: (fit, each, family) for fit in alone for each, family in _of_families(problem, fit)}
-    return [*((fit, each, family) for fit in known for each, family in _of_families(problem, fit)), *best.values()]
+    best = {
+        family.law.label: (fit, each, family)
+        for fit in alone
+        for each, family in _of_families(problem, fit)
+    }
+    return [
+        *((fit, each, family) for fit in known for each, family in _of_families(problem, fit)),
+        *best.values(),
+    ]
 
 
 def _families(found: Fit) -> list[LawFamily]:
@@ -298,8 +390,8 @@ def _families(found: Fit) -> list[LawFamily]:
 
 
 def _of_families(problem: Problem, found: Fit) -> list[tuple[Candidate, LawFamily]]:
-    """The effects of an explanation with each family of which they are the only member; none if an effect is nonsmooth,
-    as fits cannot follow the profile.
+    """The effects of an explanation with each family of which they are the only member; none if an
+    effect is nonsmooth, as fits cannot follow the profile.
     """
     if not problem.has_statistics and any(candidate.is_nonsmooth for candidate in found.hypothesis):
         return []
@@ -312,7 +404,10 @@ def _is_one_family(problem: Problem, equivalent: Sequence[Fit]) -> bool:
     """Whether equivalent explanations differ only in the shape of a law."""
     if any(len(_of_families(problem, fit)) < len(_families(fit)) for fit in equivalent):
         return False
-    laws = [[[f.law.label for f in c.families] or [c.label] for c in fit.hypothesis] for fit in equivalent]
+    laws = [
+        [[f.law.label for f in c.families] or [c.label] for c in fit.hypothesis]
+        for fit in equivalent
+    ]
     readings = [{tuple(sorted(reading)) for reading in product(*each)} for each in laws]
     return bool(readings) and bool(set.intersection(*readings))
 
@@ -325,11 +420,11 @@ def _asked(
     limits: Thresholds,
     rivals: Sequence[float] = (),
 ) -> tuple[Fit, FamilyInterval | None]:
-    """A fit with the law of a family and its shape interval (None if the profile failed); without effects that the law
-    makes redundant, if it excludes the member.
+    """A fit with the law of a family and its shape interval (None if the profile failed); without
+    effects that the law makes redundant, if it excludes the member.
 
-    The interval includes the changes between solver variants, the shapes of `rivals`, and the 99 % interval that is
-    stated of the shape as a parameter, so that it holds all its intervals.
+    The interval includes the changes between solver variants, the shapes of `rivals`, and the 99 %
+    interval that is stated of the shape as a parameter, so that it holds all its intervals.
     """
     problem = baseline.problem
     profile = fit.status != FAILED and profile_shape(problem, fit, family, baseline.differences)
@@ -341,13 +436,18 @@ def _asked(
     own = coordinate_estimate(fit, place)["interval_99"]
     rivals = (*rivals, *(end for end in own if end is not None))
     p = fit.parameters[place]
-    low, high = max(p.low, min(low - shift, *rivals, low)), min(p.high, max(high + shift, *rivals, high))
+    low, high = (
+        max(p.low, min(low - shift, *rivals, low)),
+        min(p.high, max(high + shift, *rivals, high)),
+    )
     fits = low <= family.own <= high
     if not fits and (lean := _without_inactive(baseline, fit, family, limits)) is not fit:
         return _asked(baseline, member, family, lean, limits, rivals)
     others = any(low <= shape <= high for shape in family.in_use if shape != family.own)
     names = member.label, family.law.label, family.shape
-    return fit, FamilyInterval(*names, float(fit.values[place]), low, high, fits, fits and not others)
+    return fit, FamilyInterval(
+        *names, float(fit.values[place]), low, high, fits, fits and not others
+    )
 
 
 def _weighed(baseline: Baseline, decision: Decision, fit: Fit, limits: Thresholds) -> Row:
@@ -356,17 +456,35 @@ def _weighed(baseline: Baseline, decision: Decision, fit: Fit, limits: Threshold
 
 
 def _named(baseline: Baseline, decision: Decision, found: Fit, limits: Thresholds) -> Decision:
-    """The decision that names `found`, or leaves the misfit unexplained if that may not be named."""
+    """The decision that names `found`, or leaves the misfit unexplained if that may not be
+    named."""
     ranked = _weighed(baseline, decision, found, limits)
     decision = replace(decision, twins=[], certain=())  # of the earlier explanations
     if not ranked.admissible:
         base, because = decision.base, ranked.objection
-        return replace(decision, verdict=UNEXPLAINED, because=because, chosen=base, equivalent=[], best_known=found)
+        return replace(
+            decision,
+            verdict=UNEXPLAINED,
+            because=because,
+            chosen=base,
+            equivalent=[],
+            best_known=found,
+        )
     verdict = NAMED if ranked.passes else NAMED_WITH_REMAINING_MISFIT
-    because = "with it the residual is consistent with noise" if ranked.passes else "it is the best of its family"
+    because = (
+        "with it the residual is consistent with noise"
+        if ranked.passes
+        else "it is the best of its family"
+    )
     ranking = [ranked, *(each for each in decision.ranking if each.fit.label != found.label)]
     return replace(
-        decision, verdict=verdict, because=because, chosen=found, equivalent=[], best_known=None, ranking=ranking
+        decision,
+        verdict=verdict,
+        because=because,
+        chosen=found,
+        equivalent=[],
+        best_known=None,
+        ranking=ranking,
     )
 
 
@@ -378,7 +496,11 @@ def _without_inactive(baseline: Baseline, found: Fit, family: LawFamily, limits:
         rest = tuple(each for each in found.hypothesis if each is not candidate)
         if not rest or candidate is family.law:
             continue
-        start = {key: value for key, value in found.mapping.items() if not key.startswith(f"{candidate.label}.")}
+        start = {
+            key: value
+            for key, value in found.mapping.items()
+            if not key.startswith(f"{candidate.label}.")
+        }
         fit = fitted(problem, rest, start, differences=differences, refresh=True, near=found)
         if fit.bic - found.bic < needed:
             found = fit

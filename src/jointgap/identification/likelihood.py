@@ -1,12 +1,14 @@
-"""Likelihood with a clearance: states of the pins and parameters are estimated together (multiple shooting).
+"""Likelihood with a clearance: states of the pins and parameters are estimated together (multiple
+shooting).
 
-The position of a pin whose clearance is searched is unknown at the begin of a record. Each run is divided into windows
-with their own initial states; the jump between the end of a window and the begin of the next is normal with the
-standard deviation q. A large q gives a wide basin of attraction; as q decreases the misfit becomes that of one
-trajectory. A filter finds initial states. States and parameters are then fitted by Gauss-Newton steps with banded
-normal equations, bordered by the parameters (H. G. Bock, 1983; B. M. Bell, SIAM J. Optim. 4 (1994) 626-636). During the
-search hypotheses are compared by their marginal likelihood over the states (Laplace approximation), each at its best
-q."""
+The position of a pin whose clearance is searched is unknown at the begin of a record. Each run is
+divided into windows with their own initial states; the jump between the end of a window and the
+begin of the next is normal with the standard deviation q. A large q gives a wide basin of
+attraction; as q decreases the misfit becomes that of one trajectory. A filter finds initial states.
+States and parameters are then fitted by Gauss-Newton steps with banded normal equations, bordered
+by the parameters (H. G. Bock, 1983; B. M. Bell, SIAM J. Optim. 4 (1994) 626-636). During the search
+hypotheses are compared by their marginal likelihood over the states (Laplace approximation), each
+at its best q."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -29,12 +31,25 @@ from jointgap.identification.fit import (
     fit_hypothesis,
     prior_of_bounds,
 )
-from jointgap.identification.problem import Hypothesis, Problem, SearchLimit, label_of, values_in_run, whiten
-from jointgap.identification.screening import Sensitivities, Sensitivity, oscillating_shapes, steady_first
+from jointgap.identification.problem import (
+    Hypothesis,
+    Problem,
+    SearchLimit,
+    label_of,
+    values_in_run,
+    whiten,
+)
+from jointgap.identification.screening import (
+    Sensitivities,
+    Sensitivity,
+    oscillating_shapes,
+    steady_first,
+)
 from jointgap.identification.settings import WindowSettings
 
 ANGLE_STEP, RATE_STEP = 1e-4, 2e-4  # [rad], [crank speeds] Finite-difference steps of states
-# [1] Largest norm of the residuals' change over a parameter step, tolerated excess, and largest shortening of a step
+# [1] Largest norm of the residuals' change over a parameter step, tolerated excess, and largest
+# shortening of a step
 CHANGE, TOO_LONG, SHORTER = 1.0, 10.0, 1e4
 FAILURES = (InputError, SimulationError, np.linalg.LinAlgError)
 """Exceptions of values that cannot be simulated."""
@@ -73,7 +88,9 @@ class _Run:
         self._weights = np.linalg.inv(np.eye(self.shared.shape[1]) + self.shared.T @ self.shared)
         self.first, parts = states.slow[0].copy(), self.parts
         self.windows = [windowed.window_of(part.series.time, self.states) for part in parts]
-        self.window = np.concatenate([w[part.used] for w, part in zip(self.windows, parts, strict=True)])
+        self.window = np.concatenate(
+            [w[part.used] for w, part in zip(self.windows, parts, strict=True)]
+        )
 
     def without_shared(self, residual: np.ndarray) -> np.ndarray:
         """Residuals (n,) minus the most likely changes by drive errors."""
@@ -91,7 +108,8 @@ class _Run:
         return _Motion(readings, ends, handed, done, np.concatenate(out))
 
     def change(self, motion: _Motion, other: _Motion, parity: int | None = None) -> np.ndarray:
-        """Whitened change (n,) between two motions; with `parity` only of samples in even or odd windows."""
+        """Whitened change (n,) between two motions; with `parity` only of samples in even or odd
+        windows."""
         out = []
         for part, window in zip(self.parts, self.windows, strict=True):
             value = other.readings[part.series.channel] - motion.readings[part.series.channel]
@@ -101,8 +119,11 @@ class _Run:
             out.append(np.where(np.isfinite(white), white, 0.0))
         return np.concatenate(out)
 
-    def cost(self, slow: np.ndarray, motion: _Motion, jump: float, settings: WindowSettings) -> float:
-        """Squares of residuals, of jumps, and of the deviation of the first state from the filter's."""
+    def cost(
+        self, slow: np.ndarray, motion: _Motion, jump: float, settings: WindowSettings
+    ) -> float:
+        """Squares of residuals, of jumps, and of the deviation of the first state from the
+        filter's."""
         gap = turned(slow[1:], motion.ends[:-1])[motion.done[:-1]]
         first = turned(slow[0], self.first) / settings.first_state
         left = motion.residual @ self.without_shared(motion.residual)
@@ -134,10 +155,14 @@ class _Normal:
     hessian: np.ndarray  # (m, m) by the parameters
     gradient: np.ndarray  # (m,)
     determinant: float  # log determinant of the states
-    states: list[np.ndarray]  # by run, (k d, m + 1): response of states to the parameters, and their own step
+    states: list[
+        np.ndarray
+    ]  # by run, (k d, m + 1): response of states to the parameters, and their own step
     gain: float  # decrease of the cost by the states alone
 
-    def step(self, low: np.ndarray, high: np.ndarray, damping: float = 0.0) -> tuple[np.ndarray, float]:
+    def step(
+        self, low: np.ndarray, high: np.ndarray, damping: float = 0.0
+    ) -> tuple[np.ndarray, float]:
         """The step (m,) of the parameters within bounds, and its decrease of the cost."""
         if not self.gradient.size:
             return np.zeros(0), 0.0
@@ -211,7 +236,9 @@ class Estimate:
         found = np.zeros(self.problem.size)
         for run, one in self._runs.items():
             ends = np.cumsum([int(part.used.sum()) for part in one.parts])[:-1]
-            for part, own in zip(one.parts, np.split(self._motions[run].residual, ends), strict=True):
+            for part, own in zip(
+                one.parts, np.split(self._motions[run].residual, ends), strict=True
+            ):
                 found[part.place] = -own
         return self.problem.together(found)
 
@@ -226,10 +253,14 @@ class Estimate:
     def _windowed(self, run: str, values: np.ndarray) -> WindowedRun:
         return self._windowed_with(run, self._by_key(values), self.hypothesis)
 
-    def _windowed_with(self, run: str, values: Mapping[str, float], hypothesis: Hypothesis) -> WindowedRun:
+    def _windowed_with(
+        self, run: str, values: Mapping[str, float], hypothesis: Hypothesis
+    ) -> WindowedRun:
         found = windowed_run(self.problem, run, values, hypothesis)
         if found is None:
-            raise SimulationError(f"run {run} is not simulated in windows with {label_of(hypothesis)}")
+            raise SimulationError(
+                f"run {run} is not simulated in windows with {label_of(hypothesis)}"
+            )
         return found
 
     def find_states(self, jump: float, turns: float = math.inf) -> float:
@@ -237,8 +268,14 @@ class Estimate:
         deviance, readings = 0.0, 0.0
         per_turn, self._columns = self._windows_a_turn(), None
         for run in self.problem.runs:
-            windowed, parts = self._windowed(run, self.values), [p for p in self.problem.parts if p.series.run == run]
-            measured = {part.series.channel: np.where(part.used, part.series.value, np.nan) for part in parts}
+            windowed, parts = (
+                self._windowed(run, self.values),
+                [p for p in self.problem.parts if p.series.run == run],
+            )
+            measured = {
+                part.series.channel: np.where(part.used, part.series.value, np.nan)
+                for part in parts
+            }
             noise = {part.series.channel: part.noise.spread for part in parts}
             found = windowed.find(measured, noise, per_turn, jump, turns)
             self._runs[run] = _Run(self.problem, run, windowed, found.states)
@@ -252,23 +289,39 @@ class Estimate:
         for run in self.problem.runs:
             windowed = self._windowed(run, self.values)
             parts = [part for part in self.problem.parts if part.series.run == run]
-            readings = sum(int(part.used.sum()) for part in parts if part.series.channel in windowed.channels)
-            least = min(least, readings / windowed.turns / (settings.readings_per_number * windowed.size))
+            readings = sum(
+                int(part.used.sum()) for part in parts if part.series.channel in windowed.channels
+            )
+            least = min(
+                least, readings / windowed.turns / (settings.readings_per_number * windowed.size)
+            )
         return int(np.clip(least, settings.least_windows, settings.most_windows))
 
     def _simulate(self, values: np.ndarray, slow: Mapping[str, np.ndarray]) -> dict[str, _Motion]:
-        return {run: one.motion(self._windowed(run, values), slow[run]) for run, one in self._runs.items()}
+        return {
+            run: one.motion(self._windowed(run, values), slow[run])
+            for run, one in self._runs.items()
+        }
 
-    def _cost(self, values: np.ndarray, slow: Mapping, motions: Mapping[str, _Motion], jump: float) -> float:
-        of_runs = (self._runs[run].cost(slow[run], motion, jump, self.settings) for run, motion in motions.items())
+    def _cost(
+        self, values: np.ndarray, slow: Mapping, motions: Mapping[str, _Motion], jump: float
+    ) -> float:
+        of_runs = (
+            self._runs[run].cost(slow[run], motion, jump, self.settings)
+            for run, motion in motions.items()
+        )
         return float(np.sum((self.prior * (values - self._nominal)) ** 2)) + sum(of_runs)
 
     def _by_states(self, values: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Derivatives by the states of windows: of residuals (2, n, d) for even and odd windows, and of ends (k, d,
-        d)."""
+        """Derivatives by the states of windows: of residuals (2, n, d) for even and odd windows,
+        and of ends (k, d, d)."""
         found = {}
         for run, one in self._runs.items():
-            motion, slow, windowed = self._motions[run], self._slow[run], self._windowed(run, values)
+            motion, slow, windowed = (
+                self._motions[run],
+                self._slow[run],
+                self._windowed(run, values),
+            )
             d = slow.shape[1]
             own, ends = np.zeros((2, motion.residual.size, d)), np.zeros((len(slow), d, d))
             for i in range(d):
@@ -281,11 +334,16 @@ class Estimate:
         return found
 
     def _by_values(self, values: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Derivatives by the parameters: of residuals (n, m) and of the ends of windows (k, d, m), by run."""
+        """Derivatives by the parameters: of residuals (n, m) and of the ends of windows (k, d, m),
+        by run."""
         columns = []
         for i, p in enumerate(self.parameters):
             for _ in range(2):
-                step = self._steps[i] if values[i] + self._steps[i] <= self._high[i] else -self._steps[i]
+                step = (
+                    self._steps[i]
+                    if values[i] + self._steps[i] <= self._high[i]
+                    else -self._steps[i]
+                )
                 shifted = self._by_key(values) | {p.key: float(values[i] + step)}
                 column = self._by_value(p.run, step, shifted, self.hypothesis)
                 length = math.hypot(*(np.linalg.norm(by_value) for by_value, _ in column.values()))
@@ -295,7 +353,10 @@ class Estimate:
             columns.append(column)
         if not columns:
             return self._nothing()
-        return {run: tuple(np.stack([c[run][j] for c in columns], axis=-1) for j in (0, 1)) for run in self._runs}
+        return {
+            run: tuple(np.stack([c[run][j] for c in columns], axis=-1) for j in (0, 1))
+            for run in self._runs
+        }
 
     def _nothing(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Zero derivatives, for fixed parameters."""
@@ -329,7 +390,8 @@ class Estimate:
         jump: float,
         damping: float = 0.0,
     ) -> _Normal:
-        """The normal equations for parameters with the deviation `off` (m,) from their prior's mean."""
+        """The normal equations for parameters with the deviation `off` (m,) from their prior's
+        mean."""
         m = off.size
         hessian, gradient = np.diag(prior**2), prior**2 * off
         determinant, gain, states = 0.0, 0.0, []
@@ -352,9 +414,13 @@ class Estimate:
                     np.add.at(border, w, a[:, :, None] * by_value[rows][:, None, :])
                     np.add.at(slope, w, a * left[rows, None])
                 later = own[1 - parity][spilt]
-                np.add.at(below, window[spilt] - 1, later[:, :, None] * own[parity][spilt][:, None, :])
+                np.add.at(
+                    below, window[spilt] - 1, later[:, :, None] * own[parity][spilt][:, None, :]
+                )
             weight = np.where(motion.done[:-1], 1.0 / jump**2, 0.0)[:, None, None]
-            gap = np.where(motion.done[:-1, None], turned(slow[1:], motion.ends[:-1]), 0.0)[:, :, None]
+            gap = np.where(motion.done[:-1, None], turned(slow[1:], motion.ends[:-1]), 0.0)[
+                :, :, None
+            ]
             f, g = ends[:-1], end_by_value[:-1]
             ft, gt = f.transpose(0, 2, 1), g.transpose(0, 2, 1)
             diagonal[1:] += weight * np.eye(d)
@@ -376,7 +442,9 @@ class Estimate:
             square[:m, :m] += np.sum(weight * (gt @ g), axis=0)
             side = by_value.T @ left - border.T @ solved[:, -1]
             side[:m] -= np.sum(weight * (gt @ gap), axis=0)[:, 0]
-            side[m:] = -border[:, m:].T @ solved[:, -1]  # the gradient by the most likely drive errors is zero
+            side[m:] = (
+                -border[:, m:].T @ solved[:, -1]
+            )  # the gradient by the most likely drive errors is zero
             gain += float(slope @ solved[:, -1])
             own_square = square[m:, m:] + np.eye(len(square) - m)
             follow = np.linalg.solve(own_square, np.column_stack([square[m:, :m], side[m:]]))
@@ -401,8 +469,12 @@ class Estimate:
 
     @property
     def leads_on(self) -> bool:
-        """Whether the likelihood is near its maximum over the jumps; for a wrong model it decreases for small ones."""
-        return self.stages[-1].deviance <= self.best.deviance + self.settings.far_behind * self.problem.size
+        """Whether the likelihood is near its maximum over the jumps; for a wrong model it decreases
+        for small ones."""
+        return (
+            self.stages[-1].deviance
+            <= self.best.deviance + self.settings.far_behind * self.problem.size
+        )
 
     def anneal(self, below: float = math.inf) -> "Estimate":
         """Fit at decreasing jumps `below` a value while `leads_on`."""
@@ -419,7 +491,11 @@ class Estimate:
         other._runs = {run: copy(one) for run, one in self._runs.items()}
         other._slow, other._motions = dict(self._slow), dict(self._motions)
         other._simulated = self._simulated
-        other.stages, other._columns, other._steps = list(self.stages), self._columns, self._steps.copy()
+        other.stages, other._columns, other._steps = (
+            list(self.stages),
+            self._columns,
+            self._steps.copy(),
+        )
         return other
 
     def begin_at(self, states: Mapping[str, np.ndarray]) -> bool:
@@ -434,11 +510,16 @@ class Estimate:
             one, slow = _Run(self.problem, run, windowed, known), states[run]
             for _ in range(2):  # for consistent other states
                 one.hand_on(slow, one.motion(windowed, slow))
-            self._runs[run], self._slow[run], self._motions[run] = one, slow, one.motion(windowed, slow)
+            self._runs[run], self._slow[run], self._motions[run] = (
+                one,
+                slow,
+                one.motion(windowed, slow),
+            )
         return True
 
     def to_its_end(self) -> "Estimate":
-        """Fit at all further jumps, without `leads_on`; from given states only at those that need no filter."""
+        """Fit at all further jumps, without `leads_on`; from given states only at those that need
+        no filter."""
         last = self.stages[-1].jump if self.stages else self.settings.filtered_above
         for jump in self.settings.jumps:
             if jump < last:
@@ -453,11 +534,15 @@ class Estimate:
         before = dict(self._runs), dict(self._slow), self._columns
         known = self._cost(self.values, self._slow, self._simulate(self.values, self._slow), jump)
         self.find_states(jump)
-        if self._cost(self.values, self._slow, self._simulate(self.values, self._slow), jump) > known:
+        if (
+            self._cost(self.values, self._slow, self._simulate(self.values, self._slow), jump)
+            > known
+        ):
             self._runs, self._slow, self._columns = before
 
     def _settled(self, jump: float) -> bool:
-        """Use the states of a settled motion for each run if that reduces the cost; return whether one changed."""
+        """Use the states of a settled motion for each run if that reduces the cost; return whether
+        one changed."""
         changed = False
         for run, one in self._runs.items():
             windowed = self._windowed(run, self.values)
@@ -482,7 +567,10 @@ class Estimate:
                 fresh, stale = True, False
             room = (still, still) if held else (self._low - self.values, self._high - self.values)
             # a poor fit need not be accurate
-            accurate = last and cost <= self.problem.settings.stopping.poor_chi2_per_sample * self.problem.size
+            accurate = (
+                last
+                and cost <= self.problem.settings.stopping.poor_chi2_per_sample * self.problem.size
+            )
             improved, negligible = False, max(1.0, 0.0 if accurate else settings.decrease * cost)
             for _ in range(8):
                 normal = self._at(jump, by_states, damping)
@@ -511,9 +599,13 @@ class Estimate:
         lost = float(np.mean(np.concatenate([~motion.done for motion in self._motions.values()])))
         if held:
             self._columns = None
-        self.stages.append(Stage(jump, cost, cost + normal.determinant, lost, self.values.copy(), normal.hessian))
+        self.stages.append(
+            Stage(jump, cost, cost + normal.determinant, lost, self.values.copy(), normal.hessian)
+        )
 
-    def _tried(self, values: np.ndarray, slow: Mapping, jump: float) -> tuple[dict[str, _Motion], float]:
+    def _tried(
+        self, values: np.ndarray, slow: Mapping, jump: float
+    ) -> tuple[dict[str, _Motion], float]:
         """The motions and their cost (infinite on failure)."""
         try:
             motions = self._simulate(values, slow)
@@ -522,14 +614,18 @@ class Estimate:
         return motions, self._cost(values, slow, motions, jump)
 
     def _at(self, jump: float, by_states: Mapping, damping: float = 0.0) -> _Normal:
-        return self._normal(self.values - self._nominal, self.prior, self._columns, by_states, jump, damping)
+        return self._normal(
+            self.values - self._nominal, self.prior, self._columns, by_states, jump, damping
+        )
 
     def _followed(self, normal: _Normal, step: np.ndarray) -> dict[str, np.ndarray]:
         """The states after a step of the parameters."""
         found = {}
         for (run, slow), solved in zip(self._slow.items(), normal.states, strict=True):
             change = -(solved[:, -1] + solved[:, :-1] @ step).reshape(slow.shape)
-            reach = np.tile([0.6, 3.0], slow.shape[1] // 2)  # [rad], [crank speeds] limit of the linearisation
+            reach = np.tile(
+                [0.6, 3.0], slow.shape[1] // 2
+            )  # [rad], [crank speeds] limit of the linearisation
             found[run] = slow + np.clip(change, -reach, reach)
         return found
 
@@ -544,7 +640,12 @@ class Estimate:
         values = np.array([self.mapping[p.key] for p in self._varied])
         count = self.problem.simulations - self._simulated
         found = Fit(self.hypothesis, self._varied, values, residual, jacobian, count, CONVERGED)
-        return replace(found, slope=np.zeros(values.size), states=dict(self._slow), settings=self.problem.settings)
+        return replace(
+            found,
+            slope=np.zeros(values.size),
+            states=dict(self._slow),
+            settings=self.problem.settings,
+        )
 
     def failed(self, reason: str) -> Fit:
         """A fit that failed."""
@@ -554,49 +655,79 @@ class Estimate:
         return replace(found, settings=self.problem.settings)
 
     def sensitivities(self, candidates: Sequence[Candidate]) -> Sensitivities:
-        """Sensitivities of candidates with the states eliminated, in compressed rows; without secants."""
+        """Sensitivities of candidates with the states eliminated, in compressed rows; without
+        secants."""
         taken = {claim for effect in self.hypothesis for claim in effect.claims}
-        by_states, columns, m = self._by_states(self.values), self._by_values(self.values), self.values.size
+        by_states, columns, m = (
+            self._by_states(self.values),
+            self._by_values(self.values),
+            self.values.size,
+        )
         found: list[tuple[Candidate, Mapping[str, float], list]] = []
         failed: dict[str, str] = {}
-        for candidate in steady_first(candidate for candidate in candidates if not taken & candidate.claims):
-            steady = next((own[0] for each, _, own in found if each.label == candidate.carrier), None)
-            guesses = [guess for guess in candidate.initial_guesses if not set(guess) & set(candidate.amplitudes)]
+        for candidate in steady_first(
+            candidate for candidate in candidates if not taken & candidate.claims
+        ):
+            steady = next(
+                (own[0] for each, _, own in found if each.label == candidate.carrier), None
+            )
+            guesses = [
+                guess
+                for guess in candidate.initial_guesses
+                if not set(guess) & set(candidate.amplitudes)
+            ]
             if steady and guesses:
                 left = self._in_time(_wide(columns, [steady]), by_states)
-                guesses = oscillating_shapes(self.problem, candidate, left[:, -1], left[:, :-2], left[:, -2])
+                guesses = oscillating_shapes(
+                    self.problem, candidate, left[:, -1], left[:, :-2], left[:, -2]
+                )
             # a partly replaced nuisance keeps its value
-            kept = {p.key: self.mapping[p.key] for p in candidate.coordinates if p.key in self.mapping}
+            kept = {
+                p.key: self.mapping[p.key] for p in candidate.coordinates if p.key in self.mapping
+            }
             for shapes in ({**guess, **kept} for guess in guesses):
                 try:
                     found.append((candidate, shapes, self._by_amplitudes(candidate, shapes)))
                 except FAILURES as error:
                     failed[candidate.label] = str(error)
-        rows = self._rows(_wide(columns, [column for *_, own in found for column in own]), by_states)
+        rows = self._rows(
+            _wide(columns, [column for *_, own in found for column in own]), by_states
+        )
         residual, entries, begin = rows[:, -1], [], m
         for candidate, shapes, own in found:
             changes, begin = rows[:, begin : begin + len(own)], begin + len(own)
             offsets = np.array([here for _, here in self._amplitudes(candidate)])
             origin = residual - changes @ offsets if offsets.any() else residual
-            entries.append(Sensitivity(candidate, dict(shapes), changes, origin, tuple(self.problem.runs)))
-        failed = {label: why for label, why in failed.items() if label not in {each.label for each, *_ in found}}
-        return Sensitivities(self.parameters, self.values.copy(), rows[:, :m], residual, entries, failed)
+            entries.append(
+                Sensitivity(candidate, dict(shapes), changes, origin, tuple(self.problem.runs))
+            )
+        failed = {
+            label: why
+            for label, why in failed.items()
+            if label not in {each.label for each, *_ in found}
+        }
+        return Sensitivities(
+            self.parameters, self.values.copy(), rows[:, :m], residual, entries, failed
+        )
 
     def _amplitudes(self, candidate: Candidate) -> list[tuple[Parameter, float]]:
-        """Amplitudes of an absent effect with their values: the deviation from nominal of a replaced nuisance, else
-        0."""
+        """Amplitudes of an absent effect with their values: the deviation from nominal of a
+        replaced nuisance, else 0."""
         beyond = {p.key: self.mapping[p.key] - p.nominal for p in self.parameters}
         # the first one has priority
         replaces = reversed(candidate.replaces.items())
         replaced = {amplitude: beyond[name] for name, amplitude in replaces if name in beyond}
-        own = (p for p in candidate.coordinates_in(self.problem.runs) if p.key in candidate.amplitudes)
+        own = (
+            p for p in candidate.coordinates_in(self.problem.runs) if p.key in candidate.amplitudes
+        )
         return [(p, replaced.get(p.key, 0.0)) for p in own]
 
     def _by_amplitudes(self, candidate: Candidate, shapes: Mapping[str, float]) -> list[_Columns]:
         """Derivatives by the amplitudes of an absent effect."""
         label, amplitudes, found = candidate.label, self._amplitudes(candidate), []
         at = self.mapping | {
-            f"{label}.{p.key}": shapes.get(p.key, p.nominal) for p in candidate.coordinates_in(self.problem.runs)
+            f"{label}.{p.key}": shapes.get(p.key, p.nominal)
+            for p in candidate.coordinates_in(self.problem.runs)
         }
         at |= {f"{label}.{p.key}": here for p, here in amplitudes}
         for p, here in amplitudes:
@@ -606,11 +737,17 @@ class Estimate:
         return found
 
     def _rows(self, columns: _Columns, by_states: Mapping) -> np.ndarray:
-        """Columns and the residual (last) with the states eliminated: (n, m + 1), all but the first m + 1 rows 0."""
+        """Columns and the residual (last) with the states eliminated: (n, m + 1), all but the first
+        m + 1 rows 0."""
         m = next(iter(columns.values()))[0].shape[1]
         normal = self._normal(np.zeros(m), np.zeros(m), columns, by_states, self.stages[-1].jump)
         cost = self.stages[-1].cost - self.cost_of_values - normal.gain
-        square = np.block([[normal.hessian, normal.gradient[:, None]], [normal.gradient[None, :], np.array([[cost]])]])
+        square = np.block(
+            [
+                [normal.hessian, normal.gradient[:, None]],
+                [normal.gradient[None, :], np.array([[cost]])],
+            ]
+        )
         rows = np.zeros((max(self.problem.size, m + 1), m + 1))
         rows[: m + 1] = _root(square)
         return rows
@@ -624,7 +761,9 @@ class Estimate:
             left = np.column_stack([columns[run][0], self._motions[run].residual])
             follow = solved.reshape(*self._slow[run].shape, m + 1)
             for parity in (0, 1):
-                window = np.maximum(np.where(one.window % 2 == parity, one.window, one.window - 1), 0)
+                window = np.maximum(
+                    np.where(one.window % 2 == parity, one.window, one.window - 1), 0
+                )
                 left -= np.einsum("nd,ndm->nm", by_states[run][0][parity], follow[window])
             ends = np.cumsum([int(part.used.sum()) for part in one.parts])[:-1]
             for part, own in zip(one.parts, np.split(left, ends), strict=True):
@@ -635,7 +774,10 @@ class Estimate:
 def _wide(columns: _Columns, further: Sequence[_Columns]) -> _Columns:
     """Derivatives with further columns."""
     return {
-        run: tuple(np.concatenate([own[j], *(each[run][j][..., None] for each in further)], axis=-1) for j in (0, 1))
+        run: tuple(
+            np.concatenate([own[j], *(each[run][j][..., None] for each in further)], axis=-1)
+            for j in (0, 1)
+        )
         for run, own in columns.items()
     }
 
@@ -653,7 +795,8 @@ def _both(motion: _Motion, other: _Motion, change: np.ndarray) -> np.ndarray:
 
 
 def _band(diagonal: np.ndarray, below: np.ndarray, damping: float) -> np.ndarray:
-    """A symmetric block tridiagonal matrix ((k, d, d) on and (k - 1, d, d) below the diagonal) in lower banded form."""
+    """A symmetric block tridiagonal matrix ((k, d, d) on and (k - 1, d, d) below the diagonal) in
+    lower banded form."""
     count, d, _ = diagonal.shape
     band = np.zeros((2 * d, count * d))
     for j in range(d):
@@ -674,7 +817,8 @@ def windowed_run(
 
 
 def has_windows(problem: Problem, hypothesis: Hypothesis, values: Mapping[str, float]) -> bool:
-    """Whether a hypothesis is fitted in windows: with a clearance, and all runs compared by samples."""
+    """Whether a hypothesis is fitted in windows: with a clearance, and all runs compared by
+    samples."""
     if problem.has_statistics or not any(one.search_range for one in hypothesis):
         return False
     at = {p.key: p.nominal for p in problem.parameters(hypothesis)} | dict(values)
@@ -684,14 +828,18 @@ def has_windows(problem: Problem, hypothesis: Hypothesis, values: Mapping[str, f
         return False
 
 
-def compete(estimates: Sequence[Estimate], below: float = math.inf, limit: SearchLimit | None = None) -> list[Estimate]:
-    """Fit all at decreasing jumps `below` a value; those far behind the best or without `leads_on` end, and all at the
-    limit.
+def compete(
+    estimates: Sequence[Estimate], below: float = math.inf, limit: SearchLimit | None = None
+) -> list[Estimate]:
+    """Fit all at decreasing jumps `below` a value; those far behind the best or without `leads_on`
+    end, and all at the limit.
 
     Best first, without those that cannot be simulated.
     """
     going, failed = list(estimates), []
-    for jump in (jump for jump in (estimates[0].settings.jumps if estimates else ()) if jump < below):
+    for jump in (
+        jump for jump in (estimates[0].settings.jumps if estimates else ()) if jump < below
+    ):
         for estimate in going:
             if limit and limit.reached():
                 return _ranked(estimates, failed)
@@ -704,7 +852,11 @@ def compete(estimates: Sequence[Estimate], below: float = math.inf, limit: Searc
             least = min(each.stages[-1].deviance for each in going)
             # at large jumps the true effect need not lead yet
             far = settings.far_behind if jump <= settings.compared_below else settings.far_before
-            going = [each for each in going if each.stages[-1].deviance <= least + far * each.problem.size]
+            going = [
+                each
+                for each in going
+                if each.stages[-1].deviance <= least + far * each.problem.size
+            ]
     return _ranked(estimates, failed)
 
 
@@ -725,11 +877,13 @@ def fitted(
     vary: Sequence[Parameter] | None = None,
     near: Fit | None = None,
 ) -> Fit:
-    """Fit a hypothesis: in windows with a clearance, from the states of a fit `near` it; otherwise by
-    `fit_hypothesis`, which uses the other arguments."""
+    """Fit a hypothesis: in windows with a clearance, from the states of a fit `near` it; otherwise
+    by `fit_hypothesis`, which uses the other arguments."""
     at = dict(start or {})
     if not has_windows(problem, hypothesis, at):
-        return fit_hypothesis(problem, hypothesis, at, known_derivatives, differences, refresh=refresh, vary=vary)
+        return fit_hypothesis(
+            problem, hypothesis, at, known_derivatives, differences, refresh=refresh, vary=vary
+        )
     estimate = Estimate(problem, hypothesis, at, vary)
     try:
         if near is None or not estimate.begin_at(near.states or {}):
@@ -763,9 +917,13 @@ def as_fitted(problem: Problem, fit: Fit) -> Prediction:
 
 
 def predicted(
-    problem: Problem, hypothesis: Hypothesis, values: Mapping[str, float], vary: Sequence[Parameter] = ()
+    problem: Problem,
+    hypothesis: Hypothesis,
+    values: Mapping[str, float],
+    vary: Sequence[Parameter] = (),
 ) -> Prediction:
-    """The prediction from the most likely states of the joints at `values`; the parameters `vary` are fitted."""
+    """The prediction from the most likely states of the joints at `values`; the parameters `vary`
+    are fitted."""
     estimate = Estimate(problem, hypothesis, values, vary)
     estimate.anneal(estimate.settings.jumps[0]).to_its_end()
     return Prediction(estimate.mapping, estimate.residual, estimate.readings)

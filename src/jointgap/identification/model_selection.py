@@ -36,7 +36,11 @@ from jointgap.identification.screening import (
     orthonormal,
     shortlist,
 )
-from jointgap.identification.settings import DEFAULT_SETTINGS, DecisionSettings, IdentificationSettings
+from jointgap.identification.settings import (
+    DEFAULT_SETTINGS,
+    DecisionSettings,
+    IdentificationSettings,
+)
 from jointgap.identification.verdict import (
     ALIKE,
     ALONE,
@@ -50,7 +54,9 @@ from jointgap.identification.verdict import (
 
 
 def shortlist_singles(
-    sensitivities: Sensitivities, limits: Thresholds, settings: IdentificationSettings = DEFAULT_SETTINGS
+    sensitivities: Sensitivities,
+    limits: Thresholds,
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> list[LinearizedFit]:
     """Single effects selected for a fit, best first."""
     selection = settings.selection
@@ -60,24 +66,35 @@ def shortlist_singles(
     if chi2 > limits.omnibus * dof:
         return shortlist(singles, selection.max_singles)
     # the base is consistent with noise: effects are small, and the linearisation is accurate
-    min_gain = selection.linear_share * max(settings.decision.min_delta_bic, limits.max_gain_threshold)
+    min_gain = selection.linear_share * max(
+        settings.decision.min_delta_bic, limits.max_gain_threshold
+    )
     limit = chi2 + len(sensitivities.parameters) * np.log(sensitivities.residual.size) - min_gain
     count = sum(single.bic < limit for single in singles)
     return shortlist(singles[: max(count, selection.partners)], selection.max_singles)
 
 
 def best_sufficient(baseline: Baseline, fits: Sequence[Fit], second: Thresholds) -> Fit | None:
-    """The best of the `fits` of single effects that is better than the base and sufficient by the limit of `second`."""
-    sufficient = [fit for fit in fits if fit.bic < baseline.base.bic and reduced_chi2(fit) <= second.omnibus]
+    """The best of the `fits` of single effects that is better than the base and sufficient by the
+    limit of `second`."""
+    sufficient = [
+        fit for fit in fits if fit.bic < baseline.base.bic and reduced_chi2(fit) <= second.omnibus
+    ]
     return min(sufficient, key=lambda fit: fit.bic, default=None)
 
 
 def shortlist_pairs(
-    baseline: Baseline, sensitivities: Sensitivities, best: Fit, fits: Sequence[Fit], second: Thresholds
+    baseline: Baseline,
+    sensitivities: Sensitivities,
+    best: Fit,
+    fits: Sequence[Fit],
+    second: Thresholds,
 ) -> list[LinearizedFit]:
-    """Pairs with the sufficient single effect of `best` that gain significantly, at most `partners` of them.
+    """Pairs with the sufficient single effect of `best` that gain significantly, at most `partners`
+    of them.
 
-    `fits`: all single effects; `sensitivities`: about the base; `second`: from `two_effect_thresholds`.
+    `fits`: all single effects; `sensitivities`: about the base; `second`: from
+    `two_effect_thresholds`.
     """
     failed = failed_labels(fits)
     pairs = SensitivityRegression(sensitivities.about(best), best.hypothesis).singles()
@@ -93,11 +110,14 @@ def failed_labels(fits: Sequence[Fit]) -> set[str]:
     return {fit.label for fit in fits} - {fit.label for fit in fits if fit.status != FAILED}
 
 
-def two_effect_thresholds(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) -> Thresholds:
+def two_effect_thresholds(
+    baseline: Baseline, fits: Sequence[Fit], limits: Thresholds
+) -> Thresholds:
     """The thresholds for pairs, with the solver error of the best single effect.
 
-    With an effect such as a clearance, differences between solver variants may be larger than in the base. They are no
-    sign of a second effect as long as they are a small part of the explained misfit.
+    With an effect such as a clearance, differences between solver variants may be larger than in
+    the base. They are no sign of a second effect as long as they are a small part of the explained
+    misfit.
     """
     best = _best_alone(fits)
     if best is None:
@@ -107,8 +127,12 @@ def two_effect_thresholds(baseline: Baseline, fits: Sequence[Fit], limits: Thres
         changes = other_numerics(baseline.problem, best)
     except (InputError, SimulationError):
         return limits
-    changed = float(max((np.sum((row - nuisances @ (nuisances.T @ row)) ** 2) for row in changes), default=0.0))
-    small = (1.0 - baseline.problem.settings.decision.min_explained_share) * (baseline.base.chi2 - best.chi2)
+    changed = float(
+        max((np.sum((row - nuisances @ (nuisances.T @ row)) ** 2) for row in changes), default=0.0)
+    )
+    small = (1.0 - baseline.problem.settings.decision.min_explained_share) * (
+        baseline.base.chi2 - best.chi2
+    )
     gain, omnibus = max(limits.max_gain_threshold, min(changed, small)), limits.omnibus
     if limits.max_gain_threshold < changed <= small:
         omnibus += changed / best.residual.size
@@ -116,7 +140,8 @@ def two_effect_thresholds(baseline: Baseline, fits: Sequence[Fit], limits: Thres
 
 
 def second_effect_gain(problem: Problem, fits: Sequence[Fit], second: Thresholds) -> float:
-    """Required gain of a second effect [BIC]; if a single one is sufficient, at least the `nonlinearity` of its fit."""
+    """Required gain of a second effect [BIC]; if a single one is sufficient, at least the
+    `nonlinearity` of its fit."""
     best = _best_alone(fits)
     is_sufficient = best is not None and reduced_chi2(best) <= second.omnibus
     return max(second.max_gain_threshold, nonlinearity(problem, best) if is_sufficient else 0.0)
@@ -128,10 +153,11 @@ def _best_alone(fits: Sequence[Fit]) -> Fit | None:
 
 
 def nonlinearity(problem: Problem, fit: Fit) -> float:
-    """Largest difference [chi2] between chi2 at one standard error and its linear prediction from the other side.
+    """Largest difference [chi2] between chi2 at one standard error and its linear prediction from
+    the other side.
 
-    It measures jumps of chi2 by impacts that appear or vanish; smaller differences of fits are meaningless. Parameters
-    at a bound and of single runs are ignored.
+    It measures jumps of chi2 by impacts that appear or vanish; smaller differences of fits are
+    meaningless. Parameters at a bound and of single runs are ignored.
     """
     if fit.in_windows:
         return 0.0
@@ -156,17 +182,20 @@ def refit_jacobian(baseline: Baseline, fit: Fit) -> Fit:
     if fit.status == FAILED or fit.draws is not None or fit.in_windows:
         return fit
     problem, differences = baseline.problem, baseline.differences
-    return fit_hypothesis(problem, fit.hypothesis, fit.mapping, differences=differences, refresh=True)
+    return fit_hypothesis(
+        problem, fit.hypothesis, fit.mapping, differences=differences, refresh=True
+    )
 
 
 def refit_and_decide(
     baseline: Baseline, sensitivities: Sensitivities, fits: Sequence[Fit], limits: Thresholds
 ) -> Decision:
-    """The verdict of the fits (`jointgap.identification.verdict`), with the best fit of each hypothesis.
+    """The verdict of the fits (`jointgap.identification.verdict`), with the best fit of each
+    hypothesis.
 
-    No hypothesis may win by a better local minimum of the nuisances: fits are repeated from better parts of their
-    hypotheses, and the base from the nuisances of better fits. For non-periodic motion base and leading fits are
-    regressed over ensembles. Arguments as in `select_hypothesis`.
+    No hypothesis may win by a better local minimum of the nuisances: fits are repeated from better
+    parts of their hypotheses, and the base from the nuisances of better fits. For non-periodic
+    motion base and leading fits are regressed over ensembles. Arguments as in `select_hypothesis`.
     """
     problem, base = baseline.problem, baseline.base
     settings = problem.settings.decision
@@ -199,28 +228,36 @@ def refit_and_decide(
     said = verdict(replace(evidence, second_effect_gain=second.max_gain_threshold), settings)
     if said.proposed is None or len(said.proposed.hypothesis) < 2:
         return said
-    return verdict(replace(evidence, second_effect_gain=second_effect_gain(problem, fits, second)), settings)
+    return verdict(
+        replace(evidence, second_effect_gain=second_effect_gain(problem, fits, second)), settings
+    )
 
 
 def _differ_in_sensors_only(fit: Fit, other: Fit, base: Fit, settings: DecisionSettings) -> bool:
-    """Whether two explanations have other sensor faults but predict the same: the difference is a negligible part of
-    the change that the effects cause."""
+    """Whether two explanations have other sensor faults but predict the same: the difference is a
+    negligible part of the change that the effects cause."""
     if FAILED in (fit.status, other.status) or len(fit.hypothesis) != len(other.hypothesis):
         return False
     different = labels_of(fit.hypothesis) ^ labels_of(other.hypothesis)
-    if not all(one.sensor for one in (*fit.hypothesis, *other.hypothesis) if one.label in different):
+    if not all(
+        one.sensor for one in (*fit.hypothesis, *other.hypothesis) if one.label in different
+    ):
         return False
     apart, change = (np.sum((one.residual - fit.residual) ** 2) for one in (other, base))
     return bool(apart <= (1.0 - settings.sure_explained_share) * change)
 
 
 def swap_one_effect(
-    baseline: Baseline, sensitivities: Sensitivities, fits: Sequence[Fit], limit: SearchLimit | None = None
+    baseline: Baseline,
+    sensitivities: Sensitivities,
+    fits: Sequence[Fit],
+    limit: SearchLimit | None = None,
 ) -> list[Fit]:
-    """Fits of new pairs that differ from the best pair in one effect, within its minimum of the nuisances.
+    """Fits of new pairs that differ from the best pair in one effect, within its minimum of the
+    nuisances.
 
-    Without its partner an effect may be confused with another one, which leads to a wrong pair. Arguments as in
-    `select_hypothesis`.
+    Without its partner an effect may be confused with another one, which leads to a wrong pair.
+    Arguments as in `select_hypothesis`.
     """
     best = _best(fits)
     if best is None or len(best.hypothesis) < 2 or best.in_windows:
@@ -237,55 +274,77 @@ def swap_one_effect(
                     return swapped
                 done.add(labels_of(pair.hypothesis))
                 start = rest.mapping | pair.start
-                swapped.append(fit_hypothesis(problem, pair.hypothesis, start, differences=differences))
+                swapped.append(
+                    fit_hypothesis(problem, pair.hypothesis, start, differences=differences)
+                )
     return swapped
 
 
 def fit_confusable_effects(
     baseline: Baseline, sensitivities: Sensitivities, best: Fit, sufficient_chi2: float = np.inf
 ) -> list[Fit]:
-    """Fits of all candidates with sensitivities similar to those of an effect of the `best` explanation, from its
-    nuisances.
+    """Fits of all candidates with sensitivities similar to those of an effect of the `best`
+    explanation, from its nuisances.
 
-    Their earlier fits may have ended in another minimum, and the first sufficient explanation need not be true.
-    Arguments as in `select_hypothesis`.
+    Their earlier fits may have ended in another minimum, and the first sufficient explanation need
+    not be true. Arguments as in `select_hypothesis`.
     """
     problem, found = baseline.problem, []
     subspaces = SensitivitySubspaces(sensitivities, problem.settings.screening)
     for out in best.hypothesis:
         if out.label not in subspaces.of or best.in_windows:
             continue
-        rest = without_other_effects(problem, best, tuple(one for one in best.hypothesis if one is not out))
+        rest = without_other_effects(
+            problem, best, tuple(one for one in best.hypothesis if one is not out)
+        )
         space, regression = (
             subspaces.span([out.label]),
             SensitivityRegression(sensitivities.about(rest), rest.hypothesis),
         )
         for other in regression.singles():
             label = other.hypothesis[-1].label
-            if label == out.label or subspaces.cosine(space, label) <= problem.settings.selection.alike_cosine:
+            if (
+                label == out.label
+                or subspaces.cosine(space, label) <= problem.settings.selection.alike_cosine
+            ):
                 continue
             known = sensitivities.derivatives(other.sensitivities) | derivatives_of(best)
             start = rest.mapping | other.start
             fit = fit_hypothesis(
-                problem, other.hypothesis, start, known, baseline.differences, sufficient_chi2=sufficient_chi2
+                problem,
+                other.hypothesis,
+                start,
+                known,
+                baseline.differences,
+                sufficient_chi2=sufficient_chi2,
             )
             found.append(fit)
     return found
 
 
 def fits_beyond_bounds(baseline: Baseline, fits: Sequence[Fit]) -> list[Fit]:
-    """If the best explanation has a nuisance at its bound: new fits with an effect that exceeds the bound in place of
-    each effect, at most `partners`.
+    """If the best explanation has a nuisance at its bound: new fits with an effect that exceeds the
+    bound in place of each effect, at most `partners`.
 
-    Such a nuisance is a sign of an effect that the linearisation missed. Arguments as in `select_hypothesis`.
+    Such a nuisance is a sign of an effect that the linearisation missed. Arguments as in
+    `select_hypothesis`.
     """
     best = _best(fits)
     if best is None or not best.hypothesis or best.in_windows or best.bic >= baseline.base.bic:
         return []
     problem, done = baseline.problem, {labels_of(fit.hypothesis) for fit in fits}
-    beyond = {labels_of(each): each for each in _beyond_bounds(problem, best) if labels_of(each) not in done}
+    beyond = {
+        labels_of(each): each
+        for each in _beyond_bounds(problem, best)
+        if labels_of(each) not in done
+    }
     return [
-        fitted(problem, each, with_effects_absent(problem, each, best), differences=baseline.differences)
+        fitted(
+            problem,
+            each,
+            with_effects_absent(problem, each, best),
+            differences=baseline.differences,
+        )
         for each in list(beyond.values())[: problem.settings.selection.partners]
     ]
 
@@ -295,13 +354,22 @@ def _best(fits: Sequence[Fit]) -> Fit | None:
 
 
 def _beyond_bounds(problem: Problem, best: Fit) -> Iterator[Hypothesis]:
-    """The hypothesis of a fit with each effect replaced by one that can exceed the bound of a nuisance."""
-    ends = {p.name: (p, value) for p, value in zip(best.parameters, best.values, strict=True) if p.run is None}
-    ends = {name: value - p.nominal for name, (p, value) in ends.items() if not p.low < value < p.high}
+    """The hypothesis of a fit with each effect replaced by one that can exceed the bound of a
+    nuisance."""
+    ends = {
+        p.name: (p, value)
+        for p, value in zip(best.parameters, best.values, strict=True)
+        if p.run is None
+    }
+    ends = {
+        name: value - p.nominal for name, (p, value) in ends.items() if not p.low < value < p.high
+    }
     for name, candidate in product(ends, problem.model.candidates):
         if name not in candidate.replaces:
             continue
-        amplitude = next(each for each in candidate.coordinates if each.key == candidate.replaces[name])
+        amplitude = next(
+            each for each in candidate.coordinates if each.key == candidate.replaces[name]
+        )
         if amplitude.low < ends[name] < amplitude.high:
             for out in best.hypothesis:
                 kept = tuple(one for one in best.hypothesis if one is not out)
@@ -309,19 +377,27 @@ def _beyond_bounds(problem: Problem, best: Fit) -> Iterator[Hypothesis]:
                     yield (*kept, candidate)
 
 
-def enforce_nested_chi2(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) -> dict[frozenset[str], Fit]:
-    """The `fits` with effects by their labels, repeated from a part of the hypothesis if that has a smaller chi2."""
+def enforce_nested_chi2(
+    baseline: Baseline, fits: Sequence[Fit], limits: Thresholds
+) -> dict[frozenset[str], Fit]:
+    """The `fits` with effects by their labels, repeated from a part of the hypothesis if that has a
+    smaller chi2."""
     done: list[Fit] = []
-    sufficient = min((fit.chi2 for fit in fits if reduced_chi2(fit) <= limits.omnibus), default=np.inf)
+    sufficient = min(
+        (fit.chi2 for fit in fits if reduced_chi2(fit) <= limits.omnibus), default=np.inf
+    )
     for fit in sorted(fits, key=lambda fit: len(fit.hypothesis)):
         done.append(refit_from_part(baseline.problem, baseline.differences, fit, done, sufficient))
     return {labels_of(fit.hypothesis): fit for fit in done if fit.hypothesis}
 
 
 def without_repetitions(
-    best: Mapping[frozenset[str], Fit], is_special_case: Callable[[Hypothesis, Hypothesis], bool], apart: float
+    best: Mapping[frozenset[str], Fit],
+    is_special_case: Callable[[Hypothesis, Hypothesis], bool],
+    apart: float,
 ) -> dict[frozenset[str], Fit]:
-    """The fits without those equivalent to a simpler limit, such as a very soft spring, which is a constant force."""
+    """The fits without those equivalent to a simpler limit, such as a very soft spring, which is a
+    constant force."""
     sound = [fit for fit in best.values() if fit.status != FAILED]
 
     def repeats(fit: Fit, simpler: Fit) -> bool:
@@ -337,8 +413,8 @@ def without_repetitions(
 
 
 def _where_effects_are(baseline: Baseline, ranked: Sequence[Fit], needed: float) -> Fit:
-    """The base, re-fitted from the nuisances of the best `ranked` fits if their effects explain too little of the gain:
-    less than `needed` [BIC] or than `linear_share`.
+    """The base, re-fitted from the nuisances of the best `ranked` fits if their effects explain too
+    little of the gain: less than `needed` [BIC] or than `linear_share`.
     """
     problem, base = baseline.problem, baseline.base
     share = problem.settings.selection.linear_share
@@ -360,10 +436,10 @@ def select_hypothesis(
 ) -> Decision:
     """Decide on the fits; the selected fits are completed for their intervals.
 
-    Before a pair is named, each of its effects is fitted alone from the nuisances of the pair and from nominal ones;
-    the same for the best pair if it is not admissible. Before anything is named, confusable effects are fitted from its
-    nuisances. Before effects are certain, pairs without them are fitted. If the residual exceeds noise, the intervals
-    include other minima of similar chi2.
+    Before a pair is named, each of its effects is fitted alone from the nuisances of the pair and
+    from nominal ones; the same for the best pair if it is not admissible. Before anything is named,
+    confusable effects are fitted from its nuisances. Before effects are certain, pairs without them
+    are fitted. If the residual exceeds noise, the intervals include other minima of similar chi2.
     """
     fits, given = [*fits, *fits_beyond_bounds(baseline, fits)], baseline.base
     found = fits = [*fits, *swap_one_effect(baseline, sensitivities, fits)]
@@ -378,13 +454,24 @@ def select_hypothesis(
         return with_other_ends(fit, found)
 
     base = decision.base if decision.base is given else refit_jacobian(baseline, decision.base)
-    if decision.verdict == PARAMETERS_ONLY:  # otherwise its parameters are biased by the missing effect
+    if (
+        decision.verdict == PARAMETERS_ONLY
+    ):  # otherwise its parameters are biased by the missing effect
         base = with_intervals(baseline.problem, base)
     chosen = base if decision.chosen is decision.base else decision.chosen
     chosen = stated(chosen) if chosen.hypothesis else chosen
-    equivalent, twins = ([stated(fit) for fit in fits] for fits in (decision.equivalent, decision.twins))
+    equivalent, twins = (
+        [stated(fit) for fit in fits] for fits in (decision.equivalent, decision.twins)
+    )
     best_known = stated(decision.best_known) if decision.best_known else None
-    return replace(decision, chosen=chosen, base=base, equivalent=equivalent, twins=twins, best_known=best_known)
+    return replace(
+        decision,
+        chosen=chosen,
+        base=base,
+        equivalent=equivalent,
+        twins=twins,
+        best_known=best_known,
+    )
 
 
 def _needed(
@@ -405,11 +492,17 @@ def _needed(
     return fits
 
 
-def _fit_pairs_without(baseline: Baseline, sensitivities: Sensitivities, decision: Decision) -> list[Fit]:
-    """Fits of new pairs without the certain effects: the best single effects other than those, with their partners."""
+def _fit_pairs_without(
+    baseline: Baseline, sensitivities: Sensitivities, decision: Decision
+) -> list[Fit]:
+    """Fits of new pairs without the certain effects: the best single effects other than those, with
+    their partners."""
     problem, count = baseline.problem, baseline.problem.settings.selection.partners
     fits = [row.fit for row in decision.ranking if row.fit.status != FAILED]
-    tried, limit = {labels_of(fit.hypothesis) for fit in fits}, problem.limit("pairs without the certain effects")
+    tried, limit = (
+        {labels_of(fit.hypothesis) for fit in fits},
+        problem.limit("pairs without the certain effects"),
+    )
     singles: dict[str, Fit] = {}  # one of each exclusion group
     for fit in best_fit_per_hypothesis(fits):
         if len(fit.hypothesis) == 1 and not fit.in_windows and fit.label not in decision.certain:
@@ -418,35 +511,60 @@ def _fit_pairs_without(baseline: Baseline, sensitivities: Sensitivities, decisio
     for fit in list(singles.values())[:count]:
         fit = refit_jacobian(baseline, fit)
         others = sensitivities.about(fit)
-        others = replace(others, entries=[s for s in others.entries if s.candidate.label not in decision.certain])
+        others = replace(
+            others, entries=[s for s in others.entries if s.candidate.label not in decision.certain]
+        )
         for pair in shortlist(SensitivityRegression(others, fit.hypothesis).singles(), count):
             if labels_of(pair.hypothesis) not in tried and not limit.reached():
                 tried.add(labels_of(pair.hypothesis))
                 start = fit.mapping | pair.start
-                found.append(fit_hypothesis(problem, pair.hypothesis, start, differences=baseline.differences))
+                found.append(
+                    fit_hypothesis(
+                        problem, pair.hypothesis, start, differences=baseline.differences
+                    )
+                )
     return found
 
 
 def _fit_alone(baseline: Baseline, pair: Fit, label: str) -> list[Fit]:
-    """Fits of one effect of a pair alone, from the pair's nuisances and from nominal shared ones."""
+    """Fits of one effect of a pair alone, from the pair's nuisances and from nominal shared
+    ones."""
     kept = tuple(candidate for candidate in pair.hypothesis if candidate.label == label)
-    own = {key: value for key, value in pair.mapping.items() if "." not in key or key.startswith(f"{label}.")}
-    shared = {p.key: p.nominal for p in baseline.problem.nuisances if p.run is None and p.key in own}
+    own = {
+        key: value
+        for key, value in pair.mapping.items()
+        if "." not in key or key.startswith(f"{label}.")
+    }
+    shared = {
+        p.key: p.nominal for p in baseline.problem.nuisances if p.run is None and p.key in own
+    }
     starts = own, own | shared
     starts = starts[:1] if pair.in_windows else starts
-    return [fitted(baseline.problem, kept, start, differences=baseline.differences) for start in starts]
+    return [
+        fitted(baseline.problem, kept, start, differences=baseline.differences) for start in starts
+    ]
 
 
 def with_other_ends(fit: Fit, others: Sequence[Fit]) -> Fit:
-    """The `fit`; if its residual exceeds noise, with a shift to the farthest minimum of similar chi2 among `others`."""
+    """The `fit`; if its residual exceeds noise, with a shift to the farthest minimum of similar
+    chi2 among `others`."""
     settings, noise = fit.settings.decision, fit.residual.size - len(fit.parameters)
     if fit.status == FAILED or reduced_chi2(fit) <= settings.noise_gap**2:
         return fit
-    labels, most = labels_of(fit.hypothesis), noise + (fit.chi2 - noise) / settings.max_share_of_wrong_misfit
-    as_good = (other for other in others if labels_of(other.hypothesis) == labels and other.chi2 <= most)
-    ends = [np.array([other.mapping[p.key] for p in fit.parameters]) - fit.values for other in as_good]
+    labels, most = (
+        labels_of(fit.hypothesis),
+        noise + (fit.chi2 - noise) / settings.max_share_of_wrong_misfit,
+    )
+    as_good = (
+        other for other in others if labels_of(other.hypothesis) == labels and other.chi2 <= most
+    )
+    ends = [
+        np.array([other.mapping[p.key] for p in fit.parameters]) - fit.values for other in as_good
+    ]
     if not ends:
         return fit
     errors = np.sqrt(np.diag(fit.covariance()))
-    farthest = max(ends, key=lambda end: np.max(np.abs(end[errors > 0.0]) / errors[errors > 0.0], initial=0.0))
+    farthest = max(
+        ends, key=lambda end: np.max(np.abs(end[errors > 0.0]) / errors[errors > 0.0], initial=0.0)
+    )
     return replace(fit, shifts=np.vstack([*([] if fit.shifts is None else [fit.shifts]), farthest]))

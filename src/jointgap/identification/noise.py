@@ -26,7 +26,9 @@ class Scatter:
     """Estimated noise of one series."""
 
     sd: float  # Marginal standard deviation [unit of the series]
-    spectrum: np.ndarray | None  # [unit^2] Of the variance, at uniform frequencies from 0 to Nyquist
+    spectrum: (
+        np.ndarray | None
+    )  # [unit^2] Of the variance, at uniform frequencies from 0 to Nyquist
     count: int  # Number of differences
 
 
@@ -45,7 +47,11 @@ def scatter_between_cycles(
     lags = min(finite.size // 4, per_cycle // 2)
     if lags <= settings.max_ar_order:
         return Scatter(
-            _robust_sd(difference[finite] / np.sqrt(1 + (1 - share[finite]) ** 2 + share[finite] ** 2)), None, 0
+            _robust_sd(
+                difference[finite] / np.sqrt(1 + (1 - share[finite]) ** 2 + share[finite] ** 2)
+            ),
+            None,
+            0,
         )
     # outliers are clipped coarsely before, and finely after the removal of lines
     clean = _without_outliers(difference, 5.0, 1.5 * resolution)
@@ -58,9 +64,11 @@ def scatter_between_cycles(
     return Scatter(float(np.sqrt(_mean(spectrum))), spectrum, int(finite.sum()))
 
 
-def growth_with_rate(residual: np.ndarray, angle: np.ndarray, rate: np.ndarray, settings: NoiseSettings) -> float:
-    """Growth of the noise variance with a channel's squared rate (factor 1 + growth rate^2), by maximum likelihood of
-    the differences of neighbouring cycles.
+def growth_with_rate(
+    residual: np.ndarray, angle: np.ndarray, rate: np.ndarray, settings: NoiseSettings
+) -> float:
+    """Growth of the noise variance with a channel's squared rate (factor 1 + growth rate^2), by
+    maximum likelihood of the differences of neighbouring cycles.
     """
     compared = _differences(residual, angle, 1)
     difference, share = compared.difference, compared.share
@@ -88,7 +96,9 @@ def scatter_between_samples(residual: np.ndarray, settings: NoiseSettings) -> Sc
     return None if few else Scatter(_robust_sd(differences), None, differences.size)
 
 
-def ar_autocorrelation(scatter: Scatter, max_order: int, stated_sd: float | None = None) -> tuple[float, ...]:
+def ar_autocorrelation(
+    scatter: Scatter, max_order: int, stated_sd: float | None = None
+) -> tuple[float, ...]:
     """Autocorrelation at lags 1, 2, ... of the autoregressive process with the best BIC."""
     spectrum = scatter.spectrum
     if stated_sd is not None:
@@ -98,7 +108,11 @@ def ar_autocorrelation(scatter: Scatter, max_order: int, stated_sd: float | None
         return ()
     correlation = covariance / covariance[0]
     innovation = np.array([sd for _, sd in autoregression(correlation[1:])]) ** 2
-    order = int(np.argmin(scatter.count * np.log(innovation) + np.arange(max_order + 1) * np.log(scatter.count)))
+    order = int(
+        np.argmin(
+            scatter.count * np.log(innovation) + np.arange(max_order + 1) * np.log(scatter.count)
+        )
+    )
     return tuple(float(value) for value in correlation[1 : order + 1])
 
 
@@ -118,8 +132,11 @@ class ComparedCycles:
     after: np.ndarray  # Index of the second later sample
 
 
-def compared_cycles(residual: np.ndarray, angle: np.ndarray, settings: NoiseSettings) -> ComparedCycles | None:
-    """Comparison of cycles with the next ones or, if phases only repeat after several cycles, with those.
+def compared_cycles(
+    residual: np.ndarray, angle: np.ndarray, settings: NoiseSettings
+) -> ComparedCycles | None:
+    """Comparison of cycles with the next ones or, if phases only repeat after several cycles, with
+    those.
 
     Differences with poor interpolation (ringing at the sampling rate) are omitted.
     """
@@ -148,11 +165,15 @@ def _differences(residual: np.ndarray, angle: np.ndarray, cycles: int) -> Compar
     inside = later <= rising[-1] + 1e-9
     right = np.clip(np.searchsorted(rising, later[inside] - 1e-9), 1, rising.size - 1)
     apart = rising[right] - rising[right - 1]
-    weight = np.clip((later[inside] - rising[right - 1]) / np.where(apart > 0.0, apart, 1.0), 0.0, 1.0)
+    weight = np.clip(
+        (later[inside] - rising[right - 1]) / np.where(apart > 0.0, apart, 1.0), 0.0, 1.0
+    )
     weight = np.where(weight > 1.0 - 1e-6, 1.0, np.where(weight < 1e-6, 0.0, weight))
     before, after = value[right - 1], value[right]
     # a sample of weight 0 may be missing
-    mixed = np.where(weight < 1, (1 - weight) * before, 0.0) + np.where(weight > 0, weight * after, 0.0)
+    mixed = np.where(weight < 1, (1 - weight) * before, 0.0) + np.where(
+        weight > 0, weight * after, 0.0
+    )
     difference[finite[inside]] = value[inside] - mixed
     share[finite[inside]] = weight
     places[:, finite[inside]] = finite[right - 1], finite[right]
@@ -164,8 +185,9 @@ def _where_smooth(
 ) -> ComparedCycles:
     """Omit differences with an interpolation error that is large compared with the noise.
 
-    The error of linear interpolation of a sinusoid is at most a quarter of its second difference. The second difference
-    of noise is estimated from the differences (white noise: six times the variance).
+    The error of linear interpolation of a sinusoid is at most a quarter of its second difference.
+    The second difference of noise is estimated from the differences (white noise: six times the
+    variance).
     """
     difference, share = compared.difference, compared.share
     known = np.isfinite(difference)
@@ -187,7 +209,8 @@ def _where_smooth(
 
 
 def _mean_squared_bend(residual: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Mean square (n,) [unit^2] of second differences over all cycles at the phase of each sample."""
+    """Mean square (n,) [unit^2] of second differences over all cycles at the phase of each
+    sample."""
     bend = np.full(residual.size, np.nan)
     bend[1:-1] = np.diff(residual, 2)
     finite = np.flatnonzero(np.isfinite(bend) & np.isfinite(angle))
@@ -202,8 +225,8 @@ def _mean_squared_bend(residual: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def _without_drift(difference: np.ndarray, per_cycle: int, settings: NoiseSettings) -> np.ndarray:
-    """Differences minus their median or, if they drift by more than correlated noise can, minus their mean over a
-    cycle."""
+    """Differences minus their median or, if they drift by more than correlated noise can, minus
+    their mean over a cycle."""
     finite = np.isfinite(difference)
     difference = difference - np.median(difference[finite])
     window = np.ones(max(per_cycle, 1))
@@ -217,11 +240,14 @@ def _without_drift(difference: np.ndarray, per_cycle: int, settings: NoiseSettin
     return rest if wanders * per_cycle > settings.least_drift * np.nanmean(rest**2) else difference
 
 
-def rounding_that_repeats(compared: ComparedCycles, predicted: np.ndarray, resolution: float, variance: float) -> float:
+def rounding_that_repeats(
+    compared: ComparedCycles, predicted: np.ndarray, resolution: float, variance: float
+) -> float:
     """Variance [unit^2] of rounding errors that are equal in the compared cycles.
 
-    Noise of standard deviation s before the rounding reduces the repeated part of the k-th harmonic of the rounding
-    error by exp(-(2 pi k s / step)^2); its phase is the difference of the compared values in steps.
+    Noise of standard deviation s before the rounding reduces the repeated part of the k-th harmonic
+    of the rounding error by exp(-(2 pi k s / step)^2); its phase is the difference of the compared
+    values in steps.
     """
     known = np.isfinite(compared.difference)
     k = np.arange(1, 41)[:, None]
@@ -229,11 +255,17 @@ def rounding_that_repeats(compared: ComparedCycles, predicted: np.ndarray, resol
     alike = 0.0
     for place, weight in ((compared.before, 1.0 - share), (compared.after, share)):
         steps = (predicted[place[known]] - predicted[known]) / resolution
-        alike = alike + np.where(weight > 0.0, weight * np.cos(2 * np.pi * k * np.nan_to_num(steps)), 0.0)
+        alike = alike + np.where(
+            weight > 0.0, weight * np.cos(2 * np.pi * k * np.nan_to_num(steps)), 0.0
+        )
     k, alike = k[:, 0], np.maximum(alike.mean(axis=1), 0.0)
 
     def repeated(sd: float) -> float:
-        harmonics = resolution**2 / (2 * np.pi**2 * k**2) * np.exp(-((2 * np.pi * k * sd / resolution) ** 2))
+        harmonics = (
+            resolution**2
+            / (2 * np.pi**2 * k**2)
+            * np.exp(-((2 * np.pi * k * sd / resolution) ** 2))
+        )
         return float(harmonics @ alike)
 
     def beyond(sd: float) -> float:
@@ -243,14 +275,19 @@ def rounding_that_repeats(compared: ComparedCycles, predicted: np.ndarray, resol
 
 
 def _spectrum(values: np.ndarray, lags: int) -> np.ndarray:
-    """Spectrum of values with gaps, smoothed by Parzen's window over `lags`; its mean is the variance."""
+    """Spectrum of values with gaps, smoothed by Parzen's window over `lags`; its mean is the
+    variance."""
     finite = np.isfinite(values)
-    covariance = _pairs(np.where(finite, values, 0.0), lags) / np.maximum(_pairs(finite.astype(float), lags), 1.0)
+    covariance = _pairs(np.where(finite, values, 0.0), lags) / np.maximum(
+        _pairs(finite.astype(float), lags), 1.0
+    )
     u = np.arange(lags + 1) / (lags + 1)
     window = np.where(u <= 0.5, 1 - 6 * u**2 + 6 * u**3, 2 * (1 - u) ** 3)
     tapered = window * covariance
     points = 4 * lags
-    return np.maximum(np.fft.hfft(np.pad(tapered, (0, points - lags)), 2 * points)[: points + 1], 0.0)
+    return np.maximum(
+        np.fft.hfft(np.pad(tapered, (0, points - lags)), 2 * points)[: points + 1], 0.0
+    )
 
 
 def _pairs(values: np.ndarray, lags: int) -> np.ndarray:
@@ -265,7 +302,8 @@ def _mean(spectrum: np.ndarray) -> float:
 
 
 def _without_lines(values: np.ndarray, settings: NoiseSettings) -> np.ndarray:
-    """Values without significant sinusoids, which are motion and not noise; background: a first-order process."""
+    """Values without significant sinusoids, which are motion and not noise; background: a
+    first-order process."""
     finite = np.isfinite(values)
     index, left = np.flatnonzero(finite), values.copy()
     points = 4 * values.size  # finer than the plain periodogram
@@ -285,7 +323,8 @@ def _without_lines(values: np.ndarray, settings: NoiseSettings) -> np.ndarray:
 
 
 def _background(power: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-    """Spectrum of the first-order process nearest to the logarithm of a periodogram (median: robust to lines)."""
+    """Spectrum of the first-order process nearest to the logarithm of a periodogram (median: robust
+    to lines)."""
     plain = slice(3, None, 4)
     logarithm = np.log(np.maximum(power[plain], np.finfo(float).tiny))
     shapes = -np.log(1 + _BACKGROUNDS**2 - 2 * _BACKGROUNDS * np.cos(frequency[plain]))
@@ -308,7 +347,8 @@ def _level(spectrum: np.ndarray, mean: float) -> float:
 
 
 def _robust_sd(values: np.ndarray) -> float:
-    """Standard deviation from the median of absolute values; from the 90 % quantile if most are near 0 (rounding)."""
+    """Standard deviation from the median of absolute values; from the 90 % quantile if most are
+    near 0 (rounding)."""
     half, most = np.quantile(np.abs(values), [0.5, 0.9]) / [0.6744897501960817, 1.6448536269514722]
     if half > 0.1 * most:
         return float(half)
@@ -334,21 +374,27 @@ Key = tuple[str, str]
 class NoiseEstimate(Noise):
     """Noise with its estimate."""
 
-    estimated_sd: float = np.nan  # Standard deviation [unit] estimated from the data, NaN if not possible
+    estimated_sd: float = (
+        np.nan
+    )  # Standard deviation [unit] estimated from the data, NaN if not possible
     effective_samples: float = np.nan  # Effective number of independent samples
     remarks: tuple[str, ...] = ()
 
 
-def noise_of_model(model: Model, settings: IdentificationSettings = DEFAULT_SETTINGS) -> dict[Key, NoiseEstimate]:
-    """Noise of every series: the cycle-to-cycle variation of the residuals of the current model, which is fitted with
-    stated or guessed noise first.
+def noise_of_model(
+    model: Model, settings: IdentificationSettings = DEFAULT_SETTINGS
+) -> dict[Key, NoiseEstimate]:
+    """Noise of every series: the cycle-to-cycle variation of the residuals of the current model,
+    which is fitted with stated or guessed noise first.
     """
     guess = {series.key: _guess(series, settings.noise.guessed_share) for series in model.series}
     problem = Problem(model, guess, settings=settings)
     first = fit_hypothesis(problem)
     if first.status == FAILED:
         raise SimulationError(f"the current model cannot be fitted: {first.reason}")
-    values = first.mapping | fit_run_parameters(Problem(model, guess, held_out=True, settings=settings), first)
+    values = first.mapping | fit_run_parameters(
+        Problem(model, guess, held_out=True, settings=settings), first
+    )
     residuals = {}
     for run in runs_of(model):
         predicted = problem.predict(run, values)
@@ -366,16 +412,21 @@ def _guess(series: Series, share: float) -> Noise:
 
 
 def estimate_noise(
-    model: Model, residuals: Mapping[Key, np.ndarray], settings: NoiseSettings = DEFAULT_SETTINGS.noise
+    model: Model,
+    residuals: Mapping[Key, np.ndarray],
+    settings: NoiseSettings = DEFAULT_SETTINGS.noise,
 ) -> dict[Key, NoiseEstimate]:
     """Noise of every series.
 
-    It combines white noise, rounding to the sensor's resolution, and time jitter times the channel's rate (root sum of
-    squares). Stated noise is the white part and is not changed. The autocorrelation is always estimated from the
-    differences of neighbouring cycles; differences beyond stated noise count as motion out of step with the crank. For
-    a partly held-out run the fitted part is used.
+    It combines white noise, rounding to the sensor's resolution, and time jitter times the
+    channel's rate (root sum of squares). Stated noise is the white part and is not changed. The
+    autocorrelation is always estimated from the differences of neighbouring cycles; differences
+    beyond stated noise count as motion out of step with the crank. For a partly held-out run the
+    fitted part is used.
     """
-    return {series.key: _noise_of(series, residuals[series.key], settings) for series in model.series}
+    return {
+        series.key: _noise_of(series, residuals[series.key], settings) for series in model.series
+    }
 
 
 def degrees_of_freedom(noise: Mapping[Key, NoiseEstimate]) -> float:
@@ -396,9 +447,15 @@ def _noise_of(series: Series, residual: np.ndarray, settings: NoiseSettings) -> 
     stated = series.stated_noise
     if series.statistic:
         if stated is None:
-            raise InputError(f"run {series.run}, channel {series.channel}: statistics require a stated noise")
+            raise InputError(
+                f"run {series.run}, channel {series.channel}: statistics require a stated noise"
+            )
         return NoiseEstimate(stated, effective_samples=float(count))
-    least = max(settings.min_share_of_channel * series.variation(value), series.rounding) if count else 0.0
+    least = (
+        max(settings.min_share_of_channel * series.variation(value), series.rounding)
+        if count
+        else 0.0
+    )
     predicted = value - residual
     rate = _rate(series, predicted)
     shape, sd = _known_shape(series, residual, predicted, rate, least, settings)
@@ -409,22 +466,26 @@ def _noise_of(series: Series, residual: np.ndarray, settings: NoiseSettings) -> 
         autocorrelation = ar_autocorrelation(scatter, settings.max_ar_order, known)
     else:
         remarks.append(
-            f"{series.channel} has too few cycles to estimate an autocorrelation: its noise is assumed to be white"
+            f"{series.channel} has too few cycles to estimate an autocorrelation: its noise is"
+            " assumed to be white"
         )
     if stated is not None:
         source, factor, known = "stated", settings.reported_mismatch, _rms(sd / shape)
         if series.unit == "rad" and known > settings.max_angle_rad:
             raise InputError(
-                f"run {series.run}, channel {series.channel}: the stated noise of {np.degrees(known):.3g} deg is too "
-                "large; give the standard deviation of the sensor, at most "
-                f"{np.degrees(settings.max_angle_rad):.3g} deg"
+                f"run {series.run}, channel {series.channel}: the stated noise of"
+                f" {np.degrees(known):.3g} deg is too large; give the standard deviation of the"
+                f" sensor, at most {np.degrees(settings.max_angle_rad):.3g} deg"
             )
-        if scatter is not None and not 1 / factor < max(scatter.sd, least) / max(known, least) < factor:
+        if (
+            scatter is not None
+            and not 1 / factor < max(scatter.sd, least) / max(known, least) < factor
+        ):
             remarks.append(_mismatch(series, scatter, known))
     elif scatter is None:
         raise InputError(
-            f"run {series.run}, channel {series.channel}: {count} samples are too few to estimate the noise; state "
-            "it as `noise` of the channel"
+            f"run {series.run}, channel {series.channel}: {count} samples are too few to estimate"
+            " the noise; state it as `noise` of the channel"
         )
     else:
         grown = scatter.sd * shape
@@ -433,12 +494,13 @@ def _noise_of(series: Series, residual: np.ndarray, settings: NoiseSettings) -> 
             source = "the sensor's resolution" if rounded else "a share of the channel's variation"
             which = "its rounding" if rounded else "1e-4 of its variation"
             remarks.append(
-                f"{series.channel} has no visible noise: {format_size(least, series.unit)} is assumed, {which}"
+                f"{series.channel} has no visible noise: {format_size(least, series.unit)} is"
+                f" assumed, {which}"
             )
         elif sd is None and (jitter := _jitter(rate, grown)) > 0.0:
             remarks.append(
-                f"the noise of {series.channel} increases with its rate, like a time jitter of {1e3 * jitter:.2g} ms; "
-                "this is taken into account"
+                f"the noise of {series.channel} increases with its rate, like a time jitter of"
+                f" {1e3 * jitter:.2g} ms; this is taken into account"
             )
         if sd is None:
             # the least noise is that of the white part, without jitter
@@ -446,7 +508,8 @@ def _noise_of(series: Series, residual: np.ndarray, settings: NoiseSettings) -> 
         _check_is_noise(series, _rms(sd), value, predicted, settings)
     if not np.all(sd > 0.0):
         raise InputError(
-            f"run {series.run}, channel {series.channel}: the noise is 0; state the sensor's resolution as `noise`"
+            f"run {series.run}, channel {series.channel}: the noise is 0; state the sensor's"
+            " resolution as `noise`"
         )
     return NoiseEstimate(
         sd,
@@ -461,34 +524,40 @@ def _noise_of(series: Series, residual: np.ndarray, settings: NoiseSettings) -> 
 def _check_is_noise(
     series: Series, sd: float, value: np.ndarray, predicted: np.ndarray, settings: NoiseSettings
 ) -> None:
-    """InputError if the estimated noise is so large that the model does not follow the measured motion."""
+    """InputError if the estimated noise is so large that the model does not follow the measured
+    motion."""
     most = settings.max_share_of_channel * series.variation(value)
     if series.unit == "rad":
         most = min(most, settings.max_angle_rad)
     # a nearly constant channel, such as the speed of a steady crank, may consist of noise
     if sd > most and series.variation(predicted) > settings.least_motion * sd:
         raise InputError(
-            f"run {series.run}, channel {series.channel}: the residuals of cycles differ by "
-            f"{format_size(sd, series.unit)} (standard deviation), but the channel varies only by "
-            f"{format_size(series.variation(value), series.unit)}: the model does not "
-            "follow the motion. Check the drive, the bounds in `nuisance` and the column, or state the sensor's noise "
-            "as `noise` of the channel"
+            f"run {series.run}, channel {series.channel}: the residuals of cycles differ by"
+            f" {format_size(sd, series.unit)} (standard deviation), but the channel varies only by"
+            f" {format_size(series.variation(value), series.unit)}: the model does not follow the"
+            " motion. Check the drive, the bounds in `nuisance` and the column, or state the"
+            " sensor's noise as `noise` of the channel"
         )
 
 
 def _scatter(
     series: Series, residual: np.ndarray, predicted: np.ndarray, settings: NoiseSettings
 ) -> tuple[Scatter | None, str]:
-    """Noise from neighbouring cycles, or else from neighbouring samples, including repeated rounding; and its
-    source."""
+    """Noise from neighbouring cycles, or else from neighbouring samples, including repeated
+    rounding; and its source."""
     scatter = scatter_between_cycles(residual, series.angle, settings, series.resolution)
     if scatter is None:
-        return scatter_between_samples(residual, settings), "differences between neighbouring samples"
+        return (
+            scatter_between_samples(residual, settings),
+            "differences between neighbouring samples",
+        )
     if series.resolution:
         compared = compared_cycles(residual, series.angle, settings)
         repeated = rounding_that_repeats(compared, predicted, series.resolution, scatter.sd**2)
         spectrum = None if scatter.spectrum is None else scatter.spectrum + repeated
-        scatter = replace(scatter, sd=float(np.hypot(scatter.sd, np.sqrt(repeated))), spectrum=spectrum)
+        scatter = replace(
+            scatter, sd=float(np.hypot(scatter.sd, np.sqrt(repeated))), spectrum=spectrum
+        )
     return scatter, "differences between neighbouring cycles"
 
 
@@ -509,8 +578,8 @@ def _known_shape(
     least: float,
     settings: NoiseSettings,
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Relative noise over the samples (n,), with a mean square of 1; and the noise (n,) [unit] if it or the jitter is
-    stated."""
+    """Relative noise over the samples (n,), with a mean square of 1; and the noise (n,) [unit] if
+    it or the jitter is stated."""
     stated = series.stated_noise
     own = None if stated is None else np.hypot(stated, series.rounding)
     if not series.jitter:
@@ -530,7 +599,8 @@ def _known_shape(
 
 
 def _jitter(rate: np.ndarray, sd: np.ndarray) -> float:
-    """Jitter [s] of time stamps that explains the growth of the noise `sd` (n,) with the `rate` (n,)."""
+    """Jitter [s] of time stamps that explains the growth of the noise `sd` (n,) with the `rate`
+    (n,)."""
     slow, fast = np.argmin(np.abs(rate)), np.argmax(np.abs(rate))
     change = rate[fast] ** 2 - rate[slow] ** 2
     return float(np.sqrt((sd[fast] ** 2 - sd[slow] ** 2) / change)) if change > 0.0 else 0.0
@@ -541,7 +611,10 @@ def _mismatch(series: Series, scatter: Scatter, stated: float) -> str:
     start = f"{series.channel} has a stated noise of {given}, but its cycles vary by {seen}"
     if scatter.sd < stated:
         return f"{start}: small effects may be overlooked"
-    return f"{start}: larger noise, a motion out of step with the crank, or impacts that differ between cycles"
+    return (
+        f"{start}: larger noise, a motion out of step with the crank, or impacts that differ"
+        " between cycles"
+    )
 
 
 def _rms(values: np.ndarray) -> float:
@@ -557,7 +630,9 @@ def numerics_noise(
     """The noise with solver error and with the errors of measured drives."""
     changed, statistics = dict(noise), {series.key for series in model.series if series.statistic}
     for run in runs_of(model):
-        nuisances = {p.name: values.get(p.key, p.nominal) for p in model.nuisances if p.run in (None, run)}
+        nuisances = {
+            p.name: values.get(p.key, p.nominal) for p in model.nuisances if p.run in (None, run)
+        }
         numbers = range(1, len(model.numerics) + 1)
         usual = model.simulate(run, nuisances) if numbers else {}
         squares = {channel: [] for channel in usual}
@@ -571,11 +646,20 @@ def numerics_noise(
         for channel, each in squares.items():
             if each and (run, channel) in changed:
                 own = changed[run, channel]
-                spread = _spread(np.mean(each, axis=0), own.sd, (run, channel) in statistics, settings)
+                spread = _spread(
+                    np.mean(each, axis=0), own.sd, (run, channel) in statistics, settings
+                )
                 changed[run, channel] = replace(own, numerics=spread)
         if isinstance(model, Driven):
-            errors = {c: each for c, each in model.drive_errors(run, nuisances).items() if (run, c) in changed}
-            squares = [np.sum((each / changed[run, c].sd[:, None]) ** 2, axis=0) for c, each in errors.items()]
+            errors = {
+                c: each
+                for c, each in model.drive_errors(run, nuisances).items()
+                if (run, c) in changed
+            }
+            squares = [
+                np.sum((each / changed[run, c].sd[:, None]) ** 2, axis=0)
+                for c, each in errors.items()
+            ]
             counted = np.sqrt(np.sum(squares, axis=0)) > settings.negligible_numerics
             for channel, each in errors.items():
                 if counted.any():
@@ -583,10 +667,14 @@ def numerics_noise(
     return changed
 
 
-def _spread(square: np.ndarray, sd: np.ndarray, statistic: bool, settings: NoiseSettings) -> np.ndarray:
-    """Root of the smoothed mean square (n,) of changes between solver variants; 0 if negligible compared with the noise
-    `sd` (n,)."""
+def _spread(
+    square: np.ndarray, sd: np.ndarray, statistic: bool, settings: NoiseSettings
+) -> np.ndarray:
+    """Root of the smoothed mean square (n,) of changes between solver variants; 0 if negligible
+    compared with the noise `sd` (n,)."""
     window = np.ones(min(settings.numerics_window, square.size))
-    smooth = np.convolve(square, window, mode="same") / np.convolve(np.ones(square.size), window, mode="same")
+    smooth = np.convolve(square, window, mode="same") / np.convolve(
+        np.ones(square.size), window, mode="same"
+    )
     spread = np.sqrt(np.maximum(smooth - sd**2, 0.0) if statistic else smooth)
     return np.where(spread > settings.negligible_numerics * sd, spread, 0.0)

@@ -22,8 +22,17 @@ from jointgap.identification.fit import (
 )
 from jointgap.identification.noise import Key, numerics_noise
 from jointgap.identification.problem import Noise, Problem
-from jointgap.identification.screening import Sensitivities, Sensitivity, SensitivitySubspaces, simulate_sensitivities
-from jointgap.identification.settings import DEFAULT_SETTINGS, DetectabilitySettings, IdentificationSettings
+from jointgap.identification.screening import (
+    Sensitivities,
+    Sensitivity,
+    SensitivitySubspaces,
+    simulate_sensitivities,
+)
+from jointgap.identification.settings import (
+    DEFAULT_SETTINGS,
+    DetectabilitySettings,
+    IdentificationSettings,
+)
 
 _Blocks = tuple[np.ndarray, dict[int, np.ndarray]]
 """Rows of the Jacobian, and of the columns of each sensitivity by its `id`."""
@@ -43,22 +52,31 @@ class Detectability:
         self.sensitivities, self.rate, self.settings = sensitivities, rate, settings
         self._excess = settings.detectability.typical_gap**2 - 1.0  # mean square beyond noise
         self.size = sum(counts)
-        self.labels = list(dict.fromkeys(sensitivity.candidate.label for sensitivity in sensitivities.entries))
+        self.labels = list(
+            dict.fromkeys(sensitivity.candidate.label for sensitivity in sensitivities.entries)
+        )
         self._subspaces: dict[frozenset, SensitivitySubspaces] = {}
         self._typical: dict[tuple[int, int], float] = {}
-        blocks = [sensitivities.jacobian, *(sensitivity.columns for sensitivity in sensitivities.entries)]
+        blocks = [
+            sensitivities.jacobian,
+            *(sensitivity.columns for sensitivity in sensitivities.entries),
+        ]
         weight = np.repeat(np.sqrt(np.divide(counts, lengths)), lengths)[:, None]
         share = np.repeat((len(lengths) * np.array(lengths)) ** -0.5, lengths)[:, None]
-        # compressed to few rows, weighted as in chi2 and as in the gap (equal weight of all channels and runs)
+        # compressed to few rows, weighted as in chi2 and as in the gap (equal weight of all
+        # channels and runs)
         self._chi2 = self._by_sensitivity(compress_rows(*(weight * block for block in blocks)))
         self._gap = self._by_sensitivity(compress_rows(*(share * block for block in blocks)))
 
     def _by_sensitivity(self, blocks: Sequence[np.ndarray]) -> _Blocks:
         return blocks[0], {
-            id(sensitivity): block for sensitivity, block in zip(self.sensitivities.entries, blocks[1:], strict=True)
+            id(sensitivity): block
+            for sensitivity, block in zip(self.sensitivities.entries, blocks[1:], strict=True)
         }
 
-    def part(self, rows: np.ndarray, lengths: Sequence[int], counts: Sequence[int]) -> "Detectability":
+    def part(
+        self, rows: np.ndarray, lengths: Sequence[int], counts: Sequence[int]
+    ) -> "Detectability":
         """The same for some of the samples."""
         sensitivities = self.sensitivities
         entries = [
@@ -66,26 +84,38 @@ class Detectability:
             for sensitivity in sensitivities.entries
         ]
         fewer = replace(
-            sensitivities, jacobian=sensitivities.jacobian[rows], residual=sensitivities.residual[rows], entries=entries
+            sensitivities,
+            jacobian=sensitivities.jacobian[rows],
+            residual=sensitivities.residual[rows],
+            entries=entries,
         )
         return Detectability(fewer, lengths, counts, self.rate, self.settings)
 
     def detectable_size(self, label: str) -> float:
-        """Smallest first amplitude [SI] that is found with a probability of 90 %; infinite if there is none.
+        """Smallest first amplitude [SI] that is found with a probability of 90 %; infinite if there
+        is none.
 
-        The median over the start values of the shape parameters. For an effect that replaces a nuisance it is beyond
-        the nuisance's range; for one with secants it is within their range of validity.
+        The median over the start values of the shape parameters. For an effect that replaces a
+        nuisance it is beyond the nuisance's range; for one with secants it is within their range of
+        validity.
         """
         return self._usual(
-            label, [self._smallest(s, 0, self._chi2, self._noncentrality(s)) for s in self.sensitivities.of(label)]
+            label,
+            [
+                self._smallest(s, 0, self._chi2, self._noncentrality(s))
+                for s in self.sensitivities.of(label)
+            ],
         )
 
     def typical_size(self, label: str) -> float:
         """First amplitude [SI] with the typical gap after recalibration, as `detectable_size`."""
-        return self._usual(label, [self._typical_amount(s, 0) for s in self.sensitivities.of(label)])
+        return self._usual(
+            label, [self._typical_amount(s, 0) for s in self.sensitivities.of(label)]
+        )
 
     def _usual(self, label: str, sizes: list[float]) -> float:
-        """The median of amplitudes from several sensitivities, or the least of those from secants."""
+        """The median of amplitudes from several sensitivities, or the least of those from
+        secants."""
         finite = any(
             sensitivity.amplitudes[0].key in sensitivity.shape_parameters
             for sensitivity in self.sensitivities.of(label)
@@ -98,7 +128,8 @@ class Detectability:
         return max((both.cosine(space, other) for space in both.of[label]), default=0.0)
 
     def merged(self, labels: Sequence[str]) -> list[list[str]]:
-        """Classes of effects that are indistinguishable at a typical size, in the order of `labels`."""
+        """Classes of effects that are indistinguishable at a typical size, in the order of
+        `labels`."""
         group = {label: {label} for label in labels}
         for i, label in enumerate(labels):
             for other in labels[i + 1 :]:
@@ -117,7 +148,8 @@ class Detectability:
     def _least_left(self, label: str, other: str) -> float:
         """Lower bound of chi2 if `other` is fitted to `label` of typical size, without bounds.
 
-        It is 0 if only the bounds of nuisances make the effect visible. Secants are ignored if there is a derivative.
+        It is 0 if only the bounds of nuisances make the effect visible. Secants are ignored if
+        there is a derivative.
         """
         beyond, least = self._beyond_nuisances(other), np.inf
         for sensitivity in self.sensitivities.of(label):
@@ -129,7 +161,8 @@ class Detectability:
         return (1.0 - cosine**2) * least if np.isfinite(least) else least
 
     def _noncentrality(self, sensitivity: Sensitivity) -> float:
-        """Noncentrality of the gain in chi2 that exceeds the threshold of the search with the power of the settings."""
+        """Noncentrality of the gain in chi2 that exceeds the threshold of the search with the power
+        of the settings."""
         dimensions = len(sensitivity.amplitudes)
         asked = max(
             stats.chi2.isf(self.rate / len(self.labels), dimensions),
@@ -137,7 +170,9 @@ class Detectability:
         )
         return float(
             optimize.brentq(
-                lambda shift: stats.ncx2.sf(asked, dimensions, shift) - self.settings.detectability.power,
+                lambda shift: (
+                    stats.ncx2.sf(asked, dimensions, shift) - self.settings.detectability.power
+                ),
                 1e-6,
                 20 * asked + 50,
             )
@@ -145,12 +180,17 @@ class Detectability:
 
     def _kept(self, *sensitivities: Sensitivity) -> list[int]:
         """Indices of the nuisances that no effect replaces."""
-        replaced = {name for sensitivity in sensitivities for name in sensitivity.candidate.replaces}
+        replaced = {
+            name for sensitivity in sensitivities for name in sensitivity.candidate.replaces
+        }
         return [i for i, p in enumerate(self.sensitivities.parameters) if p.name not in replaced]
 
     def _room(self, kept: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
         low, high = bounds_of([self.sensitivities.parameters[i] for i in kept])
-        return low - self.sensitivities.values[list(kept)], high - self.sensitivities.values[list(kept)]
+        return (
+            low - self.sensitivities.values[list(kept)],
+            high - self.sensitivities.values[list(kept)],
+        )
 
     def _left(self, sensitivity: Sensitivity, size: int, amount: float, measure: _Blocks) -> float:
         """Squared change by an effect after recalibration."""
@@ -160,9 +200,11 @@ class Detectability:
         jacobian, columns = measure
         return float(np.sum((jacobian @ step - amount * columns[id(sensitivity)][:, size]) ** 2))
 
-    def _smallest(self, sensitivity: Sensitivity, size: int, measure: _Blocks, target: float) -> float:
-        """Smallest amount [SI] with the squared change `target` after recalibration; infinite if bounds forbid it,
-        within the range of validity for a secant."""
+    def _smallest(
+        self, sensitivity: Sensitivity, size: int, measure: _Blocks, target: float
+    ) -> float:
+        """Smallest amount [SI] with the squared change `target` after recalibration; infinite if
+        bounds forbid it, within the range of validity for a secant."""
         p = sensitivity.amplitudes[size]
         if (
             p.key in sensitivity.shape_parameters
@@ -170,7 +212,11 @@ class Detectability:
         ):
             return float(sensitivity.valid_range(p)[0])
         reach = [abs(bound) for bound in (p.low, p.high) if np.isfinite(bound) and bound != 0.0]
-        most = max(reach) if np.isfinite(p.high) and reach else self.settings.detectability.max_steps * p.step
+        most = (
+            max(reach)
+            if np.isfinite(p.high) and reach
+            else self.settings.detectability.max_steps * p.step
+        )
         per_unit = float(np.sum(measure[1][id(sensitivity)][:, size] ** 2))
         if per_unit == 0.0 or self._left(sensitivity, size, most, measure) < target:
             return float("inf")
@@ -192,16 +238,21 @@ class Detectability:
 
     def _beyond_nuisances(self, *labels: str) -> SensitivitySubspaces:
         chosen = [self.sensitivities.of(label)[0] for label in labels]
-        replaced = frozenset(name for sensitivity in chosen for name in sensitivity.candidate.replaces)
+        replaced = frozenset(
+            name for sensitivity in chosen for name in sensitivity.candidate.replaces
+        )
         if replaced not in self._subspaces:
             kept = self._kept(*chosen)
             jacobian, columns = self._chi2
             few = [
-                replace(sensitivity, columns=columns[id(sensitivity)], origin=np.zeros(len(jacobian)))
+                replace(
+                    sensitivity, columns=columns[id(sensitivity)], origin=np.zeros(len(jacobian))
+                )
                 for sensitivity in self.sensitivities.entries
             ]
             self._subspaces[replaced] = SensitivitySubspaces(
-                replace(self.sensitivities, jacobian=jacobian[:, kept], entries=few), self.settings.screening
+                replace(self.sensitivities, jacobian=jacobian[:, kept], entries=few),
+                self.settings.screening,
             )
         return self._subspaces[replaced]
 
@@ -212,10 +263,13 @@ class Detectability:
         """
         own = self.sensitivities.of(label)
         for size, p in enumerate(own[0].amplitudes):
-            amounts = [(sensitivity, self._typical_amount(sensitivity, size)) for sensitivity in own]
+            amounts = [
+                (sensitivity, self._typical_amount(sensitivity, size)) for sensitivity in own
+            ]
             signs = (1.0, -1.0) if p.low < 0.0 else (1.0,)
             mistaken = [
-                self._fitted(sensitivity, size, sign * amount, other) < self.settings.decision.min_delta_bic
+                self._fitted(sensitivity, size, sign * amount, other)
+                < self.settings.decision.min_delta_bic
                 for sensitivity, amount in amounts
                 if np.isfinite(amount)
                 for sign in signs
@@ -234,7 +288,9 @@ class Detectability:
             rival_low, rival_high = bounds_of(rival.amplitudes)
             matrix = np.hstack([jacobian[:, kept], columns[id(rival)]])
             bounds = np.concatenate([low, rival_low]), np.concatenate([high, rival_high])
-            left.append(bounded_step(matrix, -amount * columns[id(sensitivity)][:, size], *bounds)[1])
+            left.append(
+                bounded_step(matrix, -amount * columns[id(sensitivity)][:, size], *bounds)[1]
+            )
         return min(left)
 
 
@@ -258,7 +314,8 @@ def preflight(
     counts: Mapping[Key, int] | None = None,
     settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> Preflight:
-    """Detectability and confusability of all candidates by linearisation about the nominal model."""
+    """Detectability and confusability of all candidates by linearisation about the nominal
+    model."""
     _, detectability, assumed = _detectability(model, noise, rate, counts or {}, settings)
     return _preflight(model, detectability, tuple(assumed.values()))
 
@@ -283,12 +340,20 @@ def advise(
         for run in dict.fromkeys(key[0] for key in keys)
         if run not in runs
     } | {
-        f"channel {channel}": {*planned, *(key for key in keys if key[1] == channel and key[0] in runs)}
+        f"channel {channel}": {
+            *planned,
+            *(key for key in keys if key[1] == channel and key[0] in runs),
+        }
         for channel in dict.fromkeys(key[1] for key in keys)
         if channel not in channels
     }
     rows = [
-        {"change": change, **_improvement(base, _preflight(model, _part(detectability, problem, wider, counts), ()))}
+        {
+            "change": change,
+            **_improvement(
+                base, _preflight(model, _part(detectability, problem, wider, counts), ())
+            ),
+        }
         for change, wider in choices.items()
     ]
     table = pd.DataFrame(rows, columns=["change", "newly_detectable", "separated", "gain"])
@@ -305,21 +370,29 @@ def assumed_noise(
     """Stated or assumed noise, and a text for each assumption."""
     noise, assumptions = {}, {}
     for run in runs_of(model):
-        predicted = model.simulate(run, {p.name: p.nominal for p in model.nuisances if p.run in (None, run)})
+        predicted = model.simulate(
+            run, {p.name: p.nominal for p in model.nuisances if p.run in (None, run)}
+        )
         for series in (series for series in model.series if series.run == run):
             if series.stated_noise is not None:
                 noise[series.key] = Noise(np.hypot(series.stated_noise, series.rounding))
                 continue
             if series.rounding:
-                noise[series.key] = Noise(np.full(series.value.shape, series.rounding), source="rounding")
+                noise[series.key] = Noise(
+                    np.full(series.value.shape, series.rounding), source="rounding"
+                )
                 continue
             sd, reason = _assumed_sd(series, predicted[series.channel], settings)
             noise[series.key] = Noise(np.full(series.value.shape, sd), source="assumed")
-            assumptions[series.key] = f"{series.channel} in run {run}: {format_size(sd, series.unit)}, {reason}"
+            assumptions[series.key] = (
+                f"{series.channel} in run {run}: {format_size(sd, series.unit)}, {reason}"
+            )
     return noise, assumptions
 
 
-def _assumed_sd(series: Series, predicted: np.ndarray, settings: DetectabilitySettings) -> tuple[float, str]:
+def _assumed_sd(
+    series: Series, predicted: np.ndarray, settings: DetectabilitySettings
+) -> tuple[float, str]:
     """Standard deviation [unit] and its reason."""
     share = settings.assumed_noise_share
     if series.unit == "rad":
@@ -327,7 +400,8 @@ def _assumed_sd(series: Series, predicted: np.ndarray, settings: DetectabilitySe
     varies, size = float(np.std(predicted)), float(np.sqrt(np.mean(predicted**2)))
     if size == 0.0:
         raise InputError(
-            f"run {series.run}, channel {series.channel}: the prediction is 0 everywhere; state its `noise`"
+            f"run {series.run}, channel {series.channel}: the prediction is 0 everywhere; state its"
+            " `noise`"
         )
     if varies > settings.hardly_varies * size:
         return share * varies, f"{100 * share:.0f} % of its variation"
@@ -352,11 +426,16 @@ def _detectability(
     if base.status == FAILED:
         raise SimulationError(f"{model.name}: the current model cannot be simulated: {base.reason}")
     sensitivities = simulate_sensitivities(problem, base, differences, problem.model.candidates)
-    return problem, Detectability(sensitivities, *_lengths(problem.parts, counts), rate, settings), assumed
+    return (
+        problem,
+        Detectability(sensitivities, *_lengths(problem.parts, counts), rate, settings),
+        assumed,
+    )
 
 
 def _lengths(parts: Iterable, counts: Mapping[Key, int]) -> tuple[list[int], list[int]]:
-    """Number of samples of each series, and the number that they represent (statistics: the same)."""
+    """Number of samples of each series, and the number that they represent (statistics: the
+    same)."""
     lengths = [part.place.stop - part.place.start for part in parts]
     return lengths, [
         length if part.series.statistic else counts.get(part.series.key, length)
@@ -392,22 +471,38 @@ def _preflight(model: Model, detectability: Detectability, assumed: tuple[str, .
                 "detectable": bool(np.isfinite(smallest) and np.isfinite(typical)),
             }
         )
-    columns = ["label", "parameter", "smallest_detectable", "unit", "typical", "falls", "detectable"]
+    columns = [
+        "label",
+        "parameter",
+        "smallest_detectable",
+        "unit",
+        "typical",
+        "falls",
+        "detectable",
+    ]
     effects = pd.DataFrame(rows, columns=columns)
     seen = [row["label"] for row in rows if row["detectable"]]
     labels = [row["label"] for row in rows if row["label"] in detectability.labels]
     cosines = pd.DataFrame(np.eye(len(labels)), index=labels, columns=labels)
     for i, label in enumerate(labels):
         for other in labels[i + 1 :]:
-            cosines.loc[label, other] = cosines.loc[other, label] = detectability.cosine(label, other)
-    undetectable = [row["label"] for row in rows if not row["detectable"] and row["label"] not in failed]
-    return Preflight(effects, cosines, detectability.merged(seen), undetectable, failed, sizes, assumed)
+            cosines.loc[label, other] = cosines.loc[other, label] = detectability.cosine(
+                label, other
+            )
+    undetectable = [
+        row["label"] for row in rows if not row["detectable"] and row["label"] not in failed
+    ]
+    return Preflight(
+        effects, cosines, detectability.merged(seen), undetectable, failed, sizes, assumed
+    )
 
 
 def _stated_first(candidate: Candidate, size: float) -> tuple[str, str, float, bool]:
-    """The first parameter in a verdict, its unit, its value for an amplitude [SI], and whether it decreases.
+    """The first parameter in a verdict, its unit, its value for an amplitude [SI], and whether it
+    decreases.
 
-    The value is NaN for infinity; the unit is empty unless the parameter is the coordinate plus a constant.
+    The value is NaN for infinity; the unit is empty unless the parameter is the coordinate plus a
+    constant.
     """
     first = next(p for p in candidate.coordinates if p.key in candidate.amplitudes)
     shapes = {p.key: p.nominal for p in candidate.coordinates} | dict(candidate.initial_guesses[0])
@@ -424,11 +519,22 @@ def _stated_first(candidate: Candidate, size: float) -> tuple[str, str, float, b
 
 def _improvement(base: Preflight, wider: Preflight) -> dict[str, Any]:
     together = {pair for group in wider.merged for pair in _pairs(group)}
-    seen = [label for label, size in base.sizes.items() if np.isfinite(size) and np.isfinite(wider.sizes[label])]
+    seen = [
+        label
+        for label, size in base.sizes.items()
+        if np.isfinite(size) and np.isfinite(wider.sizes[label])
+    ]
     gains = [base.sizes[label] / wider.sizes[label] for label in seen]
     return {
-        "newly_detectable": [label for label in base.undetectable if label not in wider.undetectable],
-        "separated": [" | ".join(pair) for group in base.merged for pair in _pairs(group) if pair not in together],
+        "newly_detectable": [
+            label for label in base.undetectable if label not in wider.undetectable
+        ],
+        "separated": [
+            " | ".join(pair)
+            for group in base.merged
+            for pair in _pairs(group)
+            if pair not in together
+        ],
         "gain": float(np.median(gains)) if gains else float("nan"),
     }
 

@@ -19,7 +19,9 @@ class Noise:
 
     sd: np.ndarray  # Marginal standard deviation of the measurement [unit]
     autocorrelation: tuple[float, ...] = ()
-    numerics: np.ndarray | float = 0.0  # Standard deviation between equivalent solver variants [unit]
+    numerics: np.ndarray | float = (
+        0.0  # Standard deviation between equivalent solver variants [unit]
+    )
     source: str = "stated"  # Source of `sd`
     drive: np.ndarray | None = None
 
@@ -32,7 +34,8 @@ class Noise:
 def whiten(residual: np.ndarray, noise: Noise) -> np.ndarray:
     """Whitened residuals: independent, of variance 1, if they are noise.
 
-    The prediction from previous samples (back to the last gap) is subtracted: exact for an autoregressive process.
+    The prediction from previous samples (back to the last gap) is subtracted: exact for an
+    autoregressive process.
     """
     flat = residual.ndim == 1
     scaled = (residual[:, None] if flat else residual) / noise.spread[:, None]
@@ -55,13 +58,14 @@ class SharedErrors:
 
 
 def usual_step(steps: np.ndarray) -> float:
-    """Usual step [rad] of the crank angle between samples: the median, or the mean if an encoder is read faster than it
-    counts, so that readings repeat."""
+    """Usual step [rad] of the crank angle between samples: the median, or the mean if an encoder is
+    read faster than it counts, so that readings repeat."""
     return float(np.median(steps) if steps.all() else np.mean(steps))
 
 
 def autoregression(autocorrelation: Sequence[float]) -> list[tuple[np.ndarray, float]]:
-    """Prediction weights (order,) and remaining standard deviation for the orders 0, 1, ..., p (Levinson).
+    """Prediction weights (order,) and remaining standard deviation for the orders 0, 1, ..., p
+    (Levinson).
 
     In standard deviations of the process; `autocorrelation` at lags 1 ... p.
     """
@@ -108,7 +112,9 @@ def unwhiten(white: np.ndarray, noise: Noise) -> np.ndarray:
             scaled[i] = innovation * white[i] + earlier @ scaled[begin:i][::-1]
         if ahead < end:
             past = lfiltic([sd], np.concatenate(([1.0], -weights)), scaled[begin:ahead][::-1])
-            scaled[ahead:end] = lfilter([sd], np.concatenate(([1.0], -weights)), white[ahead:end], zi=past)[0]
+            scaled[ahead:end] = lfilter(
+                [sd], np.concatenate(([1.0], -weights)), white[ahead:end], zi=past
+            )[0]
     return scaled
 
 
@@ -124,12 +130,21 @@ def label_of(hypothesis: Hypothesis) -> str:
 def values_in_run(
     model: Model, run: str, values: Mapping[str, float], hypothesis: Hypothesis = ()
 ) -> tuple[dict[str, float], list[tuple[Candidate, dict[str, float]]]]:
-    """Arguments of `Model.simulate`: nuisances [SI] of a run by name, and effects with their values."""
+    """Arguments of `Model.simulate`: nuisances [SI] of a run by name, and effects with their
+    values."""
     replaced = {name for candidate in hypothesis for name in candidate.replaces}
     here = [p for p in model.nuisances if p.run in (None, run)]
-    nuisances = {p.name: p.nominal if p.name in replaced else values.get(p.key, p.nominal) for p in here}
+    nuisances = {
+        p.name: p.nominal if p.name in replaced else values.get(p.key, p.nominal) for p in here
+    }
     effects = [
-        (candidate, {p.name: values[f"{candidate.label}.{p.key}"] for p in candidate.coordinates_in((run,))})
+        (
+            candidate,
+            {
+                p.name: values[f"{candidate.label}.{p.key}"]
+                for p in candidate.coordinates_in((run,))
+            },
+        )
         for candidate in hypothesis
     ]
     return nuisances, effects
@@ -183,15 +198,21 @@ class Problem:
                 used = used & np.isfinite(series.value)
             if used.any():
                 count = int(used.sum())
-                self.parts.append(Part(series, noise[series.key], used, slice(begin, begin + count)))
+                self.parts.append(
+                    Part(series, noise[series.key], used, slice(begin, begin + count))
+                )
                 begin += count
         self.size = begin
-        self._shared = {run: shared for run in self.runs if (shared := self._shared_errors(run)) is not None}
+        self._shared = {
+            run: shared for run in self.runs if (shared := self._shared_errors(run)) is not None
+        }
         self._planned: dict[tuple[str, str], np.ndarray] = {}
         if planned:
             at_nominal = {p.key: p.nominal for p in self.nuisances}
             self._planned = {
-                (run, channel): values for run in self.runs for channel, values in self.predict(run, at_nominal).items()
+                (run, channel): values
+                for run in self.runs
+                for channel, values in self.predict(run, at_nominal).items()
             }
 
     @cached_property
@@ -206,9 +227,14 @@ class Problem:
         return any(part.series.statistic for part in self.parts)
 
     def limit(self, step: str, share: float = 1.0) -> "SearchLimit":
-        """The limit of a step of the search that begins now, with a `share` [1] of all simulated runs."""
+        """The limit of a step of the search that begins now, with a `share` [1] of all simulated
+        runs."""
         settings = self.settings.selection
-        most = settings.max_simulations_of_statistics if self.has_statistics else settings.max_simulations
+        most = (
+            settings.max_simulations_of_statistics
+            if self.has_statistics
+            else settings.max_simulations
+        )
         return SearchLimit(self, step, self.simulations + share * most)
 
     @cached_property
@@ -234,7 +260,9 @@ class Problem:
         """Predicted sensor readings of one run."""
         self.simulations += 1
         report_progress("simulated runs of the rig", self.simulations)
-        return self.model.simulate(run, *values_in_run(self.model, run, values, hypothesis), numerics)
+        return self.model.simulate(
+            run, *values_in_run(self.model, run, values, hypothesis), numerics
+        )
 
     def residual(
         self,
@@ -258,7 +286,9 @@ class Problem:
 
     def shared_changes(self, run: str) -> np.ndarray:
         """Change (n, e) of a run's residuals by each common error of variance 1."""
-        places = np.concatenate([np.arange(p.place.start, p.place.stop) for p in self.parts if p.series.run == run])
+        places = np.concatenate(
+            [np.arange(p.place.start, p.place.stop) for p in self.parts if p.series.run == run]
+        )
         if run not in self._shared:
             return np.zeros((places.size, 0))
         sharing, errors = self._shared[run]
@@ -275,21 +305,27 @@ class Problem:
 
     def _shared_errors(self, run: str) -> tuple[np.ndarray, SharedErrors] | None:
         """Indices of the residuals with common errors, and these; None if the drive is exact."""
-        parts = [part for part in self.parts if part.series.run == run and part.noise.drive is not None]
+        parts = [
+            part for part in self.parts if part.series.run == run and part.noise.drive is not None
+        ]
         if not parts:
             return None
         changes = [
-            whiten(np.where(part.used[:, None], part.noise.drive, np.nan), part.noise)[part.used] for part in parts
+            whiten(np.where(part.used[:, None], part.noise.drive, np.nan), part.noise)[part.used]
+            for part in parts
         ]
         places = np.concatenate([np.arange(part.place.start, part.place.stop) for part in parts])
         return places, SharedErrors(np.vstack(changes))
 
     def _whitened(self, part: Part, predicted: np.ndarray) -> np.ndarray:
         if not np.isfinite(predicted[part.used]).all():
-            raise SimulationError(f"run {part.series.run}: the simulated {part.series.channel} is not finite")
+            raise SimulationError(
+                f"run {part.series.run}: the simulated {part.series.channel} is not finite"
+            )
         value = self._planned.get(part.series.key, part.series.value)
         return whiten(np.where(part.used, value - predicted, np.nan), part.noise)[part.used]
 
     def gap(self, residual: np.ndarray) -> float:
-        """Root of the mean over runs and channels of the mean squared whitened residual; 1 is noise."""
+        """Root of the mean over runs and channels of the mean squared whitened residual; 1 is
+        noise."""
         return float(np.sqrt(np.mean([np.mean(residual[part.place] ** 2) for part in self.parts])))

@@ -9,7 +9,13 @@ import numpy as np
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.progress import with_progress
-from jointgap.identification.fit import FiniteDifferences, Fit, bounded_step, bounds_of, compress_rows
+from jointgap.identification.fit import (
+    FiniteDifferences,
+    Fit,
+    bounded_step,
+    bounds_of,
+    compress_rows,
+)
 from jointgap.identification.problem import Hypothesis, Part, Problem, label_of
 from jointgap.identification.settings import DEFAULT_SETTINGS, ScreeningSettings
 
@@ -22,10 +28,11 @@ def likely_frequencies(
     frequency: Parameter,
     settings: ScreeningSettings,
 ) -> list[float]:
-    """The most likely frequencies [Hz] of an effect that is `carrier` times a cosine in time, best first.
+    """The most likely frequencies [Hz] of an effect that is `carrier` times a cosine in time, best
+    first.
 
-    Least-squares periodogram: carrier times cosine and sine, separately for each run, fitted together with the
-    nuisances. Exact if the motion does not respond to the force.
+    Least-squares periodogram: carrier times cosine and sine, separately for each run, fitted
+    together with the nuisances. Exact if the motion does not respond to the force.
     """
     time, run = np.full(residual.size, np.nan), np.empty(residual.size, dtype=object)
     for part in parts:
@@ -37,17 +44,23 @@ def likely_frequencies(
         return []
     span = max(np.ptp(part.series.time[part.used]) for part in parts if timed[part.place].all())
     step = 1.0 / (settings.frequencies_per_line * span)
-    densest = min(np.median(np.diff(part.series.time[part.used])) for part in parts if timed[part.place].all())
+    densest = min(
+        np.median(np.diff(part.series.time[part.used])) for part in parts if timed[part.place].all()
+    )
     tried = np.arange(max(frequency.low, 0.5 / span), min(frequency.high, 0.5 / densest), step)
     order = crank_orders(parts, settings)
-    tried = np.array([hertz for hertz in tried if not order(hertz)])  # crank orders are other effects
+    tried = np.array(
+        [hertz for hertz in tried if not order(hertz)]
+    )  # crank orders are other effects
     basis, left = _beyond_nuisances(residual, jacobian)
     carriers = [np.where(timed & (run == name), carrier, 0.0) for name in dict.fromkeys(run)]
     time = np.where(timed, time, 0.0)
     power = np.array([_power(2 * np.pi * hertz * time, carriers, basis, left) for hertz in tried])
     inner = np.arange(1, power.size - 1)
     peaks = inner[(power[inner] >= power[inner - 1]) & (power[inner] > power[inner + 1])]
-    return [float(tried[i]) for i in sorted(peaks, key=lambda i: -power[i])[: settings.max_frequencies]]
+    return [
+        float(tried[i]) for i in sorted(peaks, key=lambda i: -power[i])[: settings.max_frequencies]
+    ]
 
 
 def likely_orders(
@@ -58,9 +71,11 @@ def likely_orders(
     order: Parameter,
     settings: ScreeningSettings,
 ) -> list[float]:
-    """The most likely orders [cycles per revolution] of an effect that is `carrier` times a cosine of the crank angle.
+    """The most likely orders [cycles per revolution] of an effect that is `carrier` times a cosine
+    of the crank angle.
 
-    As `likely_frequencies`, with one phase for all runs, over the `tried` orders that the samples resolve.
+    As `likely_frequencies`, with one phase for all runs, over the `tried` orders that the samples
+    resolve.
     """
     angle = np.full(residual.size, np.nan)
     finest = np.inf
@@ -76,18 +91,23 @@ def likely_orders(
     basis, left = _beyond_nuisances(residual, jacobian)
     carriers, angle = [np.where(known, carrier, 0.0)], np.where(known, angle, 0.0)
     power = [_power(k * angle, carriers, basis, left) for k in tried]
-    return [float(tried[i]) for i in sorted(range(tried.size), key=lambda i: -power[i])[: settings.max_frequencies]]
+    return [
+        float(tried[i])
+        for i in sorted(range(tried.size), key=lambda i: -power[i])[: settings.max_frequencies]
+    ]
 
 
 def crank_orders(
     parts: Sequence[Part], settings: ScreeningSettings, in_all_runs: bool = False
 ) -> Callable[[float], str]:
-    """A function: text for a frequency [Hz] that is an order or half order of the crank, in a run or in all, else
-    empty."""
+    """A function: text for a frequency [Hz] that is an order or half order of the crank, in a run
+    or in all, else empty."""
     rates = {}
     for series in (part.series for part in parts if not part.series.statistic):
         known = np.isfinite(series.time) & np.isfinite(series.angle)
-        turns, seconds = (np.ptp(values[known]) if known.any() else 0.0 for values in (series.angle, series.time))
+        turns, seconds = (
+            np.ptp(values[known]) if known.any() else 0.0 for values in (series.angle, series.time)
+        )
         if turns > 0.0 and seconds > 0.0:
             rates[series.run] = float(turns / seconds / (2.0 * np.pi))
 
@@ -103,14 +123,19 @@ def crank_orders(
 
 
 def _beyond_nuisances(residual: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Orthonormal basis of the nuisances' changes, and the residual projected onto its complement."""
+    """Orthonormal basis of the nuisances' changes, and the residual projected onto its
+    complement."""
     basis = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))[0]
     return basis, residual - basis @ (basis.T @ residual)
 
 
-def _power(phase: np.ndarray, carriers: Sequence[np.ndarray], basis: np.ndarray, left: np.ndarray) -> float:
+def _power(
+    phase: np.ndarray, carriers: Sequence[np.ndarray], basis: np.ndarray, left: np.ndarray
+) -> float:
     """Squared residual explained by cosine and sine of `phase`, separately for each carrier."""
-    columns = np.column_stack([carrier * wave for carrier in carriers for wave in (np.cos(phase), np.sin(phase))])
+    columns = np.column_stack(
+        [carrier * wave for carrier in carriers for wave in (np.cos(phase), np.sin(phase))]
+    )
     columns -= basis @ (basis.T @ columns)
     weight = np.linalg.lstsq(columns, left, rcond=None)[0]
     return float(left @ (columns @ weight))
@@ -123,7 +148,9 @@ class Sensitivity:
     candidate: Candidate
     shape_parameters: Mapping[str, float]  # Shapes by name [SI], and amplitudes of a secant
     columns: np.ndarray  # [1/unit] Derivatives with respect to the amplitudes
-    origin: np.ndarray  # [1] Residuals at zero amplitude: the base's, unless the candidate replaces a nuisance
+    origin: (
+        np.ndarray
+    )  # [1] Residuals at zero amplitude: the base's, unless the candidate replaces a nuisance
     runs: tuple[str, ...]  # Runs of the residuals
     secant_factor: float = DEFAULT_SETTINGS.screening.secant_factor
 
@@ -139,7 +166,10 @@ class Sensitivity:
     @property
     def largest_change(self) -> float:
         """Largest norm of the change of the residuals by a typical step of an amplitude [1]."""
-        return max(float(np.linalg.norm(c)) * p.step for c, p in zip(self.columns.T, self.amplitudes, strict=True))
+        return max(
+            float(np.linalg.norm(c)) * p.step
+            for c, p in zip(self.columns.T, self.amplitudes, strict=True)
+        )
 
     @property
     def is_secant(self) -> bool:
@@ -167,7 +197,8 @@ class Sensitivities:
     failed: Mapping[str, str]  # Candidates that could not be simulated
 
     def about(self, fit: Fit) -> "Sensitivities":
-        """The sensitivities of the other candidates about a fit with effects, with the columns of the base.
+        """The sensitivities of the other candidates about a fit with effects, with the columns of
+        the base.
 
         Nuisances that a candidate replaces are reset from the value of the fit to nominal.
         """
@@ -175,14 +206,23 @@ class Sensitivities:
         base = dict(zip((p.key for p in self.parameters), self.values.tolist(), strict=True))
 
         def origin(sensitivity: Sensitivity) -> np.ndarray:
-            keys, left = [p.key for p in sensitivity.amplitudes], fit.residual + (sensitivity.origin - self.residual)
+            keys, left = (
+                [p.key for p in sensitivity.amplitudes],
+                fit.residual + (sensitivity.origin - self.residual),
+            )
             for name, amplitude in sensitivity.candidate.replaces.items():
                 if amplitude in keys and name in base and name in fit.mapping:
-                    left = left + sensitivity.columns[:, keys.index(amplitude)] * (base[name] - fit.mapping[name])
+                    left = left + sensitivity.columns[:, keys.index(amplitude)] * (
+                        base[name] - fit.mapping[name]
+                    )
             return left
 
-        others = [replace(s, origin=origin(s)) for s in self.entries if not taken & s.candidate.claims]
-        return Sensitivities(fit.parameters, fit.values, fit.jacobian, fit.residual, others, self.failed)
+        others = [
+            replace(s, origin=origin(s)) for s in self.entries if not taken & s.candidate.claims
+        ]
+        return Sensitivities(
+            fit.parameters, fit.values, fit.jacobian, fit.residual, others, self.failed
+        )
 
     def of(self, label: str) -> list[Sensitivity]:
         """All sensitivities of one candidate."""
@@ -190,7 +230,9 @@ class Sensitivities:
 
     def derivatives(self, chosen: Sequence[Sensitivity]) -> dict[str, np.ndarray]:
         """Derivatives by key, each (n,), for a fit near the base."""
-        columns = {p.key: column for p, column in zip(self.parameters, self.jacobian.T, strict=True)}
+        columns = {
+            p.key: column for p, column in zip(self.parameters, self.jacobian.T, strict=True)
+        }
         for sensitivity in chosen:
             for p, column in zip(sensitivity.amplitudes, sensitivity.columns.T, strict=True):
                 columns[f"{sensitivity.candidate.label}.{p.key}"] = column
@@ -209,7 +251,10 @@ class LinearizedFit:
 
     @property
     def hypothesis(self) -> Hypothesis:
-        return (*self.fitted_effects, *(sensitivity.candidate for sensitivity in self.sensitivities))
+        return (
+            *self.fitted_effects,
+            *(sensitivity.candidate for sensitivity in self.sensitivities),
+        )
 
     @property
     def label(self) -> str:
@@ -217,26 +262,40 @@ class LinearizedFit:
 
     @property
     def own_start(self) -> dict[str, float]:
-        """Start values of the new effects only (in windows nuisances start at their present values)."""
+        """Start values of the new effects only (in windows nuisances start at their present
+        values)."""
         new = tuple(f"{sensitivity.candidate.label}." for sensitivity in self.sensitivities)
         return {key: value for key, value in self.start.items() if key.startswith(new)}
 
 
 def simulate_sensitivities(
-    problem: Problem, base: Fit, differences: FiniteDifferences, candidates: Sequence[Candidate] | None = None
+    problem: Problem,
+    base: Fit,
+    differences: FiniteDifferences,
+    candidates: Sequence[Candidate] | None = None,
 ) -> Sensitivities:
-    """Derivatives for the candidates about the fitted base; default: all smooth ones (for statistics: all).
+    """Derivatives for the candidates about the fitted base; default: all smooth ones (for
+    statistics: all).
 
-    Without candidates that change nothing in what was measured, such as a force where no channel responds to forces.
+    Without candidates that change nothing in what was measured, such as a force where no channel
+    responds to forces.
     """
     entries: list[Sensitivity] = []
     failed: dict[str, str] = {}
     if candidates is None:
-        candidates = [one for one in problem.model.candidates if problem.has_statistics or not one.is_nonsmooth]
+        candidates = [
+            one
+            for one in problem.model.candidates
+            if problem.has_statistics or not one.is_nonsmooth
+        ]
     taken = {name for effect in base.hypothesis for name in effect.claims}
     candidates = [candidate for candidate in candidates if not taken & candidate.claims]
     for candidate in with_progress(steady_first(candidates), "effects to screen"):
-        steady = [sensitivity for sensitivity in entries if sensitivity.candidate.label == candidate.carrier]
+        steady = [
+            sensitivity
+            for sensitivity in entries
+            if sensitivity.candidate.label == candidate.carrier
+        ]
         try:
             origin = base.residual
             if candidate.replaces:
@@ -244,10 +303,14 @@ def simulate_sensitivities(
                 origin = problem.residual(absent, (*base.hypothesis, candidate))
             guesses = candidate.initial_guesses
             if steady:
-                guesses = oscillating_shapes(problem, candidate, base.residual, base.jacobian, steady[0].columns[:, 0])
+                guesses = oscillating_shapes(
+                    problem, candidate, base.residual, base.jacobian, steady[0].columns[:, 0]
+                )
             for shapes in guesses:
                 try:
-                    entries.append(_sensitivity(problem, base, differences, candidate, shapes, origin))
+                    entries.append(
+                        _sensitivity(problem, base, differences, candidate, shapes, origin)
+                    )
                 except (InputError, SimulationError) as error:
                     failed[candidate.label] = str(error)
         except (InputError, SimulationError) as error:
@@ -265,21 +328,35 @@ def steady_first(candidates: Iterable[Candidate]) -> list[Candidate]:
 
 
 def oscillating_shapes(
-    problem: Problem, candidate: Candidate, residual: np.ndarray, jacobian: np.ndarray, carrier: np.ndarray
+    problem: Problem,
+    candidate: Candidate,
+    residual: np.ndarray,
+    jacobian: np.ndarray,
+    carrier: np.ndarray,
 ) -> Sequence[Mapping[str, float]]:
-    """Start shapes of an oscillating effect with the `carrier` (n,): likely frequencies or orders of a residual (n,),
-    besides nuisances (jacobian (n, k))."""
+    """Start shapes of an oscillating effect with the `carrier` (n,): likely frequencies or orders
+    of a residual (n,), besides nuisances (jacobian (n, k))."""
     searches = {"frequency_Hz": likely_frequencies, "order": likely_orders}
     swing = next(p for p in candidate.coordinates if p.name in searches)
     settings = problem.settings.screening
     tried = searches[swing.name](problem.parts, residual, jacobian, carrier, swing, settings)
-    return [{**candidate.initial_guesses[0], swing.name: value} for value in tried] or candidate.initial_guesses
+    return [
+        {**candidate.initial_guesses[0], swing.name: value} for value in tried
+    ] or candidate.initial_guesses
 
 
 def _absent(candidate: Candidate, shapes: Mapping[str, float], base: Fit) -> dict[str, float]:
-    """The base's values with the candidate at zero amplitude, without nuisances that it replaces (nominal)."""
-    own = {p.key: 0.0 if p.key in candidate.amplitudes else shapes[p.key] for p in candidate.coordinates}
-    kept = {key: value for key, value in base.mapping.items() if key.partition("@")[0] not in candidate.replaces}
+    """The base's values with the candidate at zero amplitude, without nuisances that it replaces
+    (nominal)."""
+    own = {
+        p.key: 0.0 if p.key in candidate.amplitudes else shapes[p.key]
+        for p in candidate.coordinates
+    }
+    kept = {
+        key: value
+        for key, value in base.mapping.items()
+        if key.partition("@")[0] not in candidate.replaces
+    }
     return kept | {f"{candidate.label}.{key}": value for key, value in own.items()}
 
 
@@ -299,11 +376,17 @@ def _sensitivity(
         (key,) = finite
         # nonlinear near zero: use a secant to a finite amplitude
         change = problem.residual(values | {f"{candidate.label}.{key}": shapes[key]}, both) - origin
-        return Sensitivity(candidate, dict(shapes), change[:, None] / shapes[key], origin, problem.runs, factor)
+        return Sensitivity(
+            candidate, dict(shapes), change[:, None] / shapes[key], origin, problem.runs, factor
+        )
     columns = [
-        differences.column(p, values, origin, both) for p in problem.parameters((candidate,)) if p.key in amplitudes
+        differences.column(p, values, origin, both)
+        for p in problem.parameters((candidate,))
+        if p.key in amplitudes
     ]
-    return Sensitivity(candidate, dict(shapes), np.column_stack(columns), origin, problem.runs, factor)
+    return Sensitivity(
+        candidate, dict(shapes), np.column_stack(columns), origin, problem.runs, factor
+    )
 
 
 class SensitivityRegression:
@@ -311,7 +394,9 @@ class SensitivityRegression:
 
     def __init__(self, sensitivities: Sensitivities, fitted_effects: Hypothesis = ()):
         self.sensitivities, self.fitted_effects = sensitivities, fitted_effects
-        origins = [sensitivity.origin - sensitivities.residual for sensitivity in sensitivities.entries]
+        origins = [
+            sensitivity.origin - sensitivities.residual for sensitivity in sensitivities.entries
+        ]
         self._rows = sensitivities.residual.size
         blocks = [
             sensitivities.jacobian,
@@ -332,29 +417,52 @@ class SensitivityRegression:
         kept = [i for i, p in enumerate(sensitivities.parameters) if p.name not in replaced]
         indices = [self._index[id(sensitivity)] for sensitivity in chosen]
         labels = {s.candidate.frees for s in chosen} - {s.candidate.label for s in chosen}
-        freed = [self._columns[self._index[id(s)]] for s in self.sensitivities.entries if s.candidate.label in labels]
+        freed = [
+            self._columns[self._index[id(s)]]
+            for s in self.sensitivities.entries
+            if s.candidate.label in labels
+        ]
         matrix = np.hstack([self._jacobian[:, kept], *(self._columns[i] for i in indices), *freed])
-        target = self._residual + sum((self._origins[i] for i in indices), np.zeros(self._residual.size))
+        target = self._residual + sum(
+            (self._origins[i] for i in indices), np.zeros(self._residual.size)
+        )
         amplitudes = [(sensitivity, p) for sensitivity in chosen for p in sensitivity.amplitudes]
         low, high = bounds_of([sensitivities.parameters[i] for i in kept])
-        ranges = np.array([sensitivity.valid_range(p) for sensitivity, p in amplitudes]).reshape(-1, 2).T
+        ranges = (
+            np.array([sensitivity.valid_range(p) for sensitivity, p in amplitudes]).reshape(-1, 2).T
+        )
         low, high = np.append(low, ranges[0]), np.append(high, ranges[1])
-        present = np.append(sensitivities.values[kept], [s.shape_parameters.get(p.key, 0.0) for s, p in amplitudes])
+        present = np.append(
+            sensitivities.values[kept], [s.shape_parameters.get(p.key, 0.0) for s, p in amplitudes]
+        )
         free = np.zeros(matrix.shape[1] - present.size)
-        low, high, present = np.append(low, free - np.inf), np.append(high, free + np.inf), np.append(present, free)
+        low, high, present = (
+            np.append(low, free - np.inf),
+            np.append(high, free + np.inf),
+            np.append(present, free),
+        )
         target = target + matrix[:, len(kept) :] @ present[len(kept) :]
         step, chi2 = bounded_step(matrix, target, low - present, high - present)
-        start = {sensitivities.parameters[i].key: float(value) for i, value in zip(kept, present + step, strict=False)}
+        start = {
+            sensitivities.parameters[i].key: float(value)
+            for i, value in zip(kept, present + step, strict=False)
+        }
         for (sensitivity, p), value in zip(amplitudes, (present + step)[len(kept) :], strict=False):
             start[f"{sensitivity.candidate.label}.{p.key}"] = float(value)
         for s in chosen:
-            shapes = {name: value for name, value in s.shape_parameters.items() if name not in s.candidate.amplitudes}
+            shapes = {
+                name: value
+                for name, value in s.shape_parameters.items()
+                if name not in s.candidate.amplitudes
+            }
             start |= {f"{s.candidate.label}.{name}": value for name, value in shapes.items()}
         effects = (*self.fitted_effects, *(sensitivity.candidate for sensitivity in chosen))
         # as `Fit.bic` counts
         counted = len(kept) + sum(len(sensitivity.coordinates) for sensitivity in chosen)
         counted += sum(len(candidate.replaces) for candidate in effects)
-        return LinearizedFit(tuple(chosen), chi2, start, chi2 + counted * np.log(self._rows), self.fitted_effects)
+        return LinearizedFit(
+            tuple(chosen), chi2, start, chi2 + counted * np.log(self._rows), self.fitted_effects
+        )
 
     def singles(self) -> list[LinearizedFit]:
         """Regressions of single candidates, each with its best start, best first."""
@@ -363,7 +471,9 @@ class SensitivityRegression:
     def pairs(self) -> list[LinearizedFit]:
         """Regressions of compatible pairs of candidates, best first."""
         pairs = combinations(self.sensitivities.entries, 2)
-        return self._best_of_each(pair for pair in pairs if not pair[0].candidate.claims & pair[1].candidate.claims)
+        return self._best_of_each(
+            pair for pair in pairs if not pair[0].candidate.claims & pair[1].candidate.claims
+        )
 
     def _best_of_each(self, chosen: Iterable[Sequence[Sensitivity]]) -> list[LinearizedFit]:
         best: dict[str, LinearizedFit] = {}
@@ -374,64 +484,94 @@ class SensitivityRegression:
 
 
 def shortlist(screened: Sequence[LinearizedFit], count: int) -> list[LinearizedFit]:
-    """The first `count` hypotheses; alternatives of an `exclusion_group` count once, as their sensitivities are
-    equal."""
-    groups = [frozenset(candidate.exclusion_group for candidate in one.hypothesis) for one in screened]
+    """The first `count` hypotheses; alternatives of an `exclusion_group` count once, as their
+    sensitivities are equal."""
+    groups = [
+        frozenset(candidate.exclusion_group for candidate in one.hypothesis) for one in screened
+    ]
     kept = list(dict.fromkeys(groups))[:count]
     return [one for one, group in zip(screened, groups, strict=True) if group in kept]
 
 
 class SensitivitySubspaces:
-    """Orthonormal bases of the changes by each candidate, projected onto the complement of the nuisances."""
+    """Orthonormal bases of the changes by each candidate, projected onto the complement of the
+    nuisances."""
 
-    def __init__(self, sensitivities: Sensitivities, settings: ScreeningSettings = DEFAULT_SETTINGS.screening):
+    def __init__(
+        self, sensitivities: Sensitivities, settings: ScreeningSettings = DEFAULT_SETTINGS.screening
+    ):
         self._settings = settings
         self.nuisances = orthonormal(sensitivities.jacobian)
         self.of: dict[str, list[np.ndarray]] = {}
-        linear = {sensitivity.candidate.label for sensitivity in sensitivities.entries if not sensitivity.is_secant}
+        linear = {
+            sensitivity.candidate.label
+            for sensitivity in sensitivities.entries
+            if not sensitivity.is_secant
+        }
         for sensitivity in sensitivities.entries:
             if sensitivity.is_secant and sensitivity.candidate.label in linear:
                 continue  # the derivative at small amplitudes counts
             space = orthonormal(self.projected(sensitivity.columns))
             self.of.setdefault(sensitivity.candidate.label, []).append(space)
-        self._groups = {s.candidate.label: s.candidate.exclusion_group for s in sensitivities.entries}
+        self._groups = {
+            s.candidate.label: s.candidate.exclusion_group for s in sensitivities.entries
+        }
 
     def projected(self, columns: np.ndarray) -> np.ndarray:
-        """The columns (n, m) projected onto the complement of the nuisances; zero if that is rounding."""
+        """The columns (n, m) projected onto the complement of the nuisances; zero if that is
+        rounding."""
         left = columns - self.nuisances @ (self.nuisances.T @ columns)
-        lost = np.linalg.norm(left, axis=0) < self._settings.negligible_projection * np.linalg.norm(columns, axis=0)
+        lost = np.linalg.norm(left, axis=0) < self._settings.negligible_projection * np.linalg.norm(
+            columns, axis=0
+        )
         return np.where(lost, 0.0, left)
 
     def span(self, labels: Iterable[str]) -> np.ndarray:
         """Basis (n, dimensions) of the changes by the candidates `labels` together."""
-        return orthonormal(np.hstack([self.nuisances[:, :0], *(space for label in labels for space in self.of[label])]))
+        return orthonormal(
+            np.hstack(
+                [self.nuisances[:, :0], *(space for label in labels for space in self.of[label])]
+            )
+        )
 
     def cosine(self, space: np.ndarray, label: str) -> float:
-        """Cosine [1] of the smallest principal angle between the candidate's subspace and `space`; 0 if it is empty."""
-        cosines = [np.linalg.norm(space.T @ own, 2) for own in self.of[label] if own.size and space.size]
+        """Cosine [1] of the smallest principal angle between the candidate's subspace and `space`;
+        0 if it is empty."""
+        cosines = [
+            np.linalg.norm(space.T @ own, 2) for own in self.of[label] if own.size and space.size
+        ]
         return float(min(max(cosines, default=0.0), 1.0))
 
     def is_special_case(self, special: Hypothesis, general: Hypothesis) -> bool:
-        """Whether the subspace of the second hypothesis contains that of the first: a constant force is a limit of a
-        spring.
+        """Whether the subspace of the second hypothesis contains that of the first: a constant
+        force is a limit of a spring.
         """
         general_labels = {candidate.label for candidate in general}
         own = [candidate.label for candidate in special if candidate.label not in general_labels]
         if any(not self.span([label] if label in self.of else []).size for label in own):
             return False  # equivalent to nuisances, or unknown
-        inner, outer = (self.span([c.label for c in hyp if c.label in self.of]) for hyp in (special, general))
+        inner, outer = (
+            self.span([c.label for c in hyp if c.label in self.of]) for hyp in (special, general)
+        )
         if not 0 < inner.shape[1] < outer.shape[1]:
             return False
-        return bool(np.linalg.norm(inner - outer @ (outer.T @ inner), 2) < self._settings.special_case_distance)
+        return bool(
+            np.linalg.norm(inner - outer @ (outer.T @ inner), 2)
+            < self._settings.special_case_distance
+        )
 
     def nearest(self, hypothesis: Hypothesis) -> tuple[str, float]:
-        """The most similar candidate outside the explanation, and the squared cosine; '' if there is none. Alternatives
-        of its effects are ignored, as their sensitivities are equal.
+        """The most similar candidate outside the explanation, and the squared cosine; '' if there
+        is none. Alternatives of its effects are ignored, as their sensitivities are equal.
         """
         named = {candidate.label for candidate in hypothesis}
         taken = {candidate.exclusion_group for candidate in hypothesis}
         space = self.span([label for label in named if label in self.of])
-        others = [(self.cosine(space, label) ** 2, label) for label in self.of if self._groups[label] not in taken]
+        others = [
+            (self.cosine(space, label) ** 2, label)
+            for label in self.of
+            if self._groups[label] not in taken
+        ]
         cosine, label = max(others, default=(0.0, ""))
         return label, cosine
 

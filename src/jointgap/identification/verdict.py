@@ -1,8 +1,8 @@
 """Rules that turn evidence into a verdict.
 
-The first rule of `OF_FITS` that holds gives the verdict of the fits. `OF_HELD_OUT` then tests the named or equivalent
-explanations on held-out data. `jointgap.identification.evidence` makes the evidence; the limits are those of
-`settings.DecisionSettings`.
+The first rule of `OF_FITS` that holds gives the verdict of the fits. `OF_HELD_OUT` then tests the
+named or equivalent explanations on held-out data. `jointgap.identification.evidence` makes the
+evidence; the limits are those of `settings.DecisionSettings`.
 """
 
 from collections.abc import Callable, Sequence
@@ -46,11 +46,15 @@ class Row:
     samples: int
     parameters: int  # Number of fitted parameters
     bic: float
-    objection: str = ""  # Why it is not admissible: the fit failed, or an effect is zero or a nuisance
+    objection: str = (
+        ""  # Why it is not admissible: the fit failed, or an effect is zero or a nuisance
+    )
     reason: str = ""  # Remark of the fit
     similarity: float = 0.0  # [1] Squared cosine with the most similar effect
     at_bounds: tuple[str, ...] = ()  # Shared nuisances at a bound
-    is_nonsmooth: bool = False  # Whether motion is a nonsmooth function of an effect, without useful derivatives
+    is_nonsmooth: bool = (
+        False  # Whether motion is a nonsmooth function of an effect, without useful derivatives
+    )
     # From `weigh`, relative to the base:
     delta_bic: float = 0.0  # BIC of the base minus its own: larger is better
     share: float = np.nan  # [1] Of the misfit beyond noise of the base; NaN if that may be noise
@@ -101,14 +105,17 @@ class HeldOut:
     gap: float = np.nan  # [1] Of all held-out data together
     fitted: tuple[float, str] = (0.0, "")  # The channel with the largest gap [1] on the fitted data
     held_out: tuple[float, str] = (0.0, "")  # The same on held-out data
-    noise: tuple[float, str] = (0.0, "")  # The channel with the largest share [1] of noise in its variation
+    noise: tuple[float, str] = (
+        0.0,
+        "",
+    )  # The channel with the largest share [1] of noise in its variation
 
 
 class Need(NamedTuple):
     """A fit that is required before an effect is named."""
 
-    # ``alone``: an effect of a pair; ``alike``: all effects confusable with the explanation; ``partners``: the best
-    # single effects without the certain ones, each with a partner
+    # ``alone``: an effect of a pair; ``alike``: all effects confusable with the explanation;
+    # ``partners``: the best single effects without the certain ones, each with a partner
     kind: str
     label: str  # Of that effect, or of the explanation
     fit: Any  # The explanation whose nuisances are the start
@@ -119,22 +126,32 @@ class Decision:
     """A verdict and its fits."""
 
     verdict: str
-    chosen: Any  # The explanation named, the base if none is, or the nominal model if that is enough
+    chosen: (
+        Any  # The explanation named, the base if none is, or the nominal model if that is enough
+    )
     base: Any  # The current model, nuisances fitted
     equivalent: list = field(default_factory=list)  # Indistinguishable explanations, best first
     ranking: Sequence[Row] = ()  # All explanations, best first, the failed ones last
     because: str = ""  # The reason
-    best_known: Any = None  # The best explanation, if the verdict is ``unexplained`` and one gains enough
+    best_known: Any = (
+        None  # The best explanation, if the verdict is ``unexplained`` and one gains enough
+    )
     needs: tuple[Need, ...] = ()  # Fits that are required first
-    certain: tuple[str, ...] = ()  # Labels of the effects that all fitted explanations near the best one share
+    certain: tuple[
+        str, ...
+    ] = ()  # Labels of the effects that all fitted explanations near the best one share
     not_searched: tuple[str, ...] = ()  # Steps of the search that the limit of simulations left out
-    twins: list = field(default_factory=list)  # Explanations by other sensor faults that predict the same as `chosen`
+    twins: list = field(
+        default_factory=list
+    )  # Explanations by other sensor faults that predict the same as `chosen`
 
     @property
     def proposed(self) -> Any:
-        """The explanation to test on held-out data: the one named, else the first equivalent one, else the best known;
-        None if there is none."""
-        return self.chosen if self.verdict in _NAMES else next(iter(self.equivalent), self.best_known)
+        """The explanation to test on held-out data: the one named, else the first equivalent one,
+        else the best known; None if there is none."""
+        return (
+            self.chosen if self.verdict in _NAMES else next(iter(self.equivalent), self.best_known)
+        )
 
 
 _NAMES = NAMED, NAMED_WITH_REMAINING_MISFIT
@@ -149,8 +166,12 @@ class Evidence:
     rows: Sequence[Row]
     limits: Thresholds
     second_effect_gain: float = 0.0  # [BIC] Least gain of a pair over the best single effect
-    is_special_case: Callable[[Row, Row], bool] = lambda special, general: False  # The second contains the first
-    predicts_same: Callable[[Row, Row], bool] = lambda row, other: False  # They differ in names of sensor faults only
+    is_special_case: Callable[[Row, Row], bool] = lambda special, general: (
+        False
+    )  # The second contains the first
+    predicts_same: Callable[[Row, Row], bool] = lambda row, other: (
+        False
+    )  # They differ in names of sensor faults only
     by_fits: Decision | None = None  # The verdict of the fits, once there is one
     held_out: HeldOut | None = None
     inconsistent: Sequence[str] = ()  # Channels
@@ -159,7 +180,9 @@ class Evidence:
 class Case:
     """Quantities that the rules use."""
 
-    def __init__(self, evidence: Evidence, settings: DecisionSettings, said: Decision | None = None):
+    def __init__(
+        self, evidence: Evidence, settings: DecisionSettings, said: Decision | None = None
+    ):
         self.evidence, self.settings, self.said = evidence, settings, said
         self.base, self.nominal, self.limits = evidence.base, evidence.nominal, evidence.limits
         rows = [weigh(self.base, row, self.limits, settings) for row in evidence.rows]
@@ -173,12 +196,15 @@ class Case:
             self.held_out, self.test = evidence.held_out, evidence.held_out.test
             self.exceeds_noise = self.test.after_low > settings.noise_gap
             self.has_misfit = self.exceeds_noise or said.verdict != NAMED
-            self.closed, self.ends = share_closed(self.test.before, self.test.after), ", ".join(self.best.at_bounds)
+            self.closed, self.ends = (
+                share_closed(self.test.before, self.test.after),
+                ", ".join(self.best.at_bounds),
+            )
 
     @cached_property
     def best(self) -> Row | None:
-        """The best explanation, if it gains enough; one of more effects only if it gains enough over the best one of
-        fewer, as the best of many explanations gains by chance."""
+        """The best explanation, if it gains enough; one of more effects only if it gains enough
+        over the best one of fewer, as the best of many explanations gains by chance."""
         if self.said:
             return next(row for row in self.ranking if row.fit is self.said.proposed)
         good = [row for row in self.ranking if row.admissible and row.delta_bic > 0.0]
@@ -190,7 +216,8 @@ class Case:
 
     @cached_property
     def others(self) -> list[Row]:
-        """Other explanations of no more effects; not parts, extensions or limits of the best one."""
+        """Other explanations of no more effects; not parts, extensions or limits of the best
+        one."""
         own = {*self.best.effects}
         found = [row for row in self.ranking if row.admissible and len(row.effects) <= len(own)]
         found = [row for row in found if not own <= {*row.effects} and not own > {*row.effects}]
@@ -199,25 +226,38 @@ class Case:
 
     @property
     def twins(self) -> list[Row]:
-        """Explanations that differ from the best one only in the name of a sensor fault, as they predict the same."""
-        near = [row for row in self.ranking if row.admissible and row.bic - self.best.bic < self.apart]
-        return [row for row in near if row.fit is not self.best.fit and self.evidence.predicts_same(self.best, row)]
+        """Explanations that differ from the best one only in the name of a sensor fault, as they
+        predict the same."""
+        near = [
+            row for row in self.ranking if row.admissible and row.bic - self.best.bic < self.apart
+        ]
+        return [
+            row
+            for row in near
+            if row.fit is not self.best.fit and self.evidence.predicts_same(self.best, row)
+        ]
 
     @property
     def certain(self) -> tuple[str, ...]:
-        """Effects of the best explanation that every fitted explanation has which is not clearly worse: by its BIC over
-        the misfit that the best one leaves and, if that is more than noise, by the misfit too.
+        """Effects of the best explanation that every fitted explanation has which is not clearly
+        worse: by its BIC over the misfit that the best one leaves and, if that is more than noise,
+        by the misfit too.
 
         None if the best one explains too little, or is the only one.
         """
         if not self.best or not self.is_good:
             return ()
         apart = self.apart * max(self.best.misfit, 1.0)
-        fitted = [self.base, *(row for row in self.ranking if np.isfinite(row.chi2) and row is not self.best)]
+        fitted = [
+            self.base,
+            *(row for row in self.ranking if np.isfinite(row.chi2) and row is not self.best),
+        ]
         near = [row for row in fitted if row.bic - self.best.bic < apart]
         if not self.best.passes and not self.is_small:
             shares = {id(row): 0.0 if row is self.base else row.share for row in fitted}
-            near = [row for row in fitted if row in near or not self.leaves_less(1.0 - shares[id(row)])]
+            near = [
+                row for row in fitted if row in near or not self.leaves_less(1.0 - shares[id(row)])
+            ]
         shared = {*self.best.effects}.intersection(*(row.effects for row in near))
         return tuple(label for label in self.best.effects if label in shared) if near else ()
 
@@ -237,7 +277,8 @@ class Case:
 
     @property
     def similar(self) -> Row | None:
-        """Another explanation of nearly all with a similar misfit: BIC is no measure of a misfit that is not noise."""
+        """Another explanation of nearly all with a similar misfit: BIC is no measure of a misfit
+        that is not noise."""
         nearly_all = (row for row in self.others if row.share >= self.settings.min_explained_share)
         return next((row for row in nearly_all if not self.leaves_less(1.0 - row.share)), None)
 
@@ -247,8 +288,8 @@ class Case:
 
     @property
     def counts_held_out(self) -> bool:
-        """Whether sizes of held-out gaps count. At another speed impacts have another phase even in a true model, so
-        that a falling gap is enough."""
+        """Whether sizes of held-out gaps count. At another speed impacts have another phase even in
+        a true model, so that a falling gap is enough."""
         return not (self.held_out.test.outcome == FALLS and self.best.is_nonsmooth)
 
     @property
@@ -266,13 +307,28 @@ class Case:
             return replace(said, verdict=rule.verdict, because=because) if rule.verdict else said
         equal = [best, *self.rivals] if rule.verdict == AMBIGUOUS else []
         known = best if rule.verdict == UNEXPLAINED else None
-        chosen = best if rule.verdict in _NAMES else self.nominal if rule.verdict == NO_DISAGREEMENT else self.base
-        fits = {"chosen": chosen.fit, "base": self.base.fit, "equivalent": [row.fit for row in equal]}
+        chosen = (
+            best
+            if rule.verdict in _NAMES
+            else self.nominal
+            if rule.verdict == NO_DISAGREEMENT
+            else self.base
+        )
+        fits = {
+            "chosen": chosen.fit,
+            "base": self.base.fit,
+            "equivalent": [row.fit for row in equal],
+        }
         fits["best_known"] = known.fit if known else None
         fits["twins"] = [row.fit for row in self.twins] if rule.verdict in _NAMES else []
         # held-out data may leave a name with a remaining misfit unexplained
-        certain = self.certain if rule.verdict in (AMBIGUOUS, UNEXPLAINED, NAMED_WITH_REMAINING_MISFIT) else ()
-        # One effect of a pair may suffice; effects confusable with the best were not fitted from its nuisances.
+        certain = (
+            self.certain
+            if rule.verdict in (AMBIGUOUS, UNEXPLAINED, NAMED_WITH_REMAINING_MISFIT)
+            else ()
+        )
+        # One effect of a pair may suffice; effects confusable with the best were not fitted from
+        # its nuisances.
         first = (row for row in self.ranking[:1] if row.delta_bic > 0.0)
         pairs = [row for row in (chosen, *equal, *first) if len(row.effects) > 1]
         needs = [Need(ALONE, effect, row.fit) for row in pairs for effect in row.effects]
@@ -280,7 +336,12 @@ class Case:
             needs.append(Need(ALIKE, best.label, best.fit))
         needs += [Need(PARTNERS, " + ".join(certain), best.fit)] if certain else []
         return Decision(
-            rule.verdict, ranking=self.ranking, because=because, needs=tuple(needs), certain=certain, **fits
+            rule.verdict,
+            ranking=self.ranking,
+            because=because,
+            needs=tuple(needs),
+            certain=certain,
+            **fits,
         )
 
 
@@ -302,11 +363,23 @@ OF_FITS = (
     Rule(
         NO_DISAGREEMENT,
         "the current model's residual is consistent with noise",
-        lambda c: not c.best and c.nominal.misfit <= c.limits.omnibus and c.nominal.bic - c.base.bic < c.apart,
+        lambda c: (
+            not c.best
+            and c.nominal.misfit <= c.limits.omnibus
+            and c.nominal.bic - c.base.bic < c.apart
+        ),
     ),
-    Rule(PARAMETERS_ONLY, "with re-fitted parameters the residual is consistent with noise", lambda c: not c.best),
+    Rule(
+        PARAMETERS_ONLY,
+        "with re-fitted parameters the residual is consistent with noise",
+        lambda c: not c.best,
+    ),
     # Several explanations
-    Rule(AMBIGUOUS, "several explanations fit the data equally well", lambda c: c.rivals and c.is_good),
+    Rule(
+        AMBIGUOUS,
+        "several explanations fit the data equally well",
+        lambda c: c.rivals and c.is_good,
+    ),
     Rule(UNEXPLAINED, "several explanations are equally poor", lambda c: c.rivals),
     # One explanation is the best
     Rule(NAMED, "with it the residual is consistent with noise", lambda c: c.best.passes),
@@ -315,10 +388,15 @@ OF_FITS = (
         "the best candidate, {c.best.label}, explains only {c.best.share:.1%} of the misfit",
         lambda c: not c.is_good and np.isfinite(c.best.share),
     ),
-    Rule(UNEXPLAINED, "the best candidate, {c.best.label}, does not reduce the misfit", lambda c: not c.is_good),
     Rule(
         UNEXPLAINED,
-        "the residual with {c.best.label} exceeds noise, and that with {c.similar.label} is hardly larger",
+        "the best candidate, {c.best.label}, does not reduce the misfit",
+        lambda c: not c.is_good,
+    ),
+    Rule(
+        UNEXPLAINED,
+        "the residual with {c.best.label} exceeds noise, and that with {c.similar.label} is hardly"
+        " larger",
         lambda c: c.similar,
     ),
     Rule(
@@ -331,15 +409,18 @@ OF_FITS = (
         "it explains nearly everything; no alternative does",
         lambda c: c.best.share >= c.settings.sure_explained_share,
     ),
-    # If the most similar effect were the cause, this one would still explain `similarity` of the misfit.
+    # If the most similar effect were the cause, this one would still explain `similarity` of the
+    # misfit.
     Rule(
         NAMED_WITH_REMAINING_MISFIT,
-        "it explains most of the misfit, and more than it could if the most similar effect were the cause",
+        "it explains most of the misfit, and more than it could if the most similar effect were the"
+        " cause",
         lambda c: c.leaves_less(1.0 - c.best.similarity),
     ),
     Rule(
         UNEXPLAINED,
-        "{c.best.label} explains {c.best.share:.1%}, as it would if a similar effect were the cause",
+        "{c.best.label} explains {c.best.share:.1%}, as it would if a similar effect were the"
+        " cause",
         lambda c: True,
     ),
 )
@@ -354,36 +435,47 @@ OF_HELD_OUT = (
     # Nuisances compensate for missing effects, and the noise estimate contains model error.
     Rule(
         UNEXPLAINED,
-        "{c.ends} end at their bounds, and the noise of {c.held_out.noise[1]} is {c.held_out.noise[0]:.0%} of its "
-        "variation: more than one effect is missing",
+        "{c.ends} end at their bounds, and the noise of {c.held_out.noise[1]} is"
+        " {c.held_out.noise[0]:.0%} of its variation: more than one effect is missing",
         lambda c: (
-            len(c.best.at_bounds) >= c.settings.many_at_bounds and c.held_out.noise[0] > c.settings.max_noise_share
+            len(c.best.at_bounds) >= c.settings.many_at_bounds
+            and c.held_out.noise[0] > c.settings.max_noise_share
         ),
     ),
     Rule(
         UNEXPLAINED,
-        "with the best candidate, {c.best.label}, the gap of {c.held_out.fitted[1]} on the fitted data is still "
-        "{c.held_out.fitted[0]:.3g}",
+        "with the best candidate, {c.best.label}, the gap of {c.held_out.fitted[1]} on the fitted"
+        " data is still {c.held_out.fitted[0]:.3g}",
         lambda c: c.held_out.fitted[0] > c.settings.max_gap_left,
     ),
     Rule(
         UNEXPLAINED,
-        "with the best candidate, {c.best.label}, the gap of {c.held_out.held_out[1]} on the held-out data is still "
-        "{c.held_out.held_out[0]:.3g}",
+        "with the best candidate, {c.best.label}, the gap of {c.held_out.held_out[1]} on the"
+        " held-out data is still {c.held_out.held_out[0]:.3g}",
         lambda c: c.counts_held_out and c.held_out.held_out[0] > c.settings.max_gap_left,
     ),
     Rule(
         UNEXPLAINED,
-        "with the best candidate, {c.best.label}, the gap on the held-out data is still {c.held_out.gap:.3g}",
+        "with the best candidate, {c.best.label}, the gap on the held-out data is still"
+        " {c.held_out.gap:.3g}",
         lambda c: c.counts_held_out and c.held_out.gap > c.settings.max_gap_held_out,
     ),
-    Rule(AS_THE_FITS_SAY, "several explanations are equally good", lambda c: c.said.verdict == AMBIGUOUS),
-    # If the held-out data contain the share a of the change due to the effects, the squared gap falls by (2 a - 1)
-    # times the mean square of that change. If it falls at all, a exceeds one half.
+    Rule(
+        AS_THE_FITS_SAY,
+        "several explanations are equally good",
+        lambda c: c.said.verdict == AMBIGUOUS,
+    ),
+    # If the held-out data contain the share a of the change due to the effects, the squared gap
+    # falls by (2 a - 1) times the mean square of that change. If it falls at all, a exceeds one
+    # half.
     Rule(
         UNEXPLAINED,
-        "with {c.best.label} the gap on the held-out data {c.test.summary}, although it should fall",
-        lambda c: c.test.outcome == RISES or (c.test.outcome == STAYS and not c.test.after < c.test.before),
+        "with {c.best.label} the gap on the held-out data {c.test.summary}, although it should"
+        " fall",
+        lambda c: (
+            c.test.outcome == RISES
+            or (c.test.outcome == STAYS and not c.test.after < c.test.before)
+        ),
     ),
     Rule(
         UNEXPLAINED,
@@ -392,13 +484,23 @@ OF_HELD_OUT = (
     ),
     Rule(
         UNEXPLAINED,
-        "{c.best.label} explains less than half of the gap on the held-out data, which {c.test.summary}",
-        lambda c: c.counts_held_out and c.exceeds_noise and 1.0 - c.closed > c.settings.max_share_of_wrong_misfit,
+        "{c.best.label} explains less than half of the gap on the held-out data, which"
+        " {c.test.summary}",
+        lambda c: (
+            c.counts_held_out
+            and c.exceeds_noise
+            and 1.0 - c.closed > c.settings.max_share_of_wrong_misfit
+        ),
     ),
-    Rule(AS_THE_FITS_SAY, "the fits have a remaining misfit", lambda c: c.said.verdict == NAMED_WITH_REMAINING_MISFIT),
+    Rule(
+        AS_THE_FITS_SAY,
+        "the fits have a remaining misfit",
+        lambda c: c.said.verdict == NAMED_WITH_REMAINING_MISFIT,
+    ),
     Rule(
         NAMED_WITH_REMAINING_MISFIT,
-        "the residual is consistent with noise on the fitted data, but exceeds it on the held-out data",
+        "the residual is consistent with noise on the fitted data, but exceeds it on the held-out"
+        " data",
         lambda c: c.exceeds_noise,
     ),
     Rule(
@@ -412,7 +514,8 @@ OF_HELD_OUT = (
 
 
 def verdict(evidence: Evidence, settings: DecisionSettings = DEFAULT_SETTINGS.decision) -> Decision:
-    """The decision by the first rule of `OF_FITS` that holds and, with held-out evidence, of `OF_HELD_OUT`."""
+    """The decision by the first rule of `OF_FITS` that holds and, with held-out evidence, of
+    `OF_HELD_OUT`."""
     said = evidence.by_fits
     for rules, asked in ((OF_FITS, not said), (OF_HELD_OUT, bool(evidence.held_out))):
         if asked and (said is None or said.verdict in (*_NAMES, AMBIGUOUS)):
@@ -423,8 +526,11 @@ def verdict(evidence: Evidence, settings: DecisionSettings = DEFAULT_SETTINGS.de
     return said
 
 
-def weigh(base: Row, row: Row, limits: Thresholds, settings: DecisionSettings = DEFAULT_SETTINGS.decision) -> Row:
-    """An explanation relative to the base: gain, explained share, and whether its residual is noise."""
+def weigh(
+    base: Row, row: Row, limits: Thresholds, settings: DecisionSettings = DEFAULT_SETTINGS.decision
+) -> Row:
+    """An explanation relative to the base: gain, explained share, and whether its residual is
+    noise."""
     excess = base.chi2 - (base.samples - base.parameters)
     # within one standard deviation of chi2 the excess may be noise
     share = (base.chi2 - row.chi2) / excess if excess > np.sqrt(2 * base.samples) else np.nan
@@ -435,7 +541,8 @@ def weigh(base: Row, row: Row, limits: Thresholds, settings: DecisionSettings = 
 
 
 def gap_change(before: float, after: float, most_digits: int = 2) -> str:
-    """``falls from 3.00 to 1.02``, ``rises from 1.10 to 1.15``, ``stays at 1.18``: a gap [1] as its numbers say."""
+    """``falls from 3.00 to 1.02``, ``rises from 1.10 to 1.15``, ``stays at 1.18``: a gap [1] as its
+    numbers say."""
     for digits in range(2, most_digits + 1):
         shown = [f"{gap:.{digits if gap < 100 else digits - 2}f}" for gap in (before, after)]
         if shown[0] != shown[1]:

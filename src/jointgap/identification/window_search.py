@@ -32,18 +32,24 @@ def fit_clearances(
 ) -> list[Fit]:
     """Fits of clearances in windows, best first.
 
-    Unless a fit is consistent with noise or one of `alone` is better, the best so far gets a second effect. At the
-    limit only the best is continued.
+    Unless a fit is consistent with noise or one of `alone` is better, the best so far gets a second
+    effect. At the limit only the best is continued.
     """
     problem = baseline.problem
     found = _fitted(problem, [Estimate(problem, *each) for each in starts], limit, below=math.inf)
     best = min(found, key=lambda each: each[1].best.deviance, default=None)
     if best and all(_cost(*best) < fit.chi2 for fit in alone) and not (limit and limit.reached()):
         with contextlib.suppress(*FAILURES):
-            about = best[1].sensitivities([one for one in problem.model.candidates if not one.search_range])
+            about = best[1].sensitivities(
+                [one for one in problem.model.candidates if not one.search_range]
+            )
             leaves_noise = any(_leaves_noise(fit, limits) for fit, _ in found if fit)
             chosen = _worth(problem, about, best[1].hypothesis, limits, leaves_noise)
-            found += _fitted(problem, [Estimate(problem, each, best[1].mapping | at) for each, at in chosen], limit)
+            found += _fitted(
+                problem,
+                [Estimate(problem, each, best[1].mapping | at) for each, at in chosen],
+                limit,
+            )
     return sorted((fit for fit, _ in found if fit), key=lambda fit: fit.chi2)
 
 
@@ -56,10 +62,14 @@ def _leaves_noise(fit: Fit, limits: Thresholds) -> bool:
 
 
 def _worth(
-    problem: Problem, sensitivities: Sensitivities, effects: Hypothesis, limits: Thresholds, leaves_noise: bool
+    problem: Problem,
+    sensitivities: Sensitivities,
+    effects: Hypothesis,
+    limits: Thresholds,
+    leaves_noise: bool,
 ) -> list[tuple[Hypothesis, dict[str, float]]]:
-    """Selected hypotheses with one effect more than `effects`, and start values of it: the largest predicted gains or,
-    if the residual is noise already, significant ones and their rivals."""
+    """Selected hypotheses with one effect more than `effects`, and start values of it: the largest
+    predicted gains or, if the residual is noise already, significant ones and their rivals."""
     settings, selection = problem.settings.windows, problem.settings.selection
     singles = SensitivityRegression(sensitivities, effects).singles()
     if not singles:
@@ -68,7 +78,9 @@ def _worth(
     if leaves_noise:
         needed = max(problem.settings.decision.min_delta_bic, limits.max_gain_threshold)
         replaced = sum(len(one.replaces) for one in effects)
-        bic = before + (len(sensitivities.parameters) + replaced) * np.log(sensitivities.residual.size)
+        bic = before + (len(sensitivities.parameters) + replaced) * np.log(
+            sensitivities.residual.size
+        )
         singles = singles[: selection.partners] if bic - singles[0].bic > needed else []
     else:
         least = before - settings.leading_share * max(before - single.chi2 for single in singles)
@@ -77,9 +89,13 @@ def _worth(
 
 
 def _fitted(
-    problem: Problem, estimates: Sequence[Estimate], limit: SearchLimit | None, below: float | None = None
+    problem: Problem,
+    estimates: Sequence[Estimate],
+    limit: SearchLimit | None,
+    below: float | None = None,
 ) -> Found:
-    """Competition of the `estimates` over the jumps `below` a value; then fits of those near the best to the end.
+    """Competition of the `estimates` over the jumps `below` a value; then fits of those near the
+    best to the end.
 
     One with a large misfit is not continued, as its simulation is slow."""
     settings, found = problem.settings.windows, []
@@ -98,8 +114,8 @@ def _fitted(
 
 
 def likely_clearances(baseline: Baseline) -> list[Start]:
-    """The best clearance sizes that are not neighbours, each with the best of its shapes, best first; none if the best
-    one is unlikely.
+    """The best clearance sizes that are not neighbours, each with the best of its shapes, best
+    first; none if the best one is unlikely.
 
     Many sizes of each clearance are tried by the filter over one revolution.
     """
@@ -111,7 +127,10 @@ def likely_clearances(baseline: Baseline) -> list[Start]:
 
     def values_of(label: str, place: int, shape: int = 0) -> dict[str, float]:
         candidate = by_label[label]
-        guess, size = candidate.initial_guesses[shape], candidate.vanishing_amplitude + grids[label][place]
+        guess, size = (
+            candidate.initial_guesses[shape],
+            candidate.vanishing_amplitude + grids[label][place],
+        )
         shapes = {key: value for key, value in guess.items() if key not in candidate.amplitudes}
         own = shapes | {candidate.amplitudes[0]: float(size)}
         return dict(start) | {f"{label}.{key}": value for key, value in own.items()}
@@ -137,7 +156,10 @@ def likely_clearances(baseline: Baseline) -> list[Start]:
         tried.append(min([(found[label, place], label, place, 0), *others]))
     if not tried or min(tried)[0] > settings.likely_deviance:
         return []
-    return [((by_label[one],), values_of(one, *at)) for _, one, *at in sorted(tried)[: settings.fitted_sizes]]
+    return [
+        ((by_label[one],), values_of(one, *at))
+        for _, one, *at in sorted(tried)[: settings.fitted_sizes]
+    ]
 
 
 def _sizes(candidate: Candidate, factor: float) -> np.ndarray:

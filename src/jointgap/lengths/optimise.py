@@ -12,7 +12,13 @@ from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.core.words import number
 from jointgap.dynamics.kinematics import Fit, clearance_lift, ideal_cycle
-from jointgap.lengths.objective import Objective, SimulatedObjective, best_cranks, frozen_objective, grid
+from jointgap.lengths.objective import (
+    Objective,
+    SimulatedObjective,
+    best_cranks,
+    frozen_objective,
+    grid,
+)
 from jointgap.lengths.region import FORCE_TOLERANCE, LEAST_FORCE, Region, regions
 from jointgap.lengths.resimulate import (
     SIZES,
@@ -25,9 +31,20 @@ from jointgap.lengths.resimulate import (
     spread,
     surface,
 )
-from jointgap.lengths.search import Point, Search, labelled, optima, paths, printed_points, search_all, tolerances
+from jointgap.lengths.search import (
+    Point,
+    Search,
+    labelled,
+    optima,
+    paths,
+    printed_points,
+    search_all,
+    tolerances,
+)
 
-FORCE_ROUNDS = 4  # largest number of searches until the re-simulated lengths satisfy the force limit
+FORCE_ROUNDS = (
+    4  # largest number of searches until the re-simulated lengths satisfy the force limit
+)
 FORCE_SLACK = 1e-3  # relative excess of the force limit up to which the search is not repeated
 
 DIGITS = 6  # lengths are simulated again to the micrometre; equal points once
@@ -35,7 +52,8 @@ DIGITS = 6  # lengths are simulated again to the micrometre; equal points once
 
 @dataclass(frozen=True)
 class Optimisation:
-    """Results of the stage: a frame for each table optimise_..., columns in `jointgap.core.schema`."""
+    """Results of the stage: a frame for each table optimise_..., columns in
+    `jointgap.core.schema`."""
 
     optima: pd.DataFrame
     population: pd.DataFrame
@@ -58,19 +76,27 @@ def objectives(
 ) -> dict[str, Objective]:
     """Equation (12) by source of the frozen clearance motion.
 
-    The surrogates and ``simulation`` refer to the configured window of the first revolution, without training points;
-    ``simulation_settled`` to a whole settled revolution.
+    The surrogates and ``simulation`` refer to the configured window of the first revolution,
+    without training points; ``simulation_settled`` to a whole settled revolution.
     """
     window, settled = sample_ranges(simulate, options, training_points).values()
-    names = [f"{name}{JOINT_NUMBERS[joint]}" for joint in mechanism.loose for name in ("r", "gamma")]
-    angle, motion = trajectory["crank_angle"].to_numpy(), {name: trajectory[name].to_numpy() for name in names}
+    names = [
+        f"{name}{JOINT_NUMBERS[joint]}" for joint in mechanism.loose for name in ("r", "gamma")
+    ]
+    angle, motion = (
+        trajectory["crank_angle"].to_numpy(),
+        {name: trajectory[name].to_numpy() for name in names},
+    )
     lift = clearance_lift(motion)
     lifts = {
         source: (window, clearance_lift({name: fits[name](angle[window])[0] for name in names}))
         for source, fits in surrogates.items()
     }
     lifts |= {"simulation": (window, lift[window]), "simulation_settled": (settled, lift[settled])}
-    return {source: frozen_objective(mechanism, angle[samples], own) for source, (samples, own) in lifts.items()}
+    return {
+        source: frozen_objective(mechanism, angle[samples], own)
+        for source, (samples, own) in lifts.items()
+    }
 
 
 def optimise(
@@ -83,7 +109,10 @@ def optimise(
 ) -> Optimisation:
     """Optimise the lengths for every source in every box, and simulate the optima again."""
     frozen = objectives(mechanism, simulate, options, training_points, trajectory, surrogates)
-    original, by_source = Point("original", "original", (mechanism.crank.length, mechanism.rod.length)), frozen
+    original, by_source = (
+        Point("original", "original", (mechanism.crank.length, mechanism.rod.length)),
+        frozen,
+    )
     fixed = [original, *printed_points(mechanism, simulate)]
     if options.objective in SIZES:
         fixed = [original]
@@ -108,7 +137,9 @@ def optimise(
         paths=labelled("paths", searches, paths),
         tolerance=labelled("tolerance", searches, tolerances),
         valley=labelled("valley", searches, lambda search: grid(search.objective, search.region)),
-        floor=labelled("floor", searches, lambda search: best_cranks(search.objective, search.region)),
+        floor=labelled(
+            "floor", searches, lambda search: best_cranks(search.objective, search.region)
+        ),
         resimulated=_resimulated(simulated, frozen, used, options.ensemble.members),
         worth=_cycle_extremes(simulated, mechanism.slider.offset),
         loads=_loads(simulated),
@@ -118,21 +149,31 @@ def optimise(
 def simulated_objectives(
     mechanism: Mechanism, simulate: Simulate, options: Optimise, angle: Objective
 ) -> dict[str, Objective]:
-    """The configured force or torque over all boxes, with ideal joints and with clearance, by source.
+    """The configured force or torque over all boxes, with ideal joints and with clearance, by
+    source.
 
     `angle` is the error of the transmission angle.
     """
-    joints = {name: mechanism.joint(name).model_copy(update={"loose": False}) for name in mechanism.loose}
+    joints = {
+        name: mechanism.joint(name).model_copy(update={"loose": False}) for name in mechanism.loose
+    }
     ideal = mechanism.model_copy(update={"joints": mechanism.joints.model_copy(update=joints)})
     boxes = regions(mechanism, options).values()
-    lower, upper = np.min([box.lower for box in boxes], axis=0), np.max([box.upper for box in boxes], axis=0)
+    lower, upper = (
+        np.min([box.lower for box in boxes], axis=0),
+        np.max([box.upper for box in boxes], axis=0),
+    )
     if upper[0] + abs(mechanism.slider.offset) >= lower[1]:
         raise InputError(
-            f"optimise.boxes: {options.objective} is simulated over all boxes together, where a crank of "
-            f"{1e3 * upper[0]:g} mm cannot turn with a rod of {1e3 * lower[1]:g} mm; optimise in one box at a time"
+            f"optimise.boxes: {options.objective} is simulated over all boxes together, where a"
+            f" crank of {1e3 * upper[0]:g} mm cannot turn with a rod of {1e3 * lower[1]:g} mm;"
+            " optimise in one box at a time"
         )
     given = simulate, options, Region(lower, upper, 1.0), SIZES[options.objective]
-    surfaces = {"ideal_joints": surface(ideal, *given), "with_clearance": surface(mechanism, *given)}
+    surfaces = {
+        "ideal_joints": surface(ideal, *given),
+        "with_clearance": surface(mechanism, *given),
+    }
     return {
         source: SimulatedObjective(**vars(angle), name=options.objective, surface=found)
         for source, found in surfaces.items()
@@ -146,7 +187,8 @@ def _searched(
     by_source: dict[str, Objective],
     again: Callable[[Point], Resimulation],
 ) -> tuple[list[Search], list[Point]]:
-    """The searches under all constraints, and for each box without an optimum the lengths with the smallest force."""
+    """The searches under all constraints, and for each box without an optimum the lengths with the
+    smallest force."""
     boxes, searches, unmet = regions(mechanism, options), [], []
     if options.constraints.largest_pin_force is None:
         return search_all(by_source, boxes, options), []
@@ -167,10 +209,11 @@ def _search_under_force(
     again: Callable[[Point], Resimulation],
     where: tuple[str, Region],
 ) -> list[Search] | Point:
-    """The searches in a box under the force limit; without a search, the lengths with the smallest force where these
-    exceed it.
+    """The searches in a box under the force limit; without a search, the lengths with the smallest
+    force where these exceed it.
 
-    Where re-simulated lengths have another force than the surface, the surface is scaled to it and the search repeated.
+    Where re-simulated lengths have another force than the surface, the surface is scaled to it and
+    the search repeated.
     """
     (box, region), most = where, options.constraints.largest_pin_force
     surface, within = pin_force(mechanism, simulate, options, region), []
@@ -194,20 +237,31 @@ def _search_under_force(
         surface = replace(surface, factor=surface.factor * max(peaks) / most)
     if within:
         return within
-    status = f"the search found no lengths that keep the pin force below {number(most)} N in {FORCE_ROUNDS} rounds"
+    status = (
+        f"the search found no lengths that keep the pin force below {number(most)} N in"
+        f" {FORCE_ROUNDS} rounds"
+    )
     return replace(nearest, status=status)
 
 
 def _resimulated(
-    simulated: dict[str, Resimulation], frozen: dict[str, Objective], used: dict[str, Objective], members: int
+    simulated: dict[str, Resimulation],
+    frozen: dict[str, Objective],
+    used: dict[str, Objective],
+    members: int,
 ) -> pd.DataFrame:
     """The table optimise_resimulated; `used` has the objective that a point was found with."""
     sources = {"window": frozen["simulation"], "settled": frozen["simulation_settled"]}
     rows = []
     for name, ensemble in simulated.items():
-        estimates = {key: objective.reductions(ensemble.lengths)._asdict() for key, objective in sources.items()}
+        estimates = {
+            key: objective.reductions(ensemble.lengths)._asdict()
+            for key, objective in sources.items()
+        }
         if isinstance(own := used[name], SimulatedObjective):
-            estimates["settled"][own.name] = 1.0 - own.value(ensemble.lengths) / own.value(own.original)
+            estimates["settled"][own.name] = 1.0 - own.value(ensemble.lengths) / own.value(
+                own.original
+            )
         for row in compare(ensemble, simulated["original"]):
             estimate = {"frozen_reduction": float(estimates[row["stretch"]][row["measure"]])}
             rows.append(_point(name, ensemble) | row | estimate | {"members": members})
@@ -243,7 +297,14 @@ def _cycle_extremes(simulated: dict[str, Resimulation], offset: float) -> pd.Dat
     frame = pd.DataFrame(rows)
     frame["smallest_transmission_angle"] = np.pi / 2 - frame["largest_departure"]
     frame["stroke"] = frame["outer_dead_centre"] - frame["inner_dead_centre"]
-    for column in ("smallest_transmission_angle", "stroke", "outer_dead_centre", "inner_dead_centre"):
-        original = frame["cycle"].map(frame[frame["point"] == "original"].set_index("cycle")[column])
+    for column in (
+        "smallest_transmission_angle",
+        "stroke",
+        "outer_dead_centre",
+        "inner_dead_centre",
+    ):
+        original = frame["cycle"].map(
+            frame[frame["point"] == "original"].set_index("cycle")[column]
+        )
         frame[f"{column}_change"] = frame[column] - original
     return frame

@@ -22,7 +22,8 @@ FORCE_TOLERANCE = 1.005
 """Tolerance of the force limit for the median of an ensemble."""
 
 LEAST_FORCE = "least_force"
-"""Method, in the table optimise_optima, of the lengths with the smallest pin force in a box without an optimum."""
+"""Method, in the table optimise_optima, of the lengths with the smallest pin force in a box without
+an optimum."""
 
 _STEP = 1e-30  # [m] complex step: derivatives without cancellation
 
@@ -36,8 +37,12 @@ class Constraint:
     unit: str  # Display unit
     low: float  # Range in SI; infinite without a bound
     high: float  # Equal to `low` for an equality constraint
-    value: Callable[[ArrayLike], np.ndarray]  # Property, shape (...), of lengths (L2, L3) of shape (..., 2) [m]
-    slope: Callable[[ArrayLike], np.ndarray] | None = None  # Its gradient, where `value` takes no complex lengths
+    value: Callable[
+        [ArrayLike], np.ndarray
+    ]  # Property, shape (...), of lengths (L2, L3) of shape (..., 2) [m]
+    slope: Callable[[ArrayLike], np.ndarray] | None = (
+        None  # Its gradient, where `value` takes no complex lengths
+    )
 
     @property
     def is_fixed(self) -> bool:
@@ -53,7 +58,9 @@ class Constraint:
         """Gradient with respect to the lengths, of their shape (..., 2)."""
         if self.slope:
             return self.slope(lengths)
-        steps = [self.value(np.asarray(lengths) + step).imag / _STEP for step in 1j * _STEP * np.eye(2)]
+        steps = [
+            self.value(np.asarray(lengths) + step).imag / _STEP for step in 1j * _STEP * np.eye(2)
+        ]
         return np.stack(steps, axis=-1)
 
     def violation(self, lengths: ArrayLike) -> np.ndarray:
@@ -62,7 +69,8 @@ class Constraint:
         return np.maximum(np.maximum(self.low - value, value - self.high), 0.0) / self.scale
 
     def active(self, lengths: ArrayLike) -> str:
-        """Label of the limit that is active at `lengths` (2,); empty where none is and for equality constraints."""
+        """Label of the limit that is active at `lengths` (2,); empty where none is and for equality
+        constraints."""
         value = float(self.value(lengths))
         for end, words in ((self.low, "lower"), (self.high, "upper")):
             if not self.is_fixed and abs(value - end) <= 10 * FEASIBLE * self.scale:
@@ -103,12 +111,28 @@ def geometric(options: Constraints, offset: float) -> tuple[Constraint, ...]:
         "stroke": ("stroke", "mm", lambda at: dead_centre(at, 1.0) - dead_centre(at, -1.0)),
         "outer_dead_centre": ("outer dead centre", "mm", partial(dead_centre, side=1.0)),
         "inner_dead_centre": ("inner dead centre", "mm", partial(dead_centre, side=-1.0)),
-        "outer_dead_centre_angle": ("crank angle of the outer dead centre", "deg", partial(angle, side=1.0)),
-        "inner_dead_centre_angle": ("crank angle of the inner dead centre", "deg", partial(angle, side=-1.0)),
+        "outer_dead_centre_angle": (
+            "crank angle of the outer dead centre",
+            "deg",
+            partial(angle, side=1.0),
+        ),
+        "inner_dead_centre_angle": (
+            "crank angle of the inner dead centre",
+            "deg",
+            partial(angle, side=-1.0),
+        ),
         # from the crank pin's farthest point on the other side to the outer dead centre
-        "length_along": ("length along the slide", "mm", lambda at: dead_centre(at, 1.0) + crank(at)),
+        "length_along": (
+            "length along the slide",
+            "mm",
+            lambda at: dead_centre(at, 1.0) + crank(at),
+        ),
         # the crank's circle, extended to the slide
-        "length_across": ("length across the slide", "mm", lambda at: crank(at) + np.maximum(crank(at), across)),
+        "length_across": (
+            "length across the slide",
+            "mm",
+            lambda at: crank(at) + np.maximum(crank(at), across),
+        ),
     }
     found = []
     for key, (words, unit, value) in properties.items():
@@ -145,7 +169,9 @@ class Surface:
     def limited(self, most: float) -> Constraint:
         """The constraint that the quantity, a pin force, is at most `most` [N]."""
         words = "largest force in a pin"
-        return Constraint("largest_pin_force", words, "N", -math.inf, most, self.value, self.gradient)
+        return Constraint(
+            "largest_pin_force", words, "N", -math.inf, most, self.value, self.gradient
+        )
 
 
 NAMES = ("crank length", "rod length")
@@ -171,8 +197,9 @@ class Region:
         ratio_limit = 1.0 if ratio_limit is None else ratio_limit
         if lower[0] - ratio_limit * upper[1] >= 0.0:
             raise InputError(
-                f"ratio_limit {ratio_limit:g} excludes the whole box: the shortest crank, {1e3 * lower[0]:g} "
-                f"mm, is longer than {ratio_limit:g} times the longest rod, {1e3 * upper[1]:g} mm; raise ratio_limit"
+                f"ratio_limit {ratio_limit:g} excludes the whole box: the shortest crank,"
+                f" {1e3 * lower[0]:g} mm, is longer than {ratio_limit:g} times the longest rod,"
+                f" {1e3 * upper[1]:g} mm; raise ratio_limit"
             )
         return cls(lower, upper, ratio_limit)
 
@@ -192,7 +219,9 @@ class Region:
     def _spread(self) -> np.ndarray:
         """Points spread over the region and projected onto its constraints, shape (n, 2) [m]."""
         shares = np.linspace(0.0, 1.0, SAMPLES)
-        return self.project(np.array([self.lower + np.array([x, y]) * self.size for x in shares for y in shares]))
+        return self.project(
+            np.array([self.lower + np.array([x, y]) * self.size for x in shares for y in shares])
+        )
 
     @cached_property
     def samples(self) -> np.ndarray:
@@ -201,9 +230,12 @@ class Region:
 
     @property
     def searched(self) -> tuple[str, str]:
-        """Ranges of crank and rod length [mm] as text; ``fixed`` where the constraints allow one length only."""
+        """Ranges of crank and rod length [mm] as text; ``fixed`` where the constraints allow one
+        length only."""
         low, high = (f(1e3 * self.samples, axis=0).round(3) for f in (np.min, np.max))
-        return tuple("fixed" if a == b else f"{a:g} to {b:g}" for a, b in zip(low, high, strict=True))
+        return tuple(
+            "fixed" if a == b else f"{a:g} to {b:g}" for a, b in zip(low, high, strict=True)
+        )
 
     def _infeasible_message(self, name: str) -> str:
         """Why the constraints are infeasible, with the nearest lengths and the possible ranges."""
@@ -213,23 +245,31 @@ class Region:
                 reached = constraint.value(replace(self, constraints=()).samples)
                 low, high = constraint.show(reached.min()), constraint.show(reached.max())
                 words.append(
-                    f"{constraint.key} {constraint.range_text()} is infeasible: within the bounds it is {low} to {high}"
+                    f"{constraint.key} {constraint.range_text()} is infeasible: within the bounds"
+                    f" it is {low} to {high}"
                 )
         if not words:
             keys = " and ".join(constraint.key for constraint in self.constraints)
-            found = ", ".join(f"{each.key} {each.show(float(each.value(best)))}" for each in self.constraints)
-            words.append(f"no lengths within the bounds satisfy {keys} together; nearest is {found}")
+            found = ", ".join(
+                f"{each.key} {each.show(float(each.value(best)))}" for each in self.constraints
+            )
+            words.append(
+                f"no lengths within the bounds satisfy {keys} together; nearest is {found}"
+            )
         crank, rod = 1e3 * best
         return (
-            f"optimise.constraints, box {name}: {'; '.join(words)} (nearest: crank {crank:.6g} mm, rod {rod:.6g} mm); "
-            "give wider bounds in optimise.boxes (default: 5 % around the mechanism's lengths), or another "
-            "constraint"
+            f"optimise.constraints, box {name}: {'; '.join(words)} (nearest: crank {crank:.6g} mm,"
+            f" rod {rod:.6g} mm); give wider bounds in optimise.boxes (default: 5 % around the"
+            " mechanism's lengths), or another constraint"
         )
 
     def violation(self, lengths: ArrayLike) -> np.ndarray:
-        """Sum of the constraint violations, each over its scale; shape (...), for lengths (..., 2) [m]."""
+        """Sum of the constraint violations, each over its scale; shape (...), for lengths (..., 2)
+        [m]."""
         lengths = np.asarray(lengths)
-        return sum((each.violation(lengths) for each in self.constraints), np.zeros(lengths.shape[:-1]))
+        return sum(
+            (each.violation(lengths) for each in self.constraints), np.zeros(lengths.shape[:-1])
+        )
 
     def conditions(self) -> list[dict]:
         """Inequality and constraints for scipy's SLSQP, on lengths scaled to the box."""
@@ -239,7 +279,9 @@ class Region:
             return {
                 "type": kind,
                 "fun": lambda scaled: sign * (each.value(self.unscaled(scaled)) - end) / each.scale,
-                "jac": lambda scaled: sign * each.gradient(self.unscaled(scaled)) * self.size / each.scale,
+                "jac": lambda scaled: (
+                    sign * each.gradient(self.unscaled(scaled)) * self.size / each.scale
+                ),
             }
 
         def inequality(scaled: np.ndarray) -> float:
@@ -247,7 +289,11 @@ class Region:
 
         conditions = [{"type": "ineq", "fun": inequality, "jac": lambda scaled: slope}]
         for each in self.constraints:
-            ends = [("eq", 1.0, each.low)] if each.is_fixed else [("ineq", 1.0, each.low), ("ineq", -1.0, each.high)]
+            ends = (
+                [("eq", 1.0, each.low)]
+                if each.is_fixed
+                else [("ineq", 1.0, each.low), ("ineq", -1.0, each.high)]
+            )
             conditions += [condition(each, *end) for end in ends if np.isfinite(end[2])]
         return conditions
 
@@ -258,8 +304,9 @@ class Region:
     def project(self, lengths: ArrayLike) -> np.ndarray:
         """Lengths (n, 2) projected onto the bounds, the inequality and the constraints [m].
 
-        Newton's method with the shortest step, in widths of the box, that satisfies all violated constraints to first
-        order. Where there is no solution, or none nearby, the result is the closest point found.
+        Newton's method with the shortest step, in widths of the box, that satisfies all violated
+        constraints to first order. Where there is no solution, or none nearby, the result is the
+        closest point found.
         """
         ratio = Constraint("ratio_limit", "", "mm", -np.inf, 0.0, self.inequality)
         ranges = (ratio, *self.constraints)
@@ -267,14 +314,23 @@ class Region:
         for _ in range(_MOST_STEPS):
             at = self.unscaled(scaled)
             values = np.stack([each.value(at) for each in ranges], axis=-1)
-            low, high, scale = (np.array([getattr(each, key) for each in ranges]) for key in ("low", "high", "scale"))
+            low, high, scale = (
+                np.array([getattr(each, key) for each in ranges])
+                for key in ("low", "high", "scale")
+            )
             gaps = (np.clip(values, low, high) - values) / scale
             if np.abs(gaps).max(initial=0.0) <= 0.1 * FEASIBLE:
                 break
-            slopes = np.stack([each.gradient(at) * self.size / each.scale for each in ranges], axis=-2)
+            slopes = np.stack(
+                [each.gradient(at) * self.size / each.scale for each in ranges], axis=-2
+            )
             steps = (np.linalg.pinv(slopes * (gaps != 0.0)[..., None]) @ gaps[..., None])[..., 0]
             length = np.linalg.norm(steps, axis=-1, keepdims=True)
-            scaled = np.clip(scaled + steps * np.minimum(1.0, _LONGEST_STEP / np.maximum(length, 1e-300)), 0.0, 1.0)
+            scaled = np.clip(
+                scaled + steps * np.minimum(1.0, _LONGEST_STEP / np.maximum(length, 1e-300)),
+                0.0,
+                1.0,
+            )
         return self.unscaled(scaled)
 
     def nearest(self, lengths: ArrayLike) -> np.ndarray:
@@ -286,7 +342,9 @@ class Region:
         points, ranges = np.atleast_2d(moved), np.atleast_2d(lengths)
         wrong = self.violation(points) > 0.0
         points[wrong] = self.project(points[wrong])
-        for number in np.flatnonzero(self.violation(points) > FEASIBLE) if len(self.samples) else ():
+        for number in (
+            np.flatnonzero(self.violation(points) > FEASIBLE) if len(self.samples) else ()
+        ):
             distances = np.linalg.norm((self.samples - ranges[number]) / self.size, axis=1)
             points[number] = self.samples[np.argmin(distances)]
         return points.reshape(lengths.shape)
@@ -320,15 +378,19 @@ class Region:
         return np.clip(limits.min(axis=-1), 0.0, 1.0)
 
     def clip(self, lengths: ArrayLike) -> np.ndarray:
-        """Lengths (..., 2) clipped to the bounds; then the crank shortened or the rod lengthened for the inequality."""
+        """Lengths (..., 2) clipped to the bounds; then the crank shortened or the rod lengthened
+        for the inequality."""
         crank, rod = np.moveaxis(np.clip(lengths, self.lower, self.upper), -1, 0)
         crank = np.maximum(self.lower[0], np.minimum(crank, self.ratio_limit * rod))
         return np.stack([crank, np.maximum(rod, crank / self.ratio_limit)], axis=-1)
 
     def active(self, lengths: ArrayLike) -> str:
-        """Labels of the bounds, inequality and constraints active at `lengths` (2,), or ``'none'``."""
+        """Labels of the bounds, inequality and constraints active at `lengths` (2,), or
+        ``'none'``."""
         words = []
-        for name, value, low, high in zip(NAMES, np.asarray(lengths), self.lower, self.upper, strict=True):
+        for name, value, low, high in zip(
+            NAMES, np.asarray(lengths), self.lower, self.upper, strict=True
+        ):
             if value <= low + NEAR:
                 words.append(f"{name} at its lower bound {1e3 * low:g} mm")
             elif value >= high - NEAR:
@@ -342,7 +404,10 @@ class Region:
 def regions(mechanism: Mechanism, options: Optimise) -> dict[str, Region]:
     """The region of each box by name, with the constraints that depend on the lengths only."""
     constraints = geometric(options.constraints, mechanism.slider.offset)
-    return {name: Region.of(box, options.ratio_limit).under(constraints, name) for name, box in options.boxes.items()}
+    return {
+        name: Region.of(box, options.ratio_limit).under(constraints, name)
+        for name, box in options.boxes.items()
+    }
 
 
 def check_constraints(scenarios: Mapping[str, Scenario], source: str = "configuration") -> None:

@@ -35,7 +35,9 @@ def rank_expectation(values: np.ndarray) -> np.ndarray:
     return weight / np.sum(weight)
 
 
-def stochastic_uniform(expectation: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:
+def stochastic_uniform(
+    expectation: np.ndarray, count: int, random: np.random.Generator
+) -> np.ndarray:
     """Indices of `count` parents, shape (count,), shuffled.
 
     Parent i is chosen floor(count * expectation[i]) times or once more.
@@ -46,17 +48,24 @@ def stochastic_uniform(expectation: np.ndarray, count: int, random: np.random.Ge
     return random.permutation(np.searchsorted(edges, marks, side="right"))
 
 
-def intermediate_crossover(first: np.ndarray, second: np.ndarray, random: np.random.Generator) -> np.ndarray:
+def intermediate_crossover(
+    first: np.ndarray, second: np.ndarray, random: np.random.Generator
+) -> np.ndarray:
     """A random point between each pair of parents, shapes (n, 2)."""
     return first + random.random((len(first), 1)) * (second - first)
 
 
-def feasible_mutation(parents: np.ndarray, region: Region, random: np.random.Generator) -> np.ndarray:
-    """Each parent (n, 2) moved by up to the box's width in a random direction, limited to the region."""
+def feasible_mutation(
+    parents: np.ndarray, region: Region, random: np.random.Generator
+) -> np.ndarray:
+    """Each parent (n, 2) moved by up to the box's width in a random direction, limited to the
+    region."""
     angle = 2.0 * np.pi * random.random(len(parents))
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     moves = random.random((len(parents), 1)) * direction * region.size
-    return np.clip(parents + region.reach(parents, moves)[:, None] * moves, region.lower, region.upper)
+    return np.clip(
+        parents + region.reach(parents, moves)[:, None] * moves, region.lower, region.upper
+    )
 
 
 @dataclass(frozen=True)
@@ -65,9 +74,13 @@ class Found:
 
     lengths: np.ndarray  # shape (2,); the best (L2, L3) [m]
     value: float  # The objective there [SI]
-    values: np.ndarray  # shape (evaluations,); all values in order of evaluation, an elite's once [SI]
+    values: (
+        np.ndarray
+    )  # shape (evaluations,); all values in order of evaluation, an elite's once [SI]
     status: str  # Stopping criterion
-    population: pd.DataFrame | None = None  # Of the genetic algorithm: a row per individual and generation
+    population: pd.DataFrame | None = (
+        None  # Of the genetic algorithm: a row per individual and generation
+    )
     path: np.ndarray | None = None  # shape (k, 2); of a local search: iterates, from the start [m]
     converged: bool = True  # Whether the stopping tolerance was reached
 
@@ -81,7 +94,13 @@ class _Lengths(Problem):
     """The objective as a pymoo problem; records all values."""
 
     def __init__(self, objective: Objective, region: Region):
-        super().__init__(n_var=2, n_obj=1, n_ieq_constr=int(bool(region.constraints)), xl=region.lower, xu=region.upper)
+        super().__init__(
+            n_var=2,
+            n_obj=1,
+            n_ieq_constr=int(bool(region.constraints)),
+            xl=region.lower,
+            xu=region.upper,
+        )
         self.objective, self.region, self.values = objective, region, []
 
     def _evaluate(self, x, out, *args, **kwargs):
@@ -101,7 +120,9 @@ class _Evolution(Algorithm):
 
     def _initialize_infill(self):
         count = self.options.population
-        return self._individuals(self.problem.region.sample(count, self.random_state), ["first"] * count)
+        return self._individuals(
+            self.problem.region.sample(count, self.random_state), ["first"] * count
+        )
 
     def _infill(self):
         lengths, places = self.pop.get("X"), np.argsort(best_first(self.pop))
@@ -115,7 +136,9 @@ class _Evolution(Algorithm):
 
     def _individuals(self, lengths: np.ndarray, origins: list[str]) -> Population:
         region = self.problem.region
-        return Population.new(X=region.nearest(lengths) if region.constraints else lengths, origin=origins)
+        return Population.new(
+            X=region.nearest(lengths) if region.constraints else lengths, origin=origins
+        )
 
     def _advance(self, infills=None, **kwargs):
         best = self.pop[best_first(self.pop)[: self.options.elites]]
@@ -141,9 +164,13 @@ def evolve(objective: Objective, region: Region, options: Genetic) -> Found:
         generations.append(pd.DataFrame(generation))
 
     count = options.generations
-    run_algorithm(problem, _Evolution(options), ("n_gen", count + 1), seed=options.seed, callback=record)
+    run_algorithm(
+        problem, _Evolution(options), ("n_gen", count + 1), seed=options.seed, callback=record
+    )
     population = pd.concat(generations, ignore_index=True)
-    violations = np.maximum(region.violation(population[["crank_length", "rod_length"]].to_numpy()) - FEASIBLE, 0.0)
+    violations = np.maximum(
+        region.violation(population[["crank_length", "rod_length"]].to_numpy()) - FEASIBLE, 0.0
+    )
     best = population.iloc[np.lexsort((population["objective"], violations))[0]]
     return Found(
         lengths=best[["crank_length", "rod_length"]].to_numpy(dtype=float),
@@ -155,16 +182,20 @@ def evolve(objective: Objective, region: Region, options: Genetic) -> Found:
 
 
 def evaluations_until(values: np.ndarray, best: float, tolerance: float) -> int | None:
-    """Number of evaluations until a value within `tolerance` (relative) of `best`; None if never."""
+    """Number of evaluations until a value within `tolerance` (relative) of `best`; None if
+    never."""
     close_enough = np.flatnonzero(values <= best * (1.0 + tolerance))
     return int(close_enough[0]) + 1 if len(close_enough) else None
 
 
-TOLERANCES = tuple(10.0**-exponent for exponent in range(1, 13))  # to show the effect of early stopping
+TOLERANCES = tuple(
+    10.0**-exponent for exponent in range(1, 13)
+)  # to show the effect of early stopping
 
 
 def starting_points(region: Region) -> np.ndarray:
-    """Six points, shape (6, 2) [m]: L2 at 1/4, 3/4 of its range with L3 at 1/6, 1/2, 5/6, projected onto the region."""
+    """Six points, shape (6, 2) [m]: L2 at 1/4, 3/4 of its range with L3 at 1/6, 1/2, 5/6, projected
+    onto the region."""
     shares = [(crank, rod) for rod in (1 / 6, 1 / 2, 5 / 6) for crank in (1 / 4, 3 / 4)]
     return region.nearest(region.unscaled(np.array(shares)))
 
@@ -189,10 +220,15 @@ def search(objective: Objective, region: Region, start: ArrayLike, tolerance: fl
         callback=lambda scaled: path.append(region.unscaled(np.array(scaled))),
         options={"ftol": tolerance, "maxiter": 200},
     )
-    end = np.clip(region.unscaled(result.x), region.lower, region.upper)  # exact bounds despite rounding
+    end = np.clip(
+        region.unscaled(result.x), region.lower, region.upper
+    )  # exact bounds despite rounding
     if region.violation(end) > FEASIBLE:  # the tolerance also applies to constraints
         end = region.nearest(end)
-    status = f"stopped: the objective changes by less than {tolerance:g} of its value at the original lengths"
+    status = (
+        f"stopped: the objective changes by less than {tolerance:g} of its value at the original"
+        " lengths"
+    )
     if not result.success:
         reason = str(result.message).strip().lower()
         status = f"not converged ({reason}): raise the tolerance {tolerance:g} or check the box"
@@ -247,12 +283,22 @@ class Search:
         """Optima of the genetic and of the local optimiser."""
         best = min(self.local, key=lambda result: result.value)
         return [
-            (Point(f"{self.source}_{self.box}_{method}", method, tuple(map(float, result.lengths)), self.box), result)
+            (
+                Point(
+                    f"{self.source}_{self.box}_{method}",
+                    method,
+                    tuple(map(float, result.lengths)),
+                    self.box,
+                ),
+                result,
+            )
             for method, result in (("genetic", self.genetic), ("local", best))
         ]
 
 
-def search_all(objectives: dict[str, Objective], regions: dict[str, Region], options: Optimise) -> list[Search]:
+def search_all(
+    objectives: dict[str, Objective], regions: dict[str, Region], options: Optimise
+) -> list[Search]:
     """Run both optimisers for every objective (by source) in every configured box."""
     searches = []
     for source, objective in objectives.items():
@@ -264,7 +310,10 @@ def search_all(objectives: dict[str, Objective], regions: dict[str, Region], opt
 
 
 def optima(
-    objectives: dict[str, Objective], searches: list[Search], fixed: list[Point], tolerance: float | None
+    objectives: dict[str, Objective],
+    searches: list[Search],
+    fixed: list[Point],
+    tolerance: float | None,
 ) -> pd.DataFrame:
     """The table optimise_optima: for each source the `fixed` points and the optima found."""
     rows = []
@@ -278,7 +327,9 @@ def optima(
                     "active_bounds": search.region.active(result.lengths),
                     "evaluations": result.evaluations,
                     "evaluations_within_1_percent": evaluations_until(result.values, lowest, 1e-2),
-                    "evaluations_within_0_1_percent": evaluations_until(result.values, lowest, 1e-3),
+                    "evaluations_within_0_1_percent": evaluations_until(
+                        result.values, lowest, 1e-3
+                    ),
                     "status": result.status,
                 }
                 for point, result in search.found
@@ -290,7 +341,9 @@ def optima(
 _COUNTS = ("evaluations", "evaluations_within_1_percent", "evaluations_within_0_1_percent")
 
 
-def _optimum(source: str, objective: Objective, point: Point, tolerance: float | None) -> dict[str, object]:
+def _optimum(
+    source: str, objective: Objective, point: Point, tolerance: float | None
+) -> dict[str, object]:
     measures, reductions = objective.measures(point.lengths), objective.reductions(point.lengths)
     crank, rod = point.lengths
     return {
@@ -312,20 +365,32 @@ def _optimum(source: str, objective: Objective, point: Point, tolerance: float |
     }
 
 
-def labelled(table: str, searches: list[Search], make: Callable[[Search], pd.DataFrame]) -> pd.DataFrame:
+def labelled(
+    table: str, searches: list[Search], make: Callable[[Search], pd.DataFrame]
+) -> pd.DataFrame:
     """A `table`: `make(search)` of every search below each other, with source and box in front."""
     frames = {(search.source, search.box): make(search) for search in searches}
     if not frames:
         return pd.DataFrame(columns=TABLES[f"optimise_{table}"].names)
-    return pd.concat(frames, names=["source", "box"]).reset_index(["source", "box"]).reset_index(drop=True)
+    return (
+        pd.concat(frames, names=["source", "box"])
+        .reset_index(["source", "box"])
+        .reset_index(drop=True)
+    )
 
 
 def paths(search: Search) -> pd.DataFrame:
     """Rows of the table optimise_paths."""
     columns = ["crank_length", "rod_length"]
-    frames = {start: pd.DataFrame(result.path, columns=columns) for start, result in enumerate(search.local)}
+    frames = {
+        start: pd.DataFrame(result.path, columns=columns)
+        for start, result in enumerate(search.local)
+    }
     lengths = np.concatenate([result.path for result in search.local])
-    values = {"objective": search.objective.value(lengths), "sum_of_squares": search.objective.sum_of_squares(lengths)}
+    values = {
+        "objective": search.objective.value(lengths),
+        "sum_of_squares": search.objective.sum_of_squares(lengths),
+    }
     return pd.concat(frames, names=["start", "iteration"]).reset_index().assign(**values)
 
 

@@ -22,12 +22,16 @@ from jointgap.paper.printed import reference_mse
 KINDS = {"r": 0, "gamma": 0, "gamma_dot": 1, "gamma_ddot": 2, "r_dot": 1, "r_ddot": 2}
 """Outputs of a joint's network: order of the derivative by kind."""
 PER_HELD_OUT = 2  # training samples per held-out sample, everywhere
-MISSED_OF_CLEARANCE = 0.3  # interpolation error, over the allowed error, above which a sample is added
+MISSED_OF_CLEARANCE = (
+    0.3  # interpolation error, over the allowed error, above which a sample is added
+)
 
 
 def crank_speed(trajectory: pd.DataFrame) -> CubicHermiteSpline:
     """Crank speed [rad/s] over the crank angle [rad]."""
-    angle, speed, acceleration = (trajectory[f"crank_{name}"] for name in ("angle", "speed", "acceleration"))
+    angle, speed, acceleration = (
+        trajectory[f"crank_{name}"] for name in ("angle", "speed", "acceleration")
+    )
     return CubicHermiteSpline(angle, speed, acceleration / speed)
 
 
@@ -46,22 +50,29 @@ class Samples:
     """Training data of a joint's network, at n increasing crank angles."""
 
     crank_angle: np.ndarray  # shape (n,)
-    values: dict[str, np.ndarray]  # shape (n,); by kind: r, gamma and their derivatives by the crank angle
+    values: dict[
+        str, np.ndarray
+    ]  # shape (n,); by kind: r, gamma and their derivatives by the crank angle
     simulated: dict[str, np.ndarray]  # shape (n,); the same with derivatives by time, as simulated
     scales: dict[str, float]  # Allowed errors
 
     @property
     def shares(self) -> np.ndarray:
-        """Share of the revolution represented by each sample, (n,): samples are dense where the motion is fast."""
+        """Share of the revolution represented by each sample, (n,): samples are dense where the
+        motion is fast."""
         widths = np.gradient(self.crank_angle)
         return widths / widths.sum()
 
     @classmethod
-    def of(cls, trajectory: pd.DataFrame, fine: pd.DataFrame, joint: int, training_points: int) -> "Samples":
+    def of(
+        cls, trajectory: pd.DataFrame, fine: pd.DataFrame, joint: int, training_points: int
+    ) -> "Samples":
         """Samples of the first revolution of `fine` that are not in `trajectory`."""
         angle = fine["crank_angle"].to_numpy()
         fine = fine[angle - angle[0] <= 2.0 * np.pi * (1.0 + 1e-9)]
-        angle, speed, acceleration = (fine[f"crank_{name}"].to_numpy() for name in ("angle", "speed", "acceleration"))
+        angle, speed, acceleration = (
+            fine[f"crank_{name}"].to_numpy() for name in ("angle", "speed", "acceleration")
+        )
         ratio = int(np.round(np.diff(trajectory["crank_angle"][:2])[0] / (angle[1] - angle[0])))
         simulated = {kind: fine[column(kind, joint)].to_numpy() for kind in KINDS}
         scales = {}
@@ -73,7 +84,9 @@ class Samples:
         values = dict(simulated)
         for quantity in ("r", "gamma"):
             rate = values[f"{quantity}_dot"] = simulated[f"{quantity}_dot"] / speed
-            values[f"{quantity}_ddot"] = (simulated[f"{quantity}_ddot"] - rate * acceleration) / speed**2
+            values[f"{quantity}_ddot"] = (
+                simulated[f"{quantity}_ddot"] - rate * acceleration
+            ) / speed**2
         table = np.column_stack([values[kind] / scale for kind, scale in scales.items()])
         usable = np.isfinite(table).all(axis=1)
         usable[::ratio] = False
@@ -85,7 +98,9 @@ class Samples:
 
 
 REACH = 19.0  # [widths] distance beyond which tanh is 1 in double precision
-BLOCK = 16  # length of a block [distances of neurons]: short enough to skip zeros, long enough for fast products
+# length of a block [distances of neurons]: short enough to skip zeros, long enough for fast
+# products
+BLOCK = 16
 
 
 @dataclass(frozen=True)
@@ -110,7 +125,8 @@ class Layer:
         return len(self.centres) + 1
 
     def from_tansig(self, weights: np.ndarray, bias: complex) -> np.ndarray:
-        """Weights of the basis functions from the neurons' output weights, shape (H,), and the output's bias."""
+        """Weights of the basis functions from the neurons' output weights, shape (H,), and the
+        output's bias."""
         steps = np.concatenate([[0.0], np.cumsum(2.0 * weights)])
         return bias - steps[-1] / 2.0 + steps
 
@@ -139,11 +155,15 @@ class Layer:
         inverse = 1.0 / self.widths[neurons]
         t = np.tanh((points[:, None] - self.centres[neurons]) * inverse)
         f = 1.0 - t * t
-        tansig = [t, f * inverse, -2.0 * t * f * inverse**2, f * (6.0 * t * t - 2.0) * inverse**3][:orders]
+        tansig = [t, f * inverse, -2.0 * t * f * inverse**2, f * (6.0 * t * t - 2.0) * inverse**3][
+            :orders
+        ]
         differences = []
         for order, values in enumerate(tansig):
             end = np.full((len(points), 1), 0.0 if order else 1.0)
-            sides = ([end] if low == 0 else []) + [values] + ([-end] if high == self.functions else [])
+            sides = (
+                ([end] if low == 0 else []) + [values] + ([-end] if high == self.functions else [])
+            )
             values = np.concatenate(sides, axis=1)
             differences.append((values[:, :-1] - values[:, 1:]) / 2.0)
         return differences
@@ -178,7 +198,8 @@ class ClearanceNetwork:
         return grid, np.unwrap(np.angle(self.vector(grid, 1)[0])) + 2.0 * np.pi * self.turns
 
     def vector(self, crank_angle: np.ndarray, orders: int = 4) -> list[np.ndarray]:
-        """w and its derivatives by the crank angle, complex arrays of shape (n,) for angles of shape (n,)."""
+        """w and its derivatives by the crank angle, complex arrays of shape (n,) for angles of
+        shape (n,)."""
         order = np.argsort(crank_angle, kind="stable")
         derivatives = [np.empty(len(crank_angle), complex) for _ in range(orders)]
         for block in self.layer.blocks(crank_angle[order], orders):
@@ -187,7 +208,8 @@ class ClearanceNetwork:
         return derivatives
 
     def polar(self, crank_angle: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """r and gamma, each as [value, first, second, third derivative by the crank angle], shape (n,) each.
+        """r and gamma, each as [value, first, second, third derivative by the crank angle], shape
+        (n,) each.
 
         Both are finite everywhere; at r = 0 gamma is its limit.
         """
@@ -206,8 +228,8 @@ class ClearanceNetwork:
         return r, [gamma, q1.imag, q2.imag, q3.imag]
 
     def output(self, name: str, crank_angle: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """An output (r, gamma, gamma_dot, gamma_ddot) and its derivative by the crank angle, in SI, shaped as
-        `crank_angle`.
+        """An output (r, gamma, gamma_dot, gamma_ddot) and its derivative by the crank angle, in SI,
+        shaped as `crank_angle`.
         """
         angle = np.asarray(crank_angle, dtype=float)
         r, gamma = self.polar(angle.ravel())
@@ -221,7 +243,9 @@ class ClearanceNetwork:
                 gamma[3] * w**2 + 3.0 * gamma[2] * w * w1 + gamma[1] * (w1**2 + w * w2),
             ),
         }
-        return tuple(values.reshape(angle.shape) for values in by_kind[name.replace(str(self.joint), "")]())
+        return tuple(
+            values.reshape(angle.shape) for values in by_kind[name.replace(str(self.joint), "")]()
+        )
 
     def to_frame(self) -> pd.DataFrame:
         """Long form, one row per neuron and one for the bias: rows of the table clearance_fit."""
@@ -242,8 +266,11 @@ class ClearanceNetwork:
         )
 
     @classmethod
-    def from_frame(cls, frame: pd.DataFrame, joint: int, speed: CubicHermiteSpline | None = None) -> "ClearanceNetwork":
-        """The network of a joint from the long form; `speed` is required where it is not constant."""
+    def from_frame(
+        cls, frame: pd.DataFrame, joint: int, speed: CubicHermiteSpline | None = None
+    ) -> "ClearanceNetwork":
+        """The network of a joint from the long form; `speed` is required where it is not
+        constant."""
         rows = frame[frame["joint"] == joint]
         *_, last = rows.itertuples()
         neurons = rows[:-1]
@@ -260,8 +287,8 @@ class ClearanceNetwork:
 
 
 def start_factor(crank_angle: np.ndarray, start_angle: float, settling: float) -> list[np.ndarray]:
-    """s = tanh^2((angle - start) / settling), its three derivatives by the angle; 1, 0, 0, 0 if settling is
-    infinite.
+    """s = tanh^2((angle - start) / settling), its three derivatives by the angle; 1, 0, 0, 0 if
+    settling is infinite.
     """
     if np.isinf(settling):
         return [np.full(len(crank_angle), value) for value in (1.0, 0.0, 0.0, 0.0)]
@@ -271,7 +298,9 @@ def start_factor(crank_angle: np.ndarray, start_angle: float, settling: float) -
     return [values / settling**n for n, values in enumerate(by_u)]
 
 
-FIRST_DISTANCE = np.radians(0.5)  # of the initial neurons: half a period of the contact's oscillation
+FIRST_DISTANCE = np.radians(
+    0.5
+)  # of the initial neurons: half a period of the contact's oscillation
 WIDTH = 2.5  # of a neuron, in distances to its neighbours
 MARGIN = 8  # additional neurons beyond either end
 SHARE = 0.1  # of the paper's mean square errors, at which training stops
@@ -292,7 +321,8 @@ class JointFit:
 
 @dataclass(frozen=True)
 class ClearanceFit:
-    """The second surrogate: networks of the loose joints, and their errors at the trajectory's samples."""
+    """The second surrogate: networks of the loose joints, and their errors at the trajectory's
+    samples."""
 
     joints: dict[int, JointFit]
     trajectory: pd.DataFrame
@@ -300,10 +330,13 @@ class ClearanceFit:
 
     def weights(self) -> pd.DataFrame:
         """The table clearance_fit."""
-        return pd.concat([fit.network.to_frame() for fit in self.joints.values()], ignore_index=True)
+        return pd.concat(
+            [fit.network.to_frame() for fit in self.joints.values()], ignore_index=True
+        )
 
     def errors(self) -> pd.DataFrame:
-        """The table fit_errors; the trajectory's samples are held out, except the paper's training points."""
+        """The table fit_errors; the trajectory's samples are held out, except the paper's training
+        points."""
         rows = []
         for joint, fit in self.joints.items():
             network, samples = fit.network, fit.samples
@@ -313,7 +346,9 @@ class ClearanceFit:
                 name = column(kind, joint)
                 grid = Grid.of(self.trajectory, name, self.training_points)
                 points = Points(samples.crank_angle, samples.simulated[kind])
-                rows += error_rows(grid, lambda at, of=network, name=name: of.output(name, at)[0], points, trained)
+                rows += error_rows(
+                    grid, lambda at, of=network, name=name: of.output(name, at)[0], points, trained
+                )
         return error_frame(rows)
 
 
@@ -330,28 +365,37 @@ def train_clearance(
     return ClearanceFit(joints, trajectory, options.training_points)
 
 
-def grow(samples: Samples, joint: int, start_angle: float, speed: CubicHermiteSpline, settling: float) -> JointFit:
+def grow(
+    samples: Samples, joint: int, start_angle: float, speed: CubicHermiteSpline, settling: float
+) -> JointFit:
     """Train the network of one joint, adding neurons until the errors are small."""
     angle, gamma, margin = samples.crank_angle, samples.values["gamma"], MARGIN * FIRST_DISTANCE
     centres = np.arange(angle[0] - margin, angle[-1] + margin, FIRST_DISTANCE)
     for rounds in range(1, ROUNDS + 1):
         layer = Layer(centres, WIDTH * np.gradient(centres))
         weights = _solve(layer, samples, start_factor(angle, start_angle, settling))
-        network = ClearanceNetwork(joint, layer, *Layer.to_tansig(weights), start_angle, settling, speed)
+        network = ClearanceNetwork(
+            joint, layer, *Layer.to_tansig(weights), start_angle, settling, speed
+        )
         last = network.polar(angle[-1:])[1][0][0]
         network = replace(network, turns=int(np.round((gamma[-1] - last) / (2.0 * np.pi))))
         squares = _squared_errors(network, samples)
         if all(np.sum(samples.shares * square) <= SHARE for square in squares):
-            return JointFit(network, samples, rounds, f"training errors at {SHARE:g} of the paper's or below")
+            return JointFit(
+                network, samples, rounds, f"training errors at {SHARE:g} of the paper's or below"
+            )
         finer = _finer(centres, samples, squares)
         if len(finer) == len(centres):
-            return JointFit(network, samples, rounds, "neurons as dense as the samples; increase the sampling")
+            return JointFit(
+                network, samples, rounds, "neurons as dense as the samples; increase the sampling"
+            )
         centres = finer
     return JointFit(network, samples, ROUNDS, f"{ROUNDS} rounds; training errors still decreasing")
 
 
 def _solve(layer: Layer, samples: Samples, start: list[np.ndarray]) -> np.ndarray:
-    """Weights of the basis functions, complex (H + 1,): banded normal equations, refined with the true residual."""
+    """Weights of the basis functions, complex (H + 1,): banded normal equations, refined with the
+    true residual."""
     blocks = list(layer.blocks(samples.crank_angle, 3))
     rows = _Rows(layer, samples, start)
     band = 2 * max(block.functions.stop - block.functions.start for block in blocks)
@@ -376,7 +420,8 @@ def _solve(layer: Layer, samples: Samples, start: list[np.ndarray]) -> np.ndarra
 
 
 class _Rows:
-    """Rows of the least-squares problem; unknowns: real and imaginary part of each basis function's weight in turn."""
+    """Rows of the least-squares problem; unknowns: real and imaginary part of each basis function's
+    weight in turn."""
 
     def __init__(self, layer: Layer, samples: Samples, start: list[np.ndarray]):
         self._values = values = samples.values
@@ -385,9 +430,12 @@ class _Rows:
         w = values["r"] / s * np.exp(1j * values["gamma"])
         q1 = ratio + 1j * values["gamma_dot"] - s1 / s
         q2 = curvature - ratio**2 + 1j * values["gamma_ddot"] - s2 / s + (s1 / s) ** 2
-        self._columns = [each[:, None] for each in (w, q1, q2 + q1**2, values["r"], ratio, curvature)]
-        # Weights of position and rate are at least those implied by the second derivative between two neurons; without
-        # them a common shift of the fine neurons is almost unobservable and the problem ill-conditioned.
+        self._columns = [
+            each[:, None] for each in (w, q1, q2 + q1**2, values["r"], ratio, curvature)
+        ]
+        # Weights of position and rate are at least those implied by the second derivative between
+        # two neurons; without them a common shift of the fine neurons is almost unobservable and
+        # the problem ill-conditioned.
         distance = np.interp(samples.crank_angle, layer.centres, np.gradient(layer.centres))
         self._precision = {}
         for kind, scale in samples.scales.items():
@@ -424,11 +472,14 @@ class _Rows:
 
 
 def _squared_errors(network: ClearanceNetwork, samples: Samples) -> list[np.ndarray]:
-    """Squared errors of r, gamma and gamma's derivatives at the samples, over the allowed squared errors."""
+    """Squared errors of r, gamma and gamma's derivatives at the samples, over the allowed squared
+    errors."""
     r, gamma = network.polar(samples.crank_angle)
     outputs = {"r": r[0], "gamma": gamma[0], "gamma_dot": gamma[1], "gamma_ddot": gamma[2]}
     errors = {kind: values - samples.values[kind] for kind, values in outputs.items()}
-    errors["gamma"] = np.remainder(errors["gamma"] + np.pi, 2.0 * np.pi) - np.pi  # a coarse network may lose a turn
+    errors["gamma"] = (
+        np.remainder(errors["gamma"] + np.pi, 2.0 * np.pi) - np.pi
+    )  # a coarse network may lose a turn
     return [(error / samples.scales[kind]) ** 2 for kind, error in errors.items()]
 
 
@@ -441,8 +492,12 @@ def _finer(centres: np.ndarray, samples: Samples, squares: list[np.ndarray]) -> 
     place = np.clip(np.searchsorted(centres, samples.crank_angle) - 1, 0, intervals - 1)
     split = np.zeros(intervals, bool)
     for square in squares:
-        split |= np.bincount(place, samples.shares * square, minlength=intervals) > SHARE / intervals
-    split = (np.convolve(split, np.ones(5), "same") > 0.5) & (np.bincount(place, minlength=intervals) >= 2)
+        split |= (
+            np.bincount(place, samples.shares * square, minlength=intervals) > SHARE / intervals
+        )
+    split = (np.convolve(split, np.ones(5), "same") > 0.5) & (
+        np.bincount(place, minlength=intervals) >= 2
+    )
     distances = np.diff(centres)
     while True:
         after = np.where(split, distances / 2.0, distances)

@@ -19,7 +19,9 @@ REGIONS = {"all": 0.0, "past_60_deg": np.radians(60.0)}
 NETWORK, REGULARISED = "network", "regularised"
 """Models in the tables: the paper's network and the regularised one."""
 
-_SMOOTHING = 10.0 ** np.arange(-8.0, 3.0, 2.0)  # parameters of a smoothing spline, over the cube of the mean distance
+_SMOOTHING = 10.0 ** np.arange(
+    -8.0, 3.0, 2.0
+)  # parameters of a smoothing spline, over the cube of the mean distance
 _LEFT_OUT = 3  # every third point is held out to select one
 
 
@@ -71,15 +73,17 @@ class Grid:
 
     @classmethod
     def of(cls, trajectory: pd.DataFrame, output: str, training_points: int) -> "Grid":
-        """Every k-th sample of the first revolution, both ends included, is a training point; others are held out."""
+        """Every k-th sample of the first revolution, both ends included, is a training point;
+        others are held out."""
         angle = trajectory["crank_angle"].to_numpy()
         first = angle - angle[0] <= 2.0 * np.pi * (1.0 + 1e-9)
         angle, values = angle[first], trajectory[output].to_numpy()[first]
         stride, remainder = divmod(len(angle) - 1, training_points - 1)
         if remainder or stride < 2:
             raise InputError(
-                f"surrogate.training_points {training_points} does not match {len(angle) - 1} samples per revolution; "
-                f"set simulate.samples_per_revolution to a multiple, at least twice, of {training_points - 1}"
+                f"surrogate.training_points {training_points} does not match {len(angle) - 1}"
+                " samples per revolution; set simulate.samples_per_revolution to a multiple, at"
+                f" least twice, of {training_points - 1}"
             )
         trains = np.arange(len(angle)) % stride == 0
         split = (Points.of(angle[part], values[part]) for part in (trains, ~trains))
@@ -93,7 +97,8 @@ def error_rows(
     trained: dict[str, object],
     at_paper: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> list[dict[str, object]]:
-    """Rows of the table fit_errors, one per region; `trained` has the columns model, seed, weights, iterations, stop.
+    """Rows of the table fit_errors, one per region; `trained` has the columns model, seed, weights,
+    iterations, stop.
 
     `at_paper`: prediction at the iteration where the training error first reached the paper's.
     """
@@ -104,7 +109,9 @@ def error_rows(
     for region, first in REGIONS.items():
         within, outside = training, grid.held_out
         if first > 0.0:
-            within, outside = (points.past(grid.start_angle + first) for points in (within, outside))
+            within, outside = (
+                points.past(grid.start_angle + first) for points in (within, outside)
+            )
         unseen = predict(outside.crank_angle) - outside.values
         row = {"iterations_to_paper": None} | trained
         row |= {
@@ -126,7 +133,10 @@ def error_rows(
             row[f"{name}_mse"] = square / scale**2
             row[f"{name}_rms"] = square**0.5
             row[f"{name}_mse_over_variance"] = square / points.variance
-        for name, other in (("smoothing_spline_held_out_mse", smoothing), ("held_out_mse_at_paper", at_paper)):
+        for name, other in (
+            ("smoothing_spline_held_out_mse", smoothing),
+            ("held_out_mse_at_paper", at_paper),
+        ):
             row[name] = other and outside.square(other) / scale**2
         rows.append(row)
     return rows
@@ -140,10 +150,11 @@ def error_frame(rows: list[dict[str, object]]) -> pd.DataFrame:
 
 
 def smoothing_spline(training: Points) -> Callable[[np.ndarray], np.ndarray] | None:
-    """Smoothing spline of points, with the smoothness that is best at every third point; None below fifteen points.
+    """Smoothing spline of points, with the smoothness that is best at every third point; None below
+    fifteen points.
 
-    The default of `make_smoothing_spline`, generalised cross-validation, smooths exact samples a thousand times too
-    much.
+    The default of `make_smoothing_spline`, generalised cross-validation, smooths exact samples a
+    thousand times too much.
     """
     x, y = training.crank_angle, training.values
     if len(x) < 5 * _LEFT_OUT:
@@ -157,13 +168,18 @@ def smoothing_spline(training: Points) -> Callable[[np.ndarray], np.ndarray] | N
     return make_smoothing_spline(x, y, lam=min(_SMOOTHING * np.diff(x).mean() ** 3, key=missed))
 
 
-def refined(angle: np.ndarray, table: np.ndarray, kept: np.ndarray, usable: np.ndarray, missed: float) -> np.ndarray:
-    """Indices `kept`, plus those of samples with an interpolation error above `missed`; increasing."""
+def refined(
+    angle: np.ndarray, table: np.ndarray, kept: np.ndarray, usable: np.ndarray, missed: float
+) -> np.ndarray:
+    """Indices `kept`, plus those of samples with an interpolation error above `missed`;
+    increasing."""
     while True:
         between = (kept[:-1] + kept[1:]) // 2
         between = np.where(usable[between], between, between + 1)
         between = between[(between > kept[:-1]) & (between < kept[1:]) & usable[between]]
-        errors = np.abs(CubicSpline(angle[kept], table[kept])(angle[between]) - table[between]).max(axis=1)
+        errors = np.abs(CubicSpline(angle[kept], table[kept])(angle[between]) - table[between]).max(
+            axis=1
+        )
         if not (errors > missed).any():
             return kept
         kept = np.union1d(kept, between[errors > missed])

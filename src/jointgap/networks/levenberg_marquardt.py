@@ -1,7 +1,8 @@
 """Levenberg-Marquardt training.
 
-A model has `points` N, `size` P and `evaluate(parameters)`, which returns the `outputs` (N,), their `jacobian()` (N,
-P), its `pull_back` J^T w, `row_products` J J^T, and the derivatives of the outputs `along` a step.
+A model has `points` N, `size` P and `evaluate(parameters)`, which returns the `outputs` (N,), their
+`jacobian()` (N, P), its `pull_back` J^T w, `row_products` J J^T, and the derivatives of the outputs
+`along` a step.
 """
 
 from dataclasses import dataclass
@@ -73,9 +74,10 @@ class NetworkEvaluation:
     def row_products(self, out: np.ndarray, work: tuple[np.ndarray, np.ndarray]) -> None:
         """J J^T into the lower triangle of `out`, without forming J; `work`: two such arrays.
 
-        A row of J is, layer by layer, the outer product of sensitivities and activations. The scalar product of two
-        rows is the sum over layers of (product of sensitivities) times (product of activations): Hadamard products of
-        matrices of rank 10 and 11. This costs a third of multiplying J by its transpose.
+        A row of J is, layer by layer, the outer product of sensitivities and activations. The
+        scalar product of two rows is the sum over layers of (product of sensitivities) times
+        (product of activations): Hadamard products of matrices of rank 10 and 11. This costs a
+        third of multiplying J by its transpose.
         """
         total = torch.from_numpy(out.T)  # the same memory, row by row
         factors = [torch.from_numpy(each.T) for each in work]
@@ -86,9 +88,11 @@ class NetworkEvaluation:
         _symmetric_product(self._activations[-1], out, keep=1.0)
 
     def along(self, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """First and second derivative of the outputs along a `step` (P,) of the parameters, (N,) each.
+        """First and second derivative of the outputs along a `step` (P,) of the parameters, (N,)
+        each.
 
-        Exact: the Taylor expansion of outputs(parameters + t step) in t is propagated through the layers.
+        Exact: the Taylor expansion of outputs(parameters + t step) in t is propagated through the
+        layers.
         """
         *hidden, (change, matrix) = zip(self._layout.split(step), self._matrices, strict=True)
         first = second = None
@@ -97,7 +101,9 @@ class NetworkEvaluation:
             acceleration = np.zeros_like(velocity)
             if depth > 0:
                 velocity += _product(weights[:, :-1], first)
-                acceleration = _product(weights[:, :-1], second) + 2.0 * _product(slope_change[:, :-1], first)
+                acceleration = _product(weights[:, :-1], second) + 2.0 * _product(
+                    slope_change[:, :-1], first
+                )
             above = self._activations[depth + 1]
             slope = tansig_slope(above)
             first = slope * velocity
@@ -108,15 +114,21 @@ class NetworkEvaluation:
 
 
 def _symmetric_product(factor: np.ndarray, out: np.ndarray, keep: float = 0.0) -> None:
-    """`out` = keep out + factor^T factor in its lower triangle; factor (K, N), out (N, N) in Fortran order."""
+    """`out` = keep out + factor^T factor in its lower triangle; factor (K, N), out (N, N) in
+    Fortran order."""
     dsyrk(1.0, factor.T, beta=keep, c=out, lower=1, overwrite_c=1)
 
 
 class Status(Enum):
     """Stopping criterion; the text gives advice."""
 
-    BUDGET = "iteration limit reached while the error still decreased; increase the iterations for a smaller error"
-    GRADIENT = "gradient below its limit: a stationary point; try another seed if the error is too large"
+    BUDGET = (
+        "iteration limit reached while the error still decreased; increase the iterations for a"
+        " smaller error"
+    )
+    GRADIENT = (
+        "gradient below its limit: a stationary point; try another seed if the error is too large"
+    )
     DAMPING = "no step reduces the error, however short; try another seed if the error is too large"
     STALLED = "no significant progress; try another seed or more neurons if the error is too large"
     EXACT = "residual at the rounding error of the data"
@@ -131,12 +143,18 @@ class Status(Enum):
 class Settings:
     """Stopping criteria and initial damping."""
 
-    iterations: int = 20_000  # Largest number of solutions of the damped system, including rejected steps
+    iterations: int = (
+        20_000  # Largest number of solutions of the damped system, including rejected steps
+    )
     minimum_gradient: float = 1e-7
     largest_damping: float = 1e10
-    stall_iterations: int = 1000  # Stop if so many iterations reduce the mean square error by less than `stall_gain`
+    stall_iterations: int = (
+        1000  # Stop if so many iterations reduce the mean square error by less than `stall_gain`
+    )
     stall_gain: float = 1e-3
-    exact_error: float = 1e-14  # Stop when the root mean square error is this small (data scaled to [0, 1])
+    exact_error: float = (
+        1e-14  # Stop when the root mean square error is this small (data scaled to [0, 1])
+    )
     initial_damping: float = 1e-3  # Relative to the mean diagonal element of J^T J
     largest_bend: float = 0.75  # Reject a step if 2|a|/|v| is larger (Transtrum and Sethna's alpha)
     milestone: float = 0.0  # Mean square error whose iteration is recorded
@@ -148,7 +166,9 @@ class Result:
     """Result of the training."""
 
     parameters: np.ndarray  # shape (P,)
-    errors: np.ndarray  # shape (iterations + 1,); mean square error at the start and after every iteration
+    errors: (
+        np.ndarray
+    )  # shape (iterations + 1,); mean square error at the start and after every iteration
     status: Status
     gradient: float  # Norm of the gradient of the mean square error at the end
     milestone: int | None  # Iterations to the milestone; None if it was not reached
@@ -159,7 +179,9 @@ class Result:
         return len(self.errors) - 1
 
 
-def minimise(model, targets: np.ndarray, start: np.ndarray, settings: Settings = Settings()) -> Result:
+def minimise(
+    model, targets: np.ndarray, start: np.ndarray, settings: Settings = Settings()
+) -> Result:
     """Least squares from `start` (P,) with geodesic acceleration."""
     evaluation, parameters = model.evaluate(start), start
     residual = targets - evaluation.outputs
@@ -187,7 +209,12 @@ def minimise(model, targets: np.ndarray, start: np.ndarray, settings: Settings =
         is_straight = 2.0 * np.linalg.norm(bend) <= settings.largest_bend * np.linalg.norm(velocity)
         accepted = bool(gain > 0.0 and trial_total < total and is_straight)
         if accepted:
-            parameters, evaluation, residual, total = trial_parameters, trial, trial_residual, trial_total
+            parameters, evaluation, residual, total = (
+                trial_parameters,
+                trial,
+                trial_residual,
+                trial_total,
+            )
             gradient, growth = _gradient(evaluation, residual), 2.0
             least = typical * np.finfo(float).eps ** 2
             damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3), least)
@@ -208,7 +235,9 @@ def _gradient(evaluation, residual: np.ndarray) -> float:
     return 2.0 / len(residual) * float(np.linalg.norm(evaluation.pull_back(residual)))
 
 
-def _status(settings: Settings, errors: list[float], gradient: float, damping: float) -> Status | None:
+def _status(
+    settings: Settings, errors: list[float], gradient: float, damping: float
+) -> Status | None:
     """The first stopping criterion that applies; all use training points only."""
     long_ago = len(errors) - 1 - settings.stall_iterations
     if errors[-1] <= settings.exact_error**2:
@@ -225,14 +254,16 @@ def _status(settings: Settings, errors: list[float], gradient: float, damping: f
 class _System:
     """The damped normal equations in the cheaper of two forms.
 
-    Dual: v = J^T u with (J J^T + mu I) u = e; cost up to points^3 / 3. Primal: (J^T J + mu I) v = J^T e; cost points x
-    parameters^2.
+    Dual: v = J^T u with (J J^T + mu I) u = e; cost up to points^3 / 3. Primal: (J^T J + mu I) v =
+    J^T e; cost points x parameters^2.
     """
 
     def __init__(self, model):
         self._is_dual = model.points <= 1.5 * model.size
         rows = model.points if self._is_dual else model.size
-        self._matrix, self._factor, self._spare = (np.zeros((rows, rows), order="F") for _ in range(3))
+        self._matrix, self._factor, self._spare = (
+            np.zeros((rows, rows), order="F") for _ in range(3)
+        )
         self._diagonal = np.diag_indices(rows)
 
     def form(self, evaluation) -> float:

@@ -1,7 +1,9 @@
-"""The paper's network: layers of tansig neurons, one linear output, one input; initialisation and scaling.
+"""The paper's network: layers of tansig neurons, one linear output, one input; initialisation and
+scaling.
 
-Weights of layer l are a matrix of shape (neurons, sources + 1) whose last column is the bias: row i gives
-z_i = sum_j W_ij a_j + W_i,-1. The flat vector of parameters contains all layers, row by row."""
+Weights of layer l are a matrix of shape (neurons, sources + 1) whose last column is the bias: row i
+gives z_i = sum_j W_ij a_j + W_i,-1. The flat vector of parameters contains all layers, row by
+row."""
 
 import io
 import json
@@ -37,7 +39,10 @@ class Layout:
         """Matrices of the layers as views of parameters (size,)."""
         ends = accumulate(rows * columns for rows, columns in self.shapes)
         shapes = zip(ends, self.shapes, strict=True)
-        return [parameters[end - rows * columns : end].reshape(rows, columns) for end, (rows, columns) in shapes]
+        return [
+            parameters[end - rows * columns : end].reshape(rows, columns)
+            for end, (rows, columns) in shapes
+        ]
 
 
 def activations_and_outputs(
@@ -88,13 +93,15 @@ class Scaling:
 
 
 def nguyen_widrow(layout: Layout, seed: int) -> np.ndarray:
-    """Initial parameters, shape (layout.size,), by the rule of Nguyen and Widrow (IJCNN 1990), as MATLAB's initnw.
+    """Initial parameters, shape (layout.size,), by the rule of Nguyen and Widrow (IJCNN 1990), as
+    MATLAB's initnw.
 
-    Each tansig layer of S neurons with R inputs gets weight vectors of random direction and length beta = 0.7 S^(1/R),
-    and biases spread evenly over [-beta, beta] with the sign of the neuron's first weight. The active regions of the
-    neurons, |z| < about 1, then cover the inputs' range evenly with a small overlap. The rule assumes inputs in [-1,
-    1], the range of tansig; the first layer is transformed for inputs in [0, 1]. The linear output starts with weights
-    and bias uniform in [-1, 1].
+    Each tansig layer of S neurons with R inputs gets weight vectors of random direction and length
+    beta = 0.7 S^(1/R), and biases spread evenly over [-beta, beta] with the sign of the neuron's
+    first weight. The active regions of the neurons, |z| < about 1, then cover the inputs' range
+    evenly with a small overlap. The rule assumes inputs in [-1, 1], the range of tansig; the first
+    layer is transformed for inputs in [0, 1]. The linear output starts with weights and bias
+    uniform in [-1, 1].
     """
     random = np.random.default_rng(seed)
     matrices = []
@@ -127,11 +134,14 @@ class Network:
         return self.values_and_slopes(crank_angle)[0]
 
     def values_and_slopes(self, crank_angle: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """The output and its exact derivative with respect to the crank angle [output's unit / rad]."""
+        """The output and its exact derivative with respect to the crank angle [output's unit /
+        rad]."""
         angle = np.asarray(crank_angle, dtype=float)
         scaled = self.input.shrink(angle.ravel())
         *hidden, last = matrices = self.layout.split(self.parameters)
-        activations, outputs = activations_and_outputs(matrices, np.stack([scaled, np.ones_like(scaled)]))
+        activations, outputs = activations_and_outputs(
+            matrices, np.stack([scaled, np.ones_like(scaled)])
+        )
         slope = np.ones((1, angle.size))
         for matrix, layer in zip(hidden, activations[1:], strict=True):
             slope = tansig_slope(layer) * (matrix[:, :-1] @ slope)
@@ -157,7 +167,9 @@ class Network:
         )
 
     @classmethod
-    def from_frame(cls, frame: pd.DataFrame, seed: int | None = None, model: str = "network") -> "Network":
+    def from_frame(
+        cls, frame: pd.DataFrame, seed: int | None = None, model: str = "network"
+    ) -> "Network":
         """The network of a model and a seed (by default the first) from the long form."""
         frame = frame[frame["model"] == model]
         rows = frame[frame["seed"] == (frame["seed"].iloc[0] if seed is None else seed)]
@@ -171,9 +183,10 @@ class Network:
         )
 
 
-# A network is stored as two files without pickle: arrays in `weights.npz`, the rest in `network.json`. The names of the
-# arrays are those of the state dict of torch.nn.Sequential(Linear, Tanh, ..., Linear), for torch without jointgap:
-# network.load_state_dict({name: torch.from_numpy(arrays[name]) for name in arrays}).
+# A network is stored as two files without pickle: arrays in `weights.npz`, the rest in
+# `network.json`. The names of the arrays are those of the state dict of torch.nn.Sequential(Linear,
+# Tanh, ..., Linear), for torch without jointgap: network.load_state_dict({name:
+# torch.from_numpy(arrays[name]) for name in arrays}).
 
 
 def to_files(network: Network, output: str) -> dict[str, bytes]:
@@ -194,11 +207,16 @@ def clearance_to_files(fit: pd.DataFrame, joint: int) -> dict[str, bytes]:
     rows = fit[fit["joint"] == joint]
     neurons, bias = rows[rows["neuron"] != BIAS], rows[rows["neuron"] == BIAS].iloc[0]
     slope = 1.0 / neurons["width"].to_numpy()
-    numbers = {name: None if pd.isna(bias[name]) else float(bias[name]) for name in ("settling", "speed")}
+    numbers = {
+        name: None if pd.isna(bias[name]) else float(bias[name]) for name in ("settling", "speed")
+    }
     return _pack(
         [
             (slope[:, None], -neurons["centre"].to_numpy() * slope),
-            (neurons[["weight_x", "weight_y"]].to_numpy().T, bias[["weight_x", "weight_y"]].to_numpy(dtype=float)),
+            (
+                neurons[["weight_x", "weight_y"]].to_numpy().T,
+                bias[["weight_x", "weight_y"]].to_numpy(dtype=float),
+            ),
         ],
         input="crank_angle [rad]",
         output="clearance vector of the joint, less the factor s: w_x, w_y [m]",
@@ -206,9 +224,11 @@ def clearance_to_files(fit: pd.DataFrame, joint: int) -> dict[str, bytes]:
         start_angle=float(bias["start_angle"]),
         **numbers,
         turns=int(bias["turns"]),
-        use="s = tanh^2((crank_angle - start_angle) / settling), 1 where settling is null; r = s |w|; gamma = "
-        "direction of w, unwrapped, plus turns; rates by calculus, times speed; null: the speed of the crank is not "
-        "constant",
+        use=(
+            "s = tanh^2((crank_angle - start_angle) / settling), 1 where settling is null; r = s"
+            " |w|; gamma = direction of w, unwrapped, plus turns; rates by calculus, times speed;"
+            " null: the speed of the crank is not constant"
+        ),
     )
 
 
@@ -223,7 +243,9 @@ def _pack(layers: list[tuple[np.ndarray, np.ndarray]], **description: Any) -> di
         "neurons": [layers[0][0].shape[1], *(len(bias) for _, bias in layers)],
         "hidden_activation": "tanh",
         "output_activation": "linear",
-        "weights": "weights.npz, named as the state dict of torch.nn.Sequential(Linear, Tanh, ..., Linear)",
+        "weights": (
+            "weights.npz, named as the state dict of torch.nn.Sequential(Linear, Tanh, ..., Linear)"
+        ),
     }
     return {
         "network.json": (json.dumps(description, indent=2) + "\n").encode(),

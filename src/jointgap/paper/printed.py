@@ -1,4 +1,5 @@
-"""Numbers printed by Erkaya & Uzmay (2009), from `printed.yaml`, and differences of a mechanism from theirs."""
+"""Numbers printed by Erkaya & Uzmay (2009), from `printed.yaml`, and differences of a mechanism
+from theirs."""
 
 import math
 from dataclasses import dataclass
@@ -14,7 +15,8 @@ from jointgap.core.words import format_name, joined
 
 @dataclass(frozen=True)
 class PrintedOptimum:
-    """An optimum of the paper: lengths in m, reduction as a fraction, evaluations (None: not printed)."""
+    """An optimum of the paper: lengths in m, reduction as a fraction, evaluations (None: not
+    printed)."""
 
     key: str
     name: str
@@ -36,20 +38,24 @@ CLEARANCE_M, CRANK_M, ROD_M, SPEED_RPM = (
 
 
 def reference_mse(output: str) -> float:
-    """The paper's training error of an output; for the crank pivot, ideal in the paper, that of the crank pin."""
+    """The paper's training error of an output; for the crank pivot, ideal in the paper, that of the
+    crank pin."""
     return TRAINING_MSE[output.replace("1", "2")]
 
 
 def departures(mechanism: Mechanism, simulate: Simulate) -> tuple[str, ...]:
-    """Differences of `mechanism` and `simulate` from the paper's; unreported settings (contact, journal body) are no
-    difference.
+    """Differences of `mechanism` and `simulate` from the paper's; unreported settings (contact,
+    journal body) are no difference.
     """
     applied, differences = mechanism.applied(), []
     if applied.loose != PINS:
         loose = " and ".join(map(format_name, applied.loose)) or "no joint"
         differences.append(f"loose: {loose}, not {joined(map(format_name, PINS))}")
     lengths = {"crank": (applied.crank.length, CRANK_M), "rod": (applied.rod.length, ROD_M)}
-    lengths |= {f"clearance of the {format_name(pin)}": (applied.clearance(pin), CLEARANCE_M) for pin in applied.loose}
+    lengths |= {
+        f"clearance of the {format_name(pin)}": (applied.clearance(pin), CLEARANCE_M)
+        for pin in applied.loose
+    }
     lengths["offset"] = (applied.slider.offset, 0.0)
     differences += [
         f"{name}: {1e3 * ours:g} mm, not {1e3 * theirs:g} mm"

@@ -1,4 +1,5 @@
-"""Checks of measured samples without a model: clipping, stuck sensors, outliers, standstill of the crank."""
+"""Checks of measured samples without a model: clipping, stuck sensors, outliers, standstill of the
+crank."""
 
 from math import pi, sqrt, tau
 
@@ -10,16 +11,22 @@ from jointgap.core.outliers import off_the_line
 MIN_SAMPLES = 12  # Of a run and of each channel
 SPEED_RATIOS = {"constant_speed": (0.5, 1.5), "measured_angle": (0.5, 1.5), "motor": (0.2, 5.0)}
 """Plausible range of mean speed over nominal speed [1], by drive."""
-REPORTED_SPEED_ERROR = 0.03  # [1] Of the stated speed, over the mean one; measured speeds scatter by less
-ANGLE_OUTLIER = 0.1  # [rad] Largest plausible distance of a crank angle from the line between its neighbours
+REPORTED_SPEED_ERROR = (
+    0.03  # [1] Of the stated speed, over the mean one; measured speeds scatter by less
+)
+ANGLE_OUTLIER = (
+    0.1  # [rad] Largest plausible distance of a crank angle from the line between its neighbours
+)
 LEAST_STEP = 0.02  # [rad] Half of the smallest reported permanent step of the angle
-COMPUTED_ANGLE = 1e-5  # [rad] Largest distance of computed angles from a line over time; no crank turns so evenly
+# [rad] Largest distance of computed angles from a line over time; no crank turns so evenly
+COMPUTED_ANGLE = 1e-5
 
 # The limits tolerate noise, encoder steps and impacts, but not wrong units and columns
 
 
 def is_computed(campaign: Campaign, run: str, time: np.ndarray, angle: np.ndarray) -> bool:
-    """Whether the crank angle of a run was computed from its times, and so contains no measurement of the motion."""
+    """Whether the crank angle of a run was computed from its times, and so contains no measurement
+    of the motion."""
     stated = campaign.channels["crank_angle"]
     alone = campaign.channels.keys() == {"time", "crank_angle"}
     if campaign.drive != "constant_speed" or alone or stated.resolution or stated.noise_of(run):
@@ -39,14 +46,15 @@ def clipped(values: np.ndarray) -> str | None:
     for end, next_to in ((-1, -2), (0, 1)):
         if counts[end] >= max(5, 0.01 * ordered.size, 6.0 * counts[next_to]):
             return (
-                f"is clipped: {counts[end]} of {ordered.size} samples are at the limit {ordered[starts[end]]:.6g} "
-                "(SI); leave these cells empty"
+                f"is clipped: {counts[end]} of {ordered.size} samples are at the limit"
+                f" {ordered[starts[end]]:.6g} (SI); leave these cells empty"
             )
     return None
 
 
 def no_data(values: np.ndarray) -> np.ndarray:
-    """Indices of samples that share one extreme value far from the others, such as -9999 for 'no data'."""
+    """Indices of samples that share one extreme value far from the others, such as -9999 for 'no
+    data'."""
     finite = values[np.isfinite(values)]
     for level in (finite.min(), finite.max()) if finite.size else ():
         others = finite[finite != level]
@@ -57,10 +65,12 @@ def no_data(values: np.ndarray) -> np.ndarray:
 
 
 def stuck(values: np.ndarray, turned: np.ndarray) -> slice | None:
-    """Consecutive samples at which a channel is constant while the crank turns; None if it recurs every revolution (due
-    to the motion or clipping) or there are none.
+    """Consecutive samples at which a channel is constant while the crank turns; None if it recurs
+    every revolution (due to the motion or clipping) or there are none.
     """
-    starts = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)  # NaN differs from its neighbours
+    starts = np.flatnonzero(
+        np.diff(values, prepend=np.nan) != 0.0
+    )  # NaN differs from its neighbours
     lengths = np.diff(starts, append=values.size)
     longest = int(np.argmax(lengths))
     first, length = int(starts[longest]), int(lengths[longest])
@@ -68,7 +78,10 @@ def stuck(values: np.ndarray, turned: np.ndarray) -> slice | None:
     if length < max(10, 8.0 * lengths[~here].max(initial=0)):
         return None
     meanwhile, total = _range(turned[first : first + length]), _range(turned)
-    recurs = np.count_nonzero(here & (lengths > length / 2)) >= max(2.0, total / tau / 2.0) and meanwhile < tau
+    recurs = (
+        np.count_nonzero(here & (lengths > length / 2)) >= max(2.0, total / tau / 2.0)
+        and meanwhile < tau
+    )
     return None if recurs or meanwhile < 0.1 else slice(first, first + length)
 
 
@@ -85,8 +98,8 @@ def outliers(values: np.ndarray) -> np.ndarray:
 
 
 def angle_outliers(time: np.ndarray, angle: np.ndarray, least: float = ANGLE_OUTLIER) -> np.ndarray:
-    """Indices of crank angles at least `least` [rad] from the line between their neighbours, and far compared with the
-    scatter.
+    """Indices of crank angles at least `least` [rad] from the line between their neighbours, and
+    far compared with the scatter.
     """
     finite = np.flatnonzero(np.isfinite(angle))
     here, away = finite[1:-1], off_the_line(time[finite], angle[finite])
@@ -95,10 +108,13 @@ def angle_outliers(time: np.ndarray, angle: np.ndarray, least: float = ANGLE_OUT
 
 
 def lasting_step(time: np.ndarray, angle: np.ndarray, speed: float) -> tuple[int, float] | None:
-    """The first sample after a permanent step of the angle, and its size [rad]; None if there is none."""
+    """The first sample after a permanent step of the angle, and its size [rad]; None if there is
+    none."""
     finite = np.flatnonzero(np.isfinite(angle))
     t, a = time[finite], angle[finite]
-    apart = np.diff(np.sort(np.mod(a, tau)))  # at least the step of a coarse encoder, which is usual
+    apart = np.diff(
+        np.sort(np.mod(a, tau))
+    )  # at least the step of a coarse encoder, which is usual
     least = max(LEAST_STEP, 1.5 * float(apart[apart > 1e-6].min(initial=ANGLE_OUTLIER)))
     odd = np.searchsorted(finite, angle_outliers(time, angle, least))
     if not odd.size or odd.size > (a[-1] - a[0]) / tau + 2:  # the motion
@@ -121,9 +137,11 @@ def lasting_step(time: np.ndarray, angle: np.ndarray, speed: float) -> tuple[int
 
 
 def late_stamps(time: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, int, float, float] | None:
-    """Samples whose time is off the middle between its neighbours, every n-th by the same share of the period.
+    """Samples whose time is off the middle between its neighbours, every n-th by the same share of
+    the period.
 
-    Their indices, n, that share [1], and the part of it [1] that the angle follows (0: it is even; NaN: unknown).
+    Their indices, n, that share [1], and the part of it [1] that the angle follows (0: it is even;
+    NaN: unknown).
     """
     usual = float(np.median(np.diff(time)))
     off = np.zeros(time.size)
@@ -144,18 +162,28 @@ def late_stamps(time: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, int, f
 
 
 def clock_jump(time: np.ndarray, angle: np.ndarray) -> tuple[int, float] | None:
-    """The first sample after the clock was set back or forward, and by how much [s]; None if there is none.
+    """The first sample after the clock was set back or forward, and by how much [s]; None if there
+    is none.
 
-    A pause of the record is none: after it the crank has turned on by its speed. Without angles, or after a pause too
-    long for its speed, a jump forward counts if it is longer than the rest of the record.
+    A pause of the record is none: after it the crank has turned on by its speed. Without angles, or
+    after a pause too long for its speed, a jump forward counts if it is longer than the rest of the
+    record.
     """
     lapse = np.diff(time)
     usual = float(np.median(lapse))
     for row in np.flatnonzero(lapse < 0.0)[:1]:
-        beside = slice(max(row - 1, 0), row + 3)  # a single wrong time leaves those beside it in order
-        is_single = abs(time[beside][-1] - time[beside][0] - usual * (time[beside].size - 1)) < 0.5 * usual
+        beside = slice(
+            max(row - 1, 0), row + 3
+        )  # a single wrong time leaves those beside it in order
+        is_single = (
+            abs(time[beside][-1] - time[beside][0] - usual * (time[beside].size - 1)) < 0.5 * usual
+        )
         restarts = np.count_nonzero(lapse < 0.0) > 3 or abs(time[row + 1] - time[0]) < 2.0 * usual
-        return None if is_single or restarts or usual <= 0.0 else (int(row) + 1, float(lapse[row]) - usual)
+        return (
+            None
+            if is_single or restarts or usual <= 0.0
+            else (int(row) + 1, float(lapse[row]) - usual)
+        )
     steps = _nearest_turn(np.diff(angle))
     near = (lapse > 0.0) & (lapse < 2.0 * usual) & np.isfinite(steps)
     speed, spread = np.nan, np.inf
@@ -164,7 +192,10 @@ def clock_jump(time: np.ndarray, angle: np.ndarray) -> tuple[int, float] | None:
         speed = float(np.median(speeds))
         spread = max(float(np.ptp(np.percentile(speeds, (10.0, 90.0)))), 1e-3 * abs(speed))
     for row in np.flatnonzero(lapse > 5.0 * usual):
-        off, slack = abs(_nearest_turn(steps[row] - speed * lapse[row])), 0.03 * tau + spread * lapse[row]
+        off, slack = (
+            abs(_nearest_turn(steps[row] - speed * lapse[row])),
+            0.03 * tau + spread * lapse[row],
+        )
         rest = time[-1] - time[0] - lapse[row]
         if off > slack if slack < pi / 2.0 else lapse[row] > rest:
             return int(row) + 1, float(lapse[row]) - usual
@@ -177,7 +208,8 @@ def _nearest_turn(angle: np.ndarray) -> np.ndarray:
 
 
 def dead_zone(angle: np.ndarray) -> np.ndarray:
-    """Indices of samples at which an encoder reads one angle over a part of most turns; `angle` as written."""
+    """Indices of samples at which an encoder reads one angle over a part of most turns; `angle` as
+    written."""
     known = np.flatnonzero(np.isfinite(angle))
     read = angle[known]
     if read.size < MIN_SAMPLES:
@@ -198,8 +230,9 @@ def dead_zone(angle: np.ndarray) -> np.ndarray:
 
 
 def speed_variation(time: np.ndarray, angle: np.ndarray) -> tuple[float, float, float, float]:
-    """Variation of the crank speed within and from turn to turn, its error (shares of the mean [1]), and the strongest
-    order; with four turns or more including half orders (four-stroke engines).
+    """Variation of the crank speed within and from turn to turn, its error (shares of the mean
+    [1]), and the strongest order; with four turns or more including half orders (four-stroke
+    engines).
     """
     finite = np.isfinite(angle)
     time, angle = time[finite] - time[finite][0], angle[finite]
@@ -229,28 +262,36 @@ def unsteady(time: np.ndarray, angle: np.ndarray) -> str:
     half = f"within two turns (strongest order {order:g}, as of a four-stroke engine)"
     parts = {"within a turn" if order % 1 == 0 else half: within, "from turn to turn": over}
     least = max(0.01, 5.0 * error)
-    return " and ".join(f"by ±{100 * share:.2g} % {where}" for where, share in parts.items() if share > least)
+    return " and ".join(
+        f"by ±{100 * share:.2g} % {where}" for where, share in parts.items() if share > least
+    )
 
 
 def cycle_scatter(angle: np.ndarray, values: np.ndarray) -> float:
-    """Standard deviation of the difference of a channel over one revolution, over sqrt(2); NaN for less than two
-    cycles."""
+    """Standard deviation of the difference of a channel over one revolution, over sqrt(2); NaN for
+    less than two cycles."""
     rising = np.maximum.accumulate(angle)
     after = np.searchsorted(rising, rising + tau * (1.0 - 1e-9))
     here = np.flatnonzero((after > 0) & (after < rising.size))
     after = after[here]
     step = rising[after] - rising[after - 1]
-    share = np.divide(rising[here] + tau - rising[after - 1], step, out=np.ones(step.shape), where=step > 0.0)
+    share = np.divide(
+        rising[here] + tau - rising[after - 1], step, out=np.ones(step.shape), where=step > 0.0
+    )
     share = np.clip(share, 0.0, 1.0)
     later = np.where(share < 1.0, (1.0 - share) * values[after - 1], 0.0) + share * values[after]
-    squares = (values[here] - later) ** 2 / (1.0 + share**2 + (1.0 - share) ** 2)  # interpolation reduces noise
+    squares = (values[here] - later) ** 2 / (
+        1.0 + share**2 + (1.0 - share) ** 2
+    )  # interpolation reduces noise
     squares = squares[np.isfinite(squares)]
     return float(np.sqrt(squares.mean())) if squares.size >= 8 else np.nan
 
 
-def standstill(time: np.ndarray, angle: np.ndarray, speed: float) -> tuple[float, float, bool] | None:
-    """Begin and end [s] of a standstill of the crank, and whether it reverses; None if there is none, or if the crank
-    is hardly ever near its nominal speed.
+def standstill(
+    time: np.ndarray, angle: np.ndarray, speed: float
+) -> tuple[float, float, bool] | None:
+    """Begin and end [s] of a standstill of the crank, and whether it reverses; None if there is
+    none, or if the crank is hardly ever near its nominal speed.
     """
     finite = np.isfinite(angle)
     finite[angle_outliers(time, angle)] = False

@@ -1,4 +1,5 @@
-"""Known loads of single runs: effects that a run lists, and pressures in its record, averaged over its cycles."""
+"""Known loads of single runs: effects that a run lists, and pressures in its record, averaged over
+its cycles."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -14,13 +15,25 @@ from jointgap.config import Effect, Mechanism
 from jointgap.config.campaign import PRESSURES, Campaign, CampaignRun
 from jointgap.core.section import ConfigModel
 from jointgap.effects.base import Records
-from jointgap.effects.slider_force_table import Table, add_table, corrected, piston_area, with_pressure_sensor
+from jointgap.effects.slider_force_table import (
+    Table,
+    add_table,
+    corrected,
+    piston_area,
+    with_pressure_sensor,
+)
 
 _FINEST = radians(1.0)  # [rad] Distance of the knots of an averaged pressure
 _LEAST_KNOTS = 16
 _LEVELS = np.linspace(-18.0, 18.0, 73)  # [1] Logarithms of the smoothing that are tried
-_FOUR_STROKE = 1.5, 0.02  # [1] Residual of one turn over that of two, and over the deviation of the pressure
-_KEPT_ERRORS, _MOST_ERRORS = 0.999, 100  # [1] Share of the variance in independent errors of the average
+_FOUR_STROKE = (
+    1.5,
+    0.02,
+)  # [1] Residual of one turn over that of two, and over the deviation of the pressure
+_KEPT_ERRORS, _MOST_ERRORS = (
+    0.999,
+    100,
+)  # [1] Share of the variance in independent errors of the average
 
 
 class PressureParameters(ConfigModel):
@@ -61,25 +74,38 @@ class Averaged:
 
     period: float  # [rad]
     pieces: np.ndarray  # (k, 5) as in `jointgap.effects.slider_force_table.Table`
-    errors: np.ndarray  # (m, k, 4) Changes of the polynomials by independent errors, of one standard deviation each
+    errors: (
+        np.ndarray
+    )  # (m, k, 4) Changes of the polynomials by independent errors, of one standard deviation each
     residual: float  # Standard deviation from the average
 
 
 def averaged(angle: np.ndarray, values: np.ndarray, period: float) -> Averaged:
-    """The smooth average of `values` (n,) at crank angles (n,) [rad] over cycles of a `period` [rad].
+    """The smooth average of `values` (n,) at crank angles (n,) [rad] over cycles of a `period`
+    [rad].
 
-    A periodic cubic spline whose second differences are penalised, by generalised cross-validation (P. H. C. Eilers and
-    B. D. Marx, Statistical Science 11 (1996) 89-121); the errors have its posterior covariance.
+    A periodic cubic spline whose second differences are penalised, by generalised cross-validation
+    (P. H. C. Eilers and B. D. Marx, Statistical Science 11 (1996) 89-121); the errors have its
+    posterior covariance.
     """
     step = float(np.ptp(angle)) / (angle.size - 1)
     count = max(round(period / max(step, _FINEST)), _LEAST_KNOTS)
     place = np.mod(angle, period) / period * count
     first = np.minimum(place.astype(int), count - 1)
     t = place - first
-    weights = np.column_stack([(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]) / 6.0
+    weights = (
+        np.column_stack(
+            [(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]
+        )
+        / 6.0
+    )
     columns = (first[:, None] + np.arange(-1, 3)) % count
-    basis = csr_array((weights.ravel(), columns.ravel(), np.arange(angle.size + 1) * 4), (angle.size, count))
-    bends = np.eye(count) - 2.0 * np.roll(np.eye(count), 1, axis=1) + np.roll(np.eye(count), 2, axis=1)
+    basis = csr_array(
+        (weights.ravel(), columns.ravel(), np.arange(angle.size + 1) * 4), (angle.size, count)
+    )
+    bends = (
+        np.eye(count) - 2.0 * np.roll(np.eye(count), 1, axis=1) + np.roll(np.eye(count), 2, axis=1)
+    )
     roughness, mean = bends.T @ bends, float(np.mean(values))
     least = 1e-9 * angle.size / count  # so that the matrix is regular where there is no sample
     rough, modes = eigh(roughness, (basis.T @ basis).toarray() + least * roughness)
@@ -87,7 +113,9 @@ def averaged(angle: np.ndarray, values: np.ndarray, period: float) -> Averaged:
     best = math.inf, 0.0, np.ones(count)
     for level in np.exp(_LEVELS) * angle.size / count:
         kept = 1.0 / (1.0 + level * rough)
-        squares = float(np.sum((values - mean) ** 2) - np.sum((2.0 - kept * known) * kept * sizes**2))
+        squares = float(
+            np.sum((values - mean) ** 2) - np.sum((2.0 - kept * known) * kept * sizes**2)
+        )
         free = angle.size - float(np.sum(kept * known))
         if free > 0.5 and squares > 0.0 and squares / free**2 < best[0]:
             best = squares / free**2, math.sqrt(squares / free), kept
@@ -98,7 +126,9 @@ def averaged(angle: np.ndarray, values: np.ndarray, period: float) -> Averaged:
         before, after, last = np.roll(c, 1), np.roll(c, -1), np.roll(c, -2)
         cubic, square = -before + 3 * c - 3 * after + last, 3 * before - 6 * c + 3 * after
         parts = cubic, square, 3 * (after - before), before + 4 * c + after
-        return np.column_stack([part / 6.0 * (count / period) ** (3 - i) for i, part in enumerate(parts)])
+        return np.column_stack(
+            [part / 6.0 * (count / period) ** (3 - i) for i, part in enumerate(parts)]
+        )
 
     begins = np.arange(count) * (period / count)
     pieces = np.column_stack([begins, polynomials(mean + modes @ (kept * sizes))])
@@ -120,20 +150,36 @@ def average_cycle(angle: np.ndarray, values: np.ndarray) -> Averaged:
 
 
 def loads_of_run(
-    campaign: Campaign, run: CampaignRun, angle: np.ndarray | None = None, channels: dict[str, np.ndarray] | None = None
+    campaign: Campaign,
+    run: CampaignRun,
+    angle: np.ndarray | None = None,
+    channels: dict[str, np.ndarray] | None = None,
 ) -> tuple[Effect, ...]:
     """The known loads of a `run`, for a crank that turns counter-clockwise.
 
-    Pressures from the `channels` of its record with the crank `angle` (n,) [rad]; without them (planned runs) none.
+    Pressures from the `channels` of its record with the crank `angle` (n,) [rad]; without them
+    (planned runs) none.
     """
-    loads = [effect.mirrored() if run.direction == "clockwise" else effect for effect in run.effects]
+    loads = [
+        effect.mirrored() if run.direction == "clockwise" else effect for effect in run.effects
+    ]
     for name in PRESSURES.keys() & (channels or {}).keys():
         given, finite = campaign.channels[name], np.isfinite(angle) & np.isfinite(channels[name])
         cycle = average_cycle(angle[finite], channels[name][finite])
-        stated = {"bore": given.bore, "ambient_pressure": given.pressure_behind, "side": PRESSURES[name]}
+        stated = {
+            "bore": given.bore,
+            "ambient_pressure": given.pressure_behind,
+            "side": PRESSURES[name],
+        }
         parameters = PressureParameters(pieces=None, deviations=None, period=cycle.period, **stated)
         area = piston_area(parameters)
-        pieces = cycle.pieces * [1.0, -area, -area, -area, -area] + [0.0, 0.0, 0.0, 0.0, given.pressure_behind * area]
+        pieces = cycle.pieces * [1.0, -area, -area, -area, -area] + [
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            given.pressure_behind * area,
+        ]
         forces = {"pieces": pieces, "deviations": -area * cycle.errors}
         loads.append(RecordedPressure(parameters=parameters.model_copy(update=forces)))
     return tuple(loads)
@@ -149,7 +195,10 @@ def perturbed(loads: Sequence[Effect]) -> Iterator[tuple[Effect, ...]]:
 
 
 def with_loads(
-    mechanism: Mechanism, loads: Iterable[Effect], values: dict[str, float] | None = None, angle: float = 0.0
+    mechanism: Mechanism,
+    loads: Iterable[Effect],
+    values: dict[str, float] | None = None,
+    angle: float = 0.0,
 ) -> Mechanism:
     """`mechanism` with the `loads` of a run and the `values` of its nuisances.
 
@@ -159,7 +208,11 @@ def with_loads(
     if not loads:
         return mechanism
     turned = (
-        one.with_parameters(begin=one.parameters.begin + angle) if isinstance(one, RecordedPressure) else one
+        (
+            one.with_parameters(begin=one.parameters.begin + angle)
+            if isinstance(one, RecordedPressure)
+            else one
+        )
         for one in loads
     )
     mechanism = mechanism.applied()

@@ -25,7 +25,14 @@ from jointgap.dynamics.drive import (
     standstill_time,
 )
 from jointgap.dynamics.numba_cache import compiled
-from jointgap.dynamics.parameters import MEASURED, MOST_KNOTS, DriveParameters, Parameters, knots_record, record
+from jointgap.dynamics.parameters import (
+    MEASURED,
+    MOST_KNOTS,
+    DriveParameters,
+    Parameters,
+    knots_record,
+    record,
+)
 from jointgap.dynamics.simulation import integrate_to_angles, start_state
 from jointgap.identification.noise import scatter_between_samples
 from jointgap.identification.settings import DEFAULT_SETTINGS as IDENTIFICATION
@@ -33,24 +40,30 @@ from jointgap.rig.sampling import SampleGrid
 
 Values = Mapping[str, float]  # Of nuisances, by name
 
-# [m] Local error of a step. The numerical noise of whitened channels is then some hundredths over all samples; with
-# 1e-9 it is ten to thirty times as large, so that fits do not converge, and only a sixth of the time is saved
+# [m] Local error of a step. The numerical noise of whitened channels is then some hundredths over
+# all samples; with 1e-9 it is ten to thirty times as large, so that fits do not converge, and only
+# a sixth of the time is saved
 TOLERANCE = 1e-10
 SETTLING_REVOLUTIONS = 2  # Simulated before the first sample, for the start transient of contacts
 MAX_SETTLING_REVOLUTIONS = 30  # For slow transients (a bending rod, a motor)
 MOST_PASSES = 4  # Of the longest settling, for a motor or an engine with a heavy flywheel
 SETTLING_TIME_CONSTANTS = 7.0  # [1] Length of a slow transient: exp(-7) is a thousandth
 MOTOR_SAMPLES_PER_REVOLUTION = 60  # Knots of a motor's angle over time
-REST_SPEED = 1e-3  # [rad/s] Start at rest: equations over the crank angle cannot start at zero speed
-NEAR_PIECES = 1e-2  # [mean piece of a measured angle] Shorter ones make a spline through their ends inaccurate
-# [1, of the rounding scatter] With a larger scatter of the readings, a spline within the encoder's step would follow
-# noise
+REST_SPEED = (
+    1e-3  # [rad/s] Start at rest: equations over the crank angle cannot start at zero speed
+)
+# [mean piece of a measured angle] Shorter ones make a spline through their ends inaccurate
+NEAR_PIECES = 1e-2
+# [1, of the rounding scatter] With a larger scatter of the readings, a spline within the encoder's
+# step would follow noise
 HARDLY_NOISY = 1.15
 
 
 def options_of(speed: float, start_angle: float, tolerance: float, **drive) -> Simulate:
     """Options of a simulation; not validated, as that is slower than some simulations."""
-    return Simulate.model_construct(speed=speed, start_angle=start_angle, tolerance=tolerance, **drive)
+    return Simulate.model_construct(
+        speed=speed, start_angle=start_angle, tolerance=tolerance, **drive
+    )
 
 
 @compiled
@@ -83,7 +96,9 @@ class DrivenRun:
     numbers: Parameters
     angles: np.ndarray  # Crank angles of the samples [rad]
     begin: float  # Time [s] of the simulation at the run's first sample
-    at: Callable[[np.ndarray], np.ndarray]  # Crank angles (m,) [rad] at times (m,) [s] since the first sample
+    at: Callable[
+        [np.ndarray], np.ndarray
+    ]  # Crank angles (m,) [rad] at times (m,) [s] since the first sample
 
 
 def _prescribed(p: Parameters, begin: float, samples: SampleGrid) -> DrivenRun:
@@ -100,7 +115,8 @@ def starts_with_record(run: CampaignRun) -> bool:
 
 
 def began_anywhere(run: CampaignRun) -> bool:
-    """Whether the start of the motion is unknown; it is simulated from a settling time before the first sample."""
+    """Whether the start of the motion is unknown; it is simulated from a settling time before the
+    first sample."""
     return run.start in ("settled", "unknown")
 
 
@@ -115,7 +131,8 @@ def _turned_before(run: CampaignRun, start: Start, first: float, speed: float) -
 
 
 def _settling(time_constant: float, speed: float) -> float:
-    """Angle [rad] turned before the first sample, for the decay of a transient with `time_constant` [s]."""
+    """Angle [rad] turned before the first sample, for the decay of a transient with `time_constant`
+    [s]."""
     needed = math.ceil(SETTLING_TIME_CONSTANTS * time_constant * speed / tau)
     return tau * min(max(SETTLING_REVOLUTIONS, needed), MAX_SETTLING_REVOLUTIONS)
 
@@ -128,15 +145,21 @@ def constant_speed_run(
     tolerance: float,
     earlier: float = 0.0,
 ) -> DrivenRun:
-    """A crank with prescribed speed, constant or fluctuating; `error` [rad] of the encoder at the samples."""
+    """A crank with prescribed speed, constant or fluctuating; `error` [rad] of the encoder at the
+    samples."""
     run, samples, back = plan.run, plan.samples, earlier
     offset, drift = samples.line(error) if np.ndim(error) else (error, 0.0)
-    first, speed = values.get("first_angle", samples.first_angle) - offset, values.get("speed", samples.speed) - drift
+    first, speed = (
+        values.get("first_angle", samples.first_angle) - offset,
+        values.get("speed", samples.speed) - drift,
+    )
     if isinstance(run.start, Start):
         back += _turned_before(run, run.start, first, speed)
     elif not starts_with_record(run):
         bending = mechanism.effect("rod_flexibility")
-        decay = max(bending.damping_ratio * tau * bending.frequency_Hz, 1e-6) if bending else math.inf
+        decay = (
+            max(bending.damping_ratio * tau * bending.frequency_Hz, 1e-6) if bending else math.inf
+        )
         back += _settling(1.0 / decay, speed)
     if not samples.timed:
         samples = replace(samples, angle=samples.angle + (first - samples.first_angle))
@@ -160,18 +183,21 @@ def constant_speed_run(
 def _led_in_and_out(
     time: np.ndarray, angle: np.ndarray, back: int
 ) -> tuple[np.ndarray, np.ndarray, LinearOperator, float, float]:
-    """A record (times [s] from 0, angles [rad]) extended at both ends, its errors from those of the record, and the
-    duration of its first cycle and of a revolution in it [s].
+    """A record (times [s] from 0, angles [rad]) extended at both ends, its errors from those of the
+    record, and the duration of its first cycle and of a revolution in it [s].
 
-    Copies of its first cycle precede it for `back` + 1/2 revolutions; half a revolution, from a cycle before the end,
-    follows (for a lagging encoder). A cycle has two revolutions (four-stroke engines), in records of up to 2.1
-    revolutions one. Where the speed drifts, the copies are stretched in time so that it has no jump.
+    Copies of its first cycle precede it for `back` + 1/2 revolutions; half a revolution, from a
+    cycle before the end, follows (for a lagging encoder). A cycle has two revolutions (four-stroke
+    engines), in records of up to 2.1 revolutions one. Where the speed drifts, the copies are
+    stretched in time so that it has no jump.
     """
     turns = 2 if angle[-1] - angle[0] > LONG_TURNS * tau else 1
     cycle = float(np.interp(angle[0] + turns * tau, angle, time))
     turn = cycle / turns
     begin, end = (SlowRotation(time, angle, turns * tau, side) for side in (0, -1))
-    apart = 0.5 * (angle[-1] - angle[0]) / (time.size - 1)  # nearer samples are duplicates at a joint of two cycles
+    apart = (
+        0.5 * (angle[-1] - angle[0]) / (time.size - 1)
+    )  # nearer samples are duplicates at a joint of two cycles
     first = np.flatnonzero(begin.turned < turns * tau - apart)
     last = np.flatnonzero(np.abs(end.turned + turns * tau - 0.25 * tau) < 0.25 * tau - apart)
     copies = [(begin, first, -k * turns) for k in range(math.ceil((back + 1) / turns), 0, -1)]
@@ -185,7 +211,9 @@ def _led_in_and_out(
             shifts[:, own] = rotation.errors(at) - rotation.errors(time[rows])
         parts.append((at, angle[rows] + moved * tau, rows, shifts))
     at, angle, rows, shifts = (np.concatenate(each) for each in zip(*parts, strict=True))
-    kept = at > -(back + 0.5) * turn  # half a revolution more than simulated, as the smooth angle is poor at its ends
+    kept = (
+        at > -(back + 0.5) * turn
+    )  # half a revolution more than simulated, as the smooth angle is poor at its ends
     own = eye_array(time.size, format="csr")[rows[kept]]
     errors = aslinearoperator(own) + aslinearoperator(shifts[kept]) @ aslinearoperator(weights)
     return at[kept], angle[kept], errors, cycle, turn
@@ -205,28 +233,34 @@ class MeasuredDrive:
         return [replace(self, table=table) for table in self.made_tables()]
 
 
-def measured_drive(samples: SampleGrid, resolution: float, noise: float | None, back: int) -> MeasuredDrive:
+def measured_drive(
+    samples: SampleGrid, resolution: float, noise: float | None, back: int
+) -> MeasuredDrive:
     """Smooth a measured angle and estimate its errors.
 
     The record is extended as by `_led_in_and_out`; time 0 is the begin of the extension.
     """
     finite = np.isfinite(samples.read)
     begins, readings = float(samples.elapsed[finite][0]), samples.read[finite]
-    time, angle, copies, cycle, turn = _led_in_and_out(samples.elapsed[finite] - begins, readings, back)
+    time, angle, copies, cycle, turn = _led_in_and_out(
+        samples.elapsed[finite] - begins, readings, back
+    )
     time += begins
     rounding = resolution / math.sqrt(12.0)
     scatter = _scatter(readings, rounding, noise)
     stepped = 0.0 < scatter < HARDLY_NOISY * rounding
     own = (time >= begins) & (time <= samples.elapsed[finite][-1])
-    smooth = smooth_angle(time - time[0], angle, math.sqrt(12.0) * scatter if stepped else None, own)
+    smooth = smooth_angle(
+        time - time[0], angle, math.sqrt(12.0) * scatter if stepped else None, own
+    )
     begin = -time[0] - back * turn
     if (still := standstill_time(smooth, begin, samples.elapsed[-1] - time[0])) is not None:
         still += time[0]
         if still < begins:  # in a copy of the first cycle
             still = begins + (still - begins) % cycle
         raise InputError(
-            f"the smoothed crank angle stands still or falls at {samples.time[0] + still:.6g} s; cut the record there, "
-            "or give crank_angle its resolution, so that noise is smoothed"
+            f"the smoothed crank angle stands still or falls at {samples.time[0] + still:.6g} s;"
+            " cut the record there, or give crank_angle its resolution, so that noise is smoothed"
         )
     pieces = np.unique(np.append(smooth.x[smooth.x > begin], begin))[:-1]
     if len(pieces) > MOST_KNOTS:
@@ -245,7 +279,9 @@ def measured_drive(samples: SampleGrid, resolution: float, noise: float | None, 
             white = math.sqrt(max(scatter**2 - rounding**2, 0.0))
             common, share = _rounding(smooth(samples.elapsed[finite] - time[0]), resolution, white)
             own = math.hypot(white, math.sqrt(share) * rounding)
-        errors = AngleErrors(time - time[0], angle, smooth, copies, own, common, scatter if stepped else 0.0)
+        errors = AngleErrors(
+            time - time[0], angle, smooth, copies, own, common, scatter if stepped else 0.0
+        )
         changes = [errors(table[:, 0] + begin, power) / math.factorial(power) for power in range(6)]
         tables = np.repeat(table[None], errors.count, axis=0)
         tables[:, :, 6:0:-1] += np.stack(changes).transpose(2, 1, 0)
@@ -257,26 +293,30 @@ def measured_drive(samples: SampleGrid, resolution: float, noise: float | None, 
 def _scatter(readings: np.ndarray, rounding: float, noise: float | None) -> float:
     """Standard deviation [rad] of angle readings with noise and rounding.
 
-    Noise that is not stated is estimated from fourth differences at one, two and three samples distance: the least
-    estimate, as rough motion and alternating rounding only increase them.
+    Noise that is not stated is estimated from fourth differences at one, two and three samples
+    distance: the least estimate, as rough motion and alternating rounding only increase them.
     """
     if noise is not None:
         return math.hypot(noise, rounding)
-    found = [scatter_between_samples(readings[::apart], IDENTIFICATION.noise) for apart in (1, 2, 3)]
+    found = [
+        scatter_between_samples(readings[::apart], IDENTIFICATION.noise) for apart in (1, 2, 3)
+    ]
     return max(rounding, min((each.sd for each in found if each), default=0.0))
 
 
 def _rounding(angle: np.ndarray, step: float, noise: float) -> tuple[np.ndarray, float]:
     """Correlated rounding errors (n, m) [rad] of angles (n,) [rad], and the uncorrelated share [1].
 
-    Roundings correlate if angles are full steps apart (the zero of the steps is unknown): Fourier series of the
-    sawtooth, damped by `noise` [rad] before the rounding.
+    Roundings correlate if angles are full steps apart (the zero of the steps is unknown): Fourier
+    series of the sawtooth, damped by `noise` [rad] before the rounding.
     """
     orders = np.arange(1, 6)
     shares = 6.0 / (math.pi * orders) ** 2 * np.exp(-((tau * orders * noise / step) ** 2))
     phases = tau / step * orders * angle[:, None]
     sizes = step / math.sqrt(12.0) * np.sqrt(shares)
-    return np.hstack([sizes * np.cos(phases), sizes * np.sin(phases)]), max(1.0 - float(shares.sum()), 0.0)
+    return np.hstack([sizes * np.cos(phases), sizes * np.sin(phases)]), max(
+        1.0 - float(shares.sum()), 0.0
+    )
 
 
 def measured_angle_run(
@@ -286,7 +326,8 @@ def measured_angle_run(
     lag: float,
     tolerance: float,
 ) -> DrivenRun:
-    """A crank that follows the measured angle; `error_of` the encoder [rad] at the angles (n,) [rad] that it reads."""
+    """A crank that follows the measured angle; `error_of` the encoder [rad] at the angles (n,)
+    [rad] that it reads."""
     table, begin = plan.measured.table.copy(), max(plan.measured.begin + lag, 0.0)
     error = error_of(table[:, 6])
     table[:, 6] -= error
@@ -299,7 +340,9 @@ def measured_angle_run(
     speed, first = plan.samples.speed, float(table[0, 6])
     p = parameters(mechanism, options_of(speed, first, tolerance))
     drive = DriveParameters(kind=MEASURED, speed=speed, start_angle=first)
-    return _prescribed(p._replace(drive=record(drive), knots=knots_record(table)), begin, plan.samples)
+    return _prescribed(
+        p._replace(drive=record(drive), knots=knots_record(table)), begin, plan.samples
+    )
 
 
 def motor_run(
@@ -311,8 +354,8 @@ def motor_run(
     tolerance: float,
     earlier: float,
 ) -> DrivenRun:
-    """A crank driven by a motor; measured angles, with the `error` [rad] of the encoder, agree with the simulated ones
-    in the mean.
+    """A crank driven by a motor; measured angles, with the `error` [rad] of the encoder, agree with
+    the simulated ones in the mean.
     """
     run, samples = plan.run, plan.samples
     line = {key: values[key] for key in MOTOR_LINE if key in values}
@@ -325,7 +368,11 @@ def motor_run(
         back = _turned_before(run, run.start, first, speed)
     elif not starts_with_record(run):
         crank = mechanism.crank
-        inertia = motor.inertia + crank.inertia + crank.mass * (crank.mass_centre**2 + crank.mass_centre_across**2)
+        inertia = (
+            motor.inertia
+            + crank.inertia
+            + crank.mass * (crank.mass_centre**2 + crank.mass_centre_across**2)
+        )
         # an upper bound for the reciprocating masses
         inertia += (mechanism.slider.mass + mechanism.rod.mass) * crank.length**2
         falling = motor.stall_torque / motor.no_load_speed  # of the torque with the speed
@@ -339,9 +386,13 @@ def motor_run(
     reach = 1.05 * max(samples.elapsed[-1] * max(motor.no_load_speed, speed), tau)
     count = math.ceil((back + reach) / tau * MOTOR_SAMPLES_PER_REVOLUTION)
     coarse = first - back + np.arange(count + 1) * (tau / MOTOR_SAMPLES_PER_REVOLUTION)
-    for _ in range(passes):  # a slow transient continues with the speed that it reached whole cycles later
+    for _ in range(
+        passes
+    ):  # a slow transient continues with the speed that it reached whole cycles later
         p = parameters(mechanism, options_of(start_speed, first - back, tolerance, drive=motor))
-        angle_over_time = CubicSpline(integrate_to_angles(p, start_state(p), coarse, tolerance).times, coarse)
+        angle_over_time = CubicSpline(
+            integrate_to_angles(p, start_state(p), coarse, tolerance).times, coarse
+        )
         later = int(back / (2.0 * tau)) * 2 * MOTOR_SAMPLES_PER_REVOLUTION
         start_speed = float(angle_over_time(angle_over_time.x[later], 1))
     begin = float(np.interp(first, coarse, angle_over_time.x))

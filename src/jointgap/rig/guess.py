@@ -1,7 +1,8 @@
-"""A campaign file from the measured files alone: which column is which channel, its unit, and the speeds of the runs.
+"""A campaign file from the measured files alone: which column is which channel, its unit, and the
+speeds of the runs.
 
-Headings and units decide where they say enough, otherwise the values do. Every guess has its reason as a comment, and
-what the files do not contain has the value `FILL_IN`.
+Headings and units decide where they say enough, otherwise the values do. Every guess has its reason
+as a comment, and what the files do not contain has the value `FILL_IN`.
 """
 
 import json
@@ -29,7 +30,10 @@ from jointgap.rig.sampling import speed_from_periodicity
 
 WORDS = {
     "time": "t time zeit clock stamp elapsed temps n nr no sample samples index",
-    "crank_angle": "crank angle theta th phi alpha θ φ encoder enc count counts pulses winkel rotation position",
+    "crank_angle": (
+        "crank angle theta th phi alpha θ φ encoder enc count counts pulses winkel rotation"
+        " position"
+    ),
     "crank_speed": "crank speed omega ω w n drehzahl angular velocity rotational",
     "slider_position": "slider piston position pos x s weg stroke hub displacement travel lvdt",
     "slider_velocity": "slider piston velocity vel v speed geschwindigkeit",
@@ -47,7 +51,11 @@ WORDS = {
 }
 """Words of headings, by channel; words of four letters or more also as a part of a word."""
 
-REQUIRED = {"rod": "rod conrod pleuel", "guide": "guide normal side", "frame": "frame foundation base bearing"}
+REQUIRED = {
+    "rod": "rod conrod pleuel",
+    "guide": "guide normal side",
+    "frame": "frame foundation base bearing",
+}
 REQUIRED["crank_side"] = "crankside rear rod"
 """Words of which the heading of a channel needs one, by the beginning of the channel's name."""
 
@@ -56,7 +64,10 @@ COUNTED = {"count", "counts", "pulses", "enc", "encoder"}
 OTHER = {"temperature", "temp", "power", "leistung", "state", "status", "flag", "event"}
 """Words of sample numbers, of an encoder's counts, and of quantities that are no channel."""
 
-SIGNALS = {"A": {"current", "curr", "i", "strom"}, "V": {"u", "volt", "volts", "voltage", "spannung"}}
+SIGNALS = {
+    "A": {"current", "curr", "i", "strom"},
+    "V": {"u", "volt", "volts", "voltage", "spannung"},
+}
 """Units of a sensor's signal, and words that stand for them."""
 
 OTHER_UNITS = ("W", "K")
@@ -64,7 +75,11 @@ PERIODS = {"deg": (360.0, 720.0), "rad": (tau, 2 * tau), "turn": (1.0, 2.0)}
 """Values of an angle's unit in a turn, and in a four-stroke cycle."""
 
 LENGTHS, SPEEDS = (4e-3, 0.7), (8.0, 20000.0)  # [m], [rpm] of usual cranks
-KINEMATIC = ("slider_position", "slider_velocity", "slider_acceleration")  # In the order of the derivatives
+KINEMATIC = (
+    "slider_position",
+    "slider_velocity",
+    "slider_acceleration",
+)  # In the order of the derivatives
 SHAPES = {
     "crank_speed": "its mean is the speed of the crank",
     "slider_position": "once a turn, of one size at all speeds",
@@ -88,17 +103,23 @@ class Column:
 
     def named(self, channel: str) -> float:
         """Number of words that fit a channel; a single letter counts half."""
-        required = next((words for start, words in REQUIRED.items() if channel.startswith(start)), "")
+        required = next(
+            (words for start, words in REQUIRED.items() if channel.startswith(start)), ""
+        )
         needed = _matches(self.words, required)
         return needed + _matches(self.words, WORDS[channel]) if needed or not required else 0.0
 
     def may_be(self, channel: str) -> bool:
-        """Whether no other channel fits the heading better by more than a letter, and the unit fits."""
+        """Whether no other channel fits the heading better by more than a letter, and the unit
+        fits."""
         others = max(self.named(other) for other in CHANNELS)
-        return bool(self.unit_for(channel)) or (not self.unit and others <= max(self.named(channel), 0.5))
+        return bool(self.unit_for(channel)) or (
+            not self.unit and others <= max(self.named(channel), 0.5)
+        )
 
     def unit_for(self, channel: str) -> str:
-        """The written unit in a spelling that pint knows; '' where it does not fit the channel, or is missing."""
+        """The written unit in a spelling that pint knows; '' where it does not fit the channel, or
+        is missing."""
         return _fitting(self.unit, CHANNELS[channel])
 
     @property
@@ -110,24 +131,31 @@ class Column:
     def signal(self) -> str:
         """The unit of a sensor's signal; '' for a quantity."""
         for unit, words in SIGNALS.items():
-            if found := _fitting(self.unit, unit) or (not self.unit and self.words & words and unit):
+            if found := _fitting(self.unit, unit) or (
+                not self.unit and self.words & words and unit
+            ):
                 return found
         return ""
 
 
 def _matches(words: frozenset[str], table: str) -> float:
     known = table.split()
-    found = [own for own in words if any(one == own or (len(one) > 3 and one in own) for one in known)]
+    found = [
+        own for own in words if any(one == own or (len(one) > 3 and one in own) for one in known)
+    ]
     return sum(0.5 if len(own) == 1 else 1.0 for own in found)
 
 
 _fitting = lru_cache(respelled)
 _KNOWN = {own for words in WORDS.values() for own in words.split()}
-_WITH_UNIT = re.compile(r"(.*?)\s*(?:[\[({<]\s*([^\])}>]*?)\s*[\])}>]|(?:\s/\s*|\s+in\s+|,\s*)(\S+))\s*")
+_WITH_UNIT = re.compile(
+    r"(.*?)\s*(?:[\[({<]\s*([^\])}>]*?)\s*[\])}>]|(?:\s/\s*|\s+in\s+|,\s*)(\S+))\s*"
+)
 
 
 def words_and_unit(heading: str) -> tuple[frozenset[str], str]:
-    """Words of a heading in lower case, and its unit or '': ``Torque [Nm]``, ``M / Nm``, ``torque_Nm``, ``rpm``."""
+    """Words of a heading in lower case, and its unit or '': ``Torque [Nm]``, ``M / Nm``,
+    ``torque_Nm``, ``rpm``."""
     rest, unit, parts = heading, "", heading.split("_")
     if (found := _WITH_UNIT.fullmatch(heading)) and (respelled(found[2] or found[3] or "")):
         rest, unit = found[1], found[2] or found[3]
@@ -163,7 +191,9 @@ class _Run:
         clock = next(name for name in other.values if name in self.values)
         self.files += other.files
         for name in [name for name in other.values if name not in self.values]:
-            self.values[name] = np.interp(self.values[clock], other.values[clock], other.values[name])
+            self.values[name] = np.interp(
+                self.values[clock], other.values[clock], other.values[name]
+            )
         self.units |= other.units
 
 
@@ -193,7 +223,8 @@ def _read(path: Path) -> _Run:
 
 
 def read_runs(files: Sequence[Path]) -> list[_Run]:
-    """The runs in `files`. A file with other headings than the first is joined to the run of the most similar name."""
+    """The runs in `files`. A file with other headings than the first is joined to the run of the
+    most similar name."""
     found = [_read(path) for path in files]
     headings = {*found[0].values}
     runs = [run for run in found if run.values.keys() == headings]
@@ -201,26 +232,32 @@ def read_runs(files: Sequence[Path]) -> list[_Run]:
         alike = [_alike(other.files[0].stem, run.files[0].stem) for run in runs]
         if alike.count(max(alike)) > 1 or not other.values.keys() & headings:
             raise InputError(
-                f"{other.files[0]}: has other headings than {files[0]}; give all runs the same headings, and the files "
-                "of several loggers a common heading of the time and names that begin alike, such as slow.csv and "
-                "slow_2.csv"
+                f"{other.files[0]}: has other headings than {files[0]}; give all runs the same"
+                " headings, and the files of several loggers a common heading of the time and"
+                " names that begin alike, such as slow.csv and slow_2.csv"
             )
         runs[int(np.argmax(alike))].add(other)
     if lacking := [run for run in runs if run.values.keys() != runs[0].values.keys()]:
-        raise InputError(f"{lacking[0].files[0]}: its run lacks columns of others; give all files of each run")
+        raise InputError(
+            f"{lacking[0].files[0]}: its run lacks columns of others; give all files of each run"
+        )
     return runs
 
 
 def _alike(one: str, other: str) -> int:
     """Number of equal letters at the beginning."""
-    return next((n for n, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
+    return next(
+        (n for n, (a, b) in enumerate(zip(one, other, strict=False)) if a != b),
+        min(len(one), len(other)),
+    )
 
 
 # Values
 
 
 def continued(values: np.ndarray) -> tuple[np.ndarray, float]:
-    """An angle without gaps and without jumps back, and the size of these jumps; 0 if there are none."""
+    """An angle without gaps and without jumps back, and the size of these jumps; 0 if there are
+    none."""
     finite = np.flatnonzero(np.isfinite(values))
     steps, jump = np.diff(values[finite]), 0.0
     back = np.abs(steps) > 0.5 * np.ptp(values[finite])
@@ -239,12 +276,19 @@ def progress(values: np.ndarray) -> float:
 def evenness(values: np.ndarray) -> float:
     """1 for equal positive steps, 0 for uneven ones."""
     steps = np.diff(values[np.isfinite(values)])
-    return max(0.0, 1.0 - float(np.std(steps) / np.mean(steps))) if steps.size and steps.min() > 0 else 0.0
+    return (
+        max(0.0, 1.0 - float(np.std(steps) / np.mean(steps)))
+        if steps.size and steps.min() > 0
+        else 0.0
+    )
 
 
 def period_of(x: np.ndarray, values: Sequence[np.ndarray]) -> float:
     """The period in `x`, which rises or falls, at which all `values` repeat; 0 if there is none."""
-    x, values = np.maximum.accumulate(np.copysign(1.0, progress(x)) * x), [own for own in values if np.nanstd(own) > 0]
+    x, values = (
+        np.maximum.accumulate(np.copysign(1.0, progress(x)) * x),
+        [own for own in values if np.nanstd(own) > 0],
+    )
     grid = np.linspace(x[0], x[-1], min(4 * x.size, 8192))
     alike = np.zeros(grid.size)
     for own in values:
@@ -260,16 +304,21 @@ def period_of(x: np.ndarray, values: Sequence[np.ndarray]) -> float:
         return 0.0
     rough = float(grid[peaks[alike[peaks] > best - 0.1][0]] - grid[0])
     part, speed = x - x[0] < 20 * rough, tau / rough
-    return tau / speed_from_periodicity(x[part] - x[0], [own[part] for own in values], 0.97 * speed, 1.03 * speed)
+    return tau / speed_from_periodicity(
+        x[part] - x[0], [own[part] for own in values], 0.97 * speed, 1.03 * speed
+    )
 
 
 def orders_of(turns: np.ndarray, values: np.ndarray) -> np.ndarray | None:
-    """Mean and four complex orders of `values`: Re sum c_k exp(2 pi i k turns); None if most of it does not repeat."""
+    """Mean and four complex orders of `values`: Re sum c_k exp(2 pi i k turns); None if most of it
+    does not repeat."""
     used = np.isfinite(values)
     turning = np.exp(1j * tau * np.outer(turns[used], np.arange(1, 5)))
     columns = np.column_stack([np.ones(used.sum()), turning.real, turning.imag])
     weights = np.linalg.lstsq(columns, values[used], rcond=None)[0]
-    if columns.shape[0] < 20 or not np.var(values[used] - columns @ weights) < 0.6 * np.var(values[used]):
+    if columns.shape[0] < 20 or not np.var(values[used] - columns @ weights) < 0.6 * np.var(
+        values[used]
+    ):
         return None
     return np.append(weights[0], weights[1:5] - 1j * weights[5:])
 
@@ -280,25 +329,37 @@ class Guesses:
     def __init__(self, runs: Sequence[_Run]):
         self.runs = runs
         self.columns: dict[str, Column] = {}  # Not yet assigned
-        self.unused = dict.fromkeys(runs[0].unread, "contains text, or is there twice")  # Why, by heading
+        self.unused = dict.fromkeys(
+            runs[0].unread, "contains text, or is there twice"
+        )  # Why, by heading
         self.channels: dict[str, dict[str, object]] = {}  # Entries of the campaign file
         self.why: dict[str, str] = {}
         self.lengths: dict[str, float] = {}  # [m] of the crank, by channel
-        self.zero: tuple[str, float] | None = None  # Channel, and by it the angle [deg] read at the outer dead centre
+        self.zero: tuple[str, float] | None = (
+            None  # Channel, and by it the angle [deg] read at the outer dead centre
+        )
         self.turned: list[np.ndarray] = []  # [turns] by run
         self.rates: list[float] = [0.0] * len(runs)  # [turns/s] signed; 0 if not known
         for heading in runs[0].values:
             values = tuple(run.values[heading] for run in runs)
             words, unit = words_and_unit(heading)
-            column = Column(heading, words, unit or runs[0].units.get(heading, "").strip("- "), values)
-            constant = any(np.isfinite(own).sum() < checks.MIN_SAMPLES or np.nanstd(own) == 0.0 for own in values)
+            column = Column(
+                heading, words, unit or runs[0].units.get(heading, "").strip("- "), values
+            )
+            constant = any(
+                np.isfinite(own).sum() < checks.MIN_SAMPLES or np.nanstd(own) == 0.0
+                for own in values
+            )
             if constant and not (column.named("crank_torque") and column.is_zero):
                 self.unused[heading] = "has one value or too few"
             else:
                 self.columns[heading] = column
         if not self.columns:
             files = " and ".join(str(file) for run in runs for file in run.files)
-            text = f"no column with {checks.MIN_SAMPLES} different numbers; give the record of a measurement"
+            text = (
+                f"no column with {checks.MIN_SAMPLES} different numbers; give the record of a"
+                " measurement"
+            )
             raise InputError(f"{files}: {text}")
         self.time, self.angle = self._take(self._as_time), self._take(self._as_angle)
         if self.angle:
@@ -330,23 +391,38 @@ class Guesses:
     def _state(self, channel: str, column: Column, reasons: Sequence[str], **keys: object) -> None:
         """Assign a column to a channel."""
         self.channels[channel] = {"column": column.heading, **keys}
-        self.why[channel] = f"guess: {'; '.join(filter(None, reasons))}" if any(reasons) else "from the heading"
+        self.why[channel] = (
+            f"guess: {'; '.join(filter(None, reasons))}" if any(reasons) else "from the heading"
+        )
 
     # Angle, time, speed
 
     def _turn(self) -> None:
-        """The unit of the angle, from its jumps back or from the period of the other columns, and `turned`."""
+        """The unit of the angle, from its jumps back or from the period of the other columns, and
+        `turned`."""
         column, unit = self.angle, self.angle.unit_for("crank_angle")
         angles, jumps = zip(*map(continued, column.values), strict=True)
         size, by = float(np.median(jumps)), "starts again after {}"
         counted = all((own[np.isfinite(own)] % 1 == 0).all() for own in column.values)
         overflows = counted and any(isclose(size, 2**bits, rel_tol=1e-3) for bits in (16, 24, 32))
         if not size or overflows:
-            others = [[other.values[run] for other in self.columns.values()] for run in range(len(angles))]
+            others = [
+                [other.values[run] for other in self.columns.values()] for run in range(len(angles))
+            ]
             found = [period_of(own, others[run]) for run, own in enumerate(angles) if others[run]]
-            size, by = float(np.median([one for one in found if one] or [0.0])), "the other columns repeat every {}"
-        reasons = ["" if column.named("crank_angle") else "rises throughout", "" if unit else by.format(number(size))]
-        fits = [each for each, periods in PERIODS.items() if any(isclose(size, one, rel_tol=0.03) for one in periods)]
+            size, by = (
+                float(np.median([one for one in found if one] or [0.0])),
+                "the other columns repeat every {}",
+            )
+        reasons = [
+            "" if column.named("crank_angle") else "rises throughout",
+            "" if unit else by.format(number(size)),
+        ]
+        fits = [
+            each
+            for each, periods in PERIODS.items()
+            if any(isclose(size, one, rel_tol=0.03) for one in periods)
+        ]
         counted = counted and not unit and (not fits or bool(column.words & COUNTED))
         if counted and size:
             period = counts_near(size) or round(size)
@@ -356,7 +432,10 @@ class Guesses:
             self._state("crank_angle", column, ["whole numbers"], counts_per_turn=FILL_IN)
         else:
             if not unit and not fits:
-                fits, reasons[1] = [each for each in PERIODS if self._samples_well(PERIODS[each][0], angles)], "no unit"
+                fits, reasons[1] = (
+                    [each for each in PERIODS if self._samples_well(PERIODS[each][0], angles)],
+                    "no unit",
+                )
             unit = unit or (fits or [FILL_IN])[0]
             period = 0.0 if unit == FILL_IN else tau / unit_factor(unit, "rad")
             self._state("crank_angle", column, reasons, unit=unit)
@@ -364,14 +443,22 @@ class Guesses:
 
     def _samples_well(self, period: float, angles: Sequence[np.ndarray]) -> bool:
         """Whether the runs have at least a turn of this period, and six samples in it."""
-        return all(abs(own[-1] - own[0]) > period > 6 * abs(np.median(np.diff(own))) for own in angles)
+        return all(
+            abs(own[-1] - own[0]) > period > 6 * abs(np.median(np.diff(own))) for own in angles
+        )
 
     def _repeat(self) -> None:
         """`turned` without an angle, from the period of the columns in time."""
         times = [continued(own)[0] for own in self.time.values]
-        others = [[other.values[run] for other in self.columns.values()] for run in range(len(times))]
-        periods = [period_of(time, others[run]) if others[run] else 0.0 for run, time in enumerate(times)]
-        self.turned = [time / one for time, one in zip(times, periods, strict=True)] if all(periods) else []
+        others = [
+            [other.values[run] for other in self.columns.values()] for run in range(len(times))
+        ]
+        periods = [
+            period_of(time, others[run]) if others[run] else 0.0 for run, time in enumerate(times)
+        ]
+        self.turned = (
+            [time / one for time, one in zip(times, periods, strict=True)] if all(periods) else []
+        )
 
     def _clock(self) -> None:
         """The unit of the time, and `rates`."""
@@ -379,12 +466,21 @@ class Guesses:
         if not unit and column.words & SAMPLE_NUMBERS:
             return self._state("time", column, ["sample numbers"], rate=FILL_IN)
         times = [continued(own)[0] for own in column.values]
-        rates = [float(np.ptp(own[[0, -1]]) / np.ptp(time)) * (1 if own[-1] > own[0] else -1)
-                 for own, time in zip(self.turned, times, strict=False)]  # fmt: skip
-        reasons = ["" if column.named("time") or unit else "rises evenly", "" if unit else "no unit"]
+        rates = [
+            float(np.ptp(own[[0, -1]]) / np.ptp(time)) * (1 if own[-1] > own[0] else -1)
+            for own, time in zip(self.turned, times, strict=False)
+        ]
+        reasons = [
+            "" if column.named("time") or unit else "rises evenly",
+            "" if unit else "no unit",
+        ]
         if not unit:
             rpm = 60 * float(np.median(np.abs(rates or [0.0])))
-            usual = [one for one in ("s", "ms", "us") if SPEEDS[0] < rpm / unit_factor(one, "s") < SPEEDS[1]]
+            usual = [
+                one
+                for one in ("s", "ms", "us")
+                if SPEEDS[0] < rpm / unit_factor(one, "s") < SPEEDS[1]
+            ]
             unit = (usual or ["s"])[0]
             reasons.append(f"{unit} gives usual speeds" if usual else "")
         self.rates = [rate / unit_factor(unit, "s") for rate in rates] or self.rates
@@ -392,29 +488,40 @@ class Guesses:
 
     @property
     def unsteady(self) -> str:
-        """How the speed of a run varies, from its angle and time; '' if it does not, or they are not known."""
+        """How the speed of a run varies, from its angle and time; '' if it does not, or they are
+        not known."""
         if not (self.angle and any(self.rates)):
             return ""
         second = unit_factor(self.channels["time"]["unit"], "s")
         pairs = zip(self.turned, self.rates, self.time.values, strict=True)
-        found = (checks.unsteady(continued(time)[0] * second, np.sign(rate) * tau * own) for own, rate, time in pairs)
+        found = (
+            checks.unsteady(continued(time)[0] * second, np.sign(rate) * tau * own)
+            for own, rate, time in pairs
+        )
         return next(filter(None, found), "")
 
     # Other channels
 
     def _others(self) -> None:
         """Assign the columns left to channels, those that fit best first."""
-        scores = [(score, channel, column) for column in self.columns.values()
-                  for channel, score in self._scores(column).items()]  # fmt: skip
+        scores = [
+            (score, channel, column)
+            for column in self.columns.values()
+            for channel, score in self._scores(column).items()
+        ]
         taken: dict[str, Column] = {}
         for _, channel, column in sorted(scores, key=lambda one: -one[0]):
             if channel not in taken and column not in taken.values():
                 taken[channel] = column
-        for channel, column in sorted(taken.items(), key=lambda one: not one[1].unit):  # written units first
+        for channel, column in sorted(
+            taken.items(), key=lambda one: not one[1].unit
+        ):  # written units first
             self._add(channel, column)
         for column in self.columns.values():
             if column not in taken.values():
-                self.unused[column.heading] = "is none of the channels, or it is not clear which one"
+                self.unused[column.heading] = (
+                    "is none of the channels, or it is not clear which one"
+                )
 
     def _scores(self, column: Column) -> dict[str, float]:
         """How well a column fits each possible channel."""
@@ -453,11 +560,20 @@ class Guesses:
     def _speed_unit(self, column: Column) -> str:
         """The unit in which a column is the speed of the crank; '' if there is none."""
         means = np.array([np.nanmean(own) for own in column.values])
-        if not all(self.rates) or np.any(np.abs(means) < 2 * np.array([np.nanstd(own) for own in column.values])):
+        if not all(self.rates) or np.any(
+            np.abs(means) < 2 * np.array([np.nanstd(own) for own in column.values])
+        ):
             return ""
         units = [column.unit_for("crank_speed")] if column.unit else UNITS["rad/s"]
         turns = {unit: np.abs(means) * unit_factor(unit, "rad/s") / tau for unit in units if unit}
-        return next((unit for unit, own in turns.items() if np.allclose(own, np.abs(self.rates), rtol=0.03)), "")
+        return next(
+            (
+                unit
+                for unit, own in turns.items()
+                if np.allclose(own, np.abs(self.rates), rtol=0.03)
+            ),
+            "",
+        )
 
     def _add(self, channel: str, column: Column) -> None:
         base, unit = CHANNELS[channel], column.unit_for(channel)
@@ -467,11 +583,24 @@ class Guesses:
             self._dead_centre(channel, column)
             return self._state(channel, column, reasons, unit=column.signal, scale=FILL_IN)
         if column.is_zero:
-            reasons.append("all values are 0, as of a motor that is off; the noise of the torque, such as 0.01 N*m")
+            reasons.append(
+                "all values are 0, as of a motor that is off; the noise of the torque, such as"
+                " 0.01 N*m"
+            )
             return self._state(channel, column, reasons, unit=unit or base, noise=FILL_IN)
         if channel in PRESSURES:
-            reasons.append("load on a piston of diameter bore; ambient_pressure: 0 bar if gauge, 1.013 bar if absolute")
-            return self._state(channel, column, reasons, unit=unit or FILL_IN, bore=FILL_IN, ambient_pressure=FILL_IN)
+            reasons.append(
+                "load on a piston of diameter bore; ambient_pressure: 0 bar if gauge, 1.013 bar if"
+                " absolute"
+            )
+            return self._state(
+                channel,
+                column,
+                reasons,
+                unit=unit or FILL_IN,
+                bore=FILL_IN,
+                ambient_pressure=FILL_IN,
+            )
         if column.unit.lower() == "g":
             reasons.append("g is the acceleration of gravity")
         if not unit:
@@ -480,10 +609,17 @@ class Guesses:
             known = next(iter(self.lengths.values()), 0.0)
             if not unit and lengths[base]:
                 usual = (one for one, length in lengths.items() if LENGTHS[0] < length < LENGTHS[1])
-                unit = min(lengths, key=lambda one: abs(log(lengths[one] / known))) if known else next(usual, base)
+                unit = (
+                    min(lengths, key=lambda one: abs(log(lengths[one] / known)))
+                    if known
+                    else next(usual, base)
+                )
             unit = unit or base
-            reasons.append(f"no unit; {unit} gives a crank of about {number(1e3 * lengths[unit], 2)} mm"
-                           if lengths[unit] else f"no unit; {unit} assumed")  # fmt: skip
+            reasons.append(
+                f"no unit; {unit} gives a crank of about {number(1e3 * lengths[unit], 2)} mm"
+                if lengths[unit]
+                else f"no unit; {unit} assumed"
+            )
         self._state(channel, column, reasons, unit=unit)
         if length := self._length(channel, column, unit):
             self.lengths[channel] = length
@@ -491,7 +627,8 @@ class Guesses:
         return None
 
     def _length(self, channel: str, column: Column, unit: str) -> float:
-        """The length [m] of a crank that moves the slider as a column in this `unit` says; 0 if it does not."""
+        """The length [m] of a crank that moves the slider as a column in this `unit` says; 0 if it
+        does not."""
         order = KINEMATIC.index(channel) if channel in KINEMATIC else None
         if order is None or (order and not all(self.rates)):
             return 0.0
@@ -502,15 +639,21 @@ class Guesses:
     def _dead_centre(self, channel: str, column: Column) -> None:
         """`zero` by a channel of the slider's motion."""
         if channel in KINEMATIC and self.angle and self.zero is None and min(self.rates) >= 0.0:
-            phase = {"slider_position": 1, "slider_velocity": -1j, "slider_acceleration": -1}[channel]
-            self.zero = channel, degrees(-np.angle(sum(own[1] for own in self._orders(column)) * phase))
+            phase = {"slider_position": 1, "slider_velocity": -1j, "slider_acceleration": -1}[
+                channel
+            ]
+            self.zero = (
+                channel,
+                degrees(-np.angle(sum(own[1] for own in self._orders(column)) * phase)),
+            )
 
 
 # Files to write
 
 
 def new_rig(files: Sequence[Path], name: str = "rig") -> str:
-    """Write the campaign file ``NAME.yaml`` and the mechanism file ``NAME_mechanism.yaml`` for measured files.
+    """Write the campaign file ``NAME.yaml`` and the mechanism file ``NAME_mechanism.yaml`` for
+    measured files.
 
     Returns a summary. InputError where one of both exists, or a file cannot be read.
     """
@@ -521,14 +664,15 @@ def new_rig(files: Sequence[Path], name: str = "rig") -> str:
     write_text(mechanism, mechanism_text(guesses.lengths))
     also = f"; fill in what is marked {FILL_IN}" if FILL_IN in text else ""
     return (
-        f"{campaign}: {len(guesses.runs)} runs, {len(guesses.channels)} channels; check the guesses in the comments"
-        f"{also}\n{mechanism}: fill in what is marked {FILL_IN}\n"
-        f"then: jointgap measure {campaign}; jointgap analyse {campaign}"
+        f"{campaign}: {len(guesses.runs)} runs, {len(guesses.channels)} channels; check the guesses"
+        f" in the comments{also}\n{mechanism}: fill in what is marked {FILL_IN}\nthen: jointgap"
+        f" measure {campaign}; jointgap analyse {campaign}"
     )
 
 
 def new_mechanism(name: str = "mechanism") -> str:
-    """Write the mechanism file ``NAME.yaml`` to fill in; returns a summary. InputError where it exists."""
+    """Write the mechanism file ``NAME.yaml`` to fill in; returns a summary. InputError where it
+    exists."""
     (path,) = _absent(name)
     write_text(path, mechanism_text())
     return f"{path}: fill in what is marked {FILL_IN}"
@@ -541,7 +685,10 @@ def _absent(*names: str) -> list[Path]:
     except ValueError as error:
         raise InputError(f"--name {names[0]}: {error}") from error
     if there := [str(path) for path in files if path.exists()]:
-        raise InputError(f"{' and '.join(there)}: already there, and not replaced; move it, or give another --name")
+        raise InputError(
+            f"{' and '.join(there)}: already there, and not replaced; move it, or give another"
+            " --name"
+        )
     return files
 
 
@@ -566,7 +713,9 @@ def campaign_lines(guesses: Guesses, name: str, mechanism: str) -> Iterator[str]
     yield from _run_lines(guesses)
     yield "channels:"
     for channel in (one for one in CHANNELS if one in guesses.channels):
-        keys = ", ".join(f"{key}: {_yaml(value)}" for key, value in guesses.channels[channel].items())
+        keys = ", ".join(
+            f"{key}: {_yaml(value)}" for key, value in guesses.channels[channel].items()
+        )
         yield f"  {channel}: {{{keys}}}   # {guesses.why[channel]}"
     if not guesses.channels.keys() & {"time", "crank_angle"}:
         yield f"  time: {{column: {FILL_IN}, unit: {FILL_IN}}}   # no column rises evenly"
@@ -576,16 +725,31 @@ def campaign_lines(guesses: Guesses, name: str, mechanism: str) -> Iterator[str]
     yield "  slider_mass: 5 %   # assumed"
     yield "  rod_mass: 5 %   # assumed"
     if guesses.angle and guesses.zero and abs(guesses.zero[1]) < 3.0:
-        yield f"  # encoder_zero: 5 deg   # by {guesses.zero[0]}, crank_angle is 0 at the outer dead centre"
+        yield (
+            f"  # encoder_zero: 5 deg   # by {guesses.zero[0]}, crank_angle is 0 at the outer dead"
+            " centre"
+        )
     elif guesses.angle and guesses.zero:
-        reads = f"by {guesses.zero[0]}, crank_angle is {guesses.zero[1]:.0f} deg at the outer dead centre"
+        reads = (
+            f"by {guesses.zero[0]}, crank_angle is {guesses.zero[1]:.0f} deg at the outer dead"
+            " centre"
+        )
         yield f"  encoder_zero: 180 deg   # guess: {reads}"
     elif guesses.angle and len(guesses.runs[0].files) > 1:
-        yield "  # encoder_zero: 180 deg   # the fitted offset of the clocks includes it, so it cannot be fitted too"
+        yield (
+            "  # encoder_zero: 180 deg   # the fitted offset of the clocks includes it, so it"
+            " cannot be fitted too"
+        )
     elif guesses.angle:
-        yield "  encoder_zero: 180 deg   # assumed; reduce it if crank_angle is known to be 0 at the outer dead centre"
+        yield (
+            "  encoder_zero: 180 deg   # assumed; reduce it if crank_angle is known to be 0 at the"
+            " outer dead centre"
+        )
     if "slider_position" in guesses.channels:
-        yield "  slider_position_zero: 1 m   # assumed; reduce it if it is the distance from the crank pivot"
+        yield (
+            "  slider_position_zero: 1 m   # assumed; reduce it if it is the distance from the"
+            " crank pivot"
+        )
 
 
 def _run_lines(guesses: Guesses) -> Iterator[str]:
@@ -596,12 +760,19 @@ def _run_lines(guesses: Guesses) -> Iterator[str]:
         own = re.sub(r"[^\w-]+", "_", files[0].stem)[:40]
         ids.append(f"{own}_{place + 1}" if own in (*ids, *RESERVED_IDS) else own)
         paths = [_yaml(os.path.relpath(file)) for file in files]
-        keys = {"id": _yaml(ids[-1]), "file": paths[0] if len(paths) == 1 else f"[{', '.join(paths)}]"}
+        keys = {
+            "id": _yaml(ids[-1]),
+            "file": paths[0] if len(paths) == 1 else f"[{', '.join(paths)}]",
+        }
         keys["speed"] = f"{number(60 * abs(rate))} rpm" if rate else FILL_IN
         keys["role"] = "split" if len(order) == 1 else "confirm" if run == order[-1] else "identify"
         why = "speed: of the crank, such as 300 rpm"
         if rate:
-            why = "guess: speed by angle and time" if guesses.angle else "guess: speed by the period of the columns"
+            why = (
+                "guess: speed by angle and time"
+                if guesses.angle
+                else "guess: speed by the period of the columns"
+            )
         if rate < 0.0:
             keys["direction"], why = "clockwise", f"{why}; the angle falls"
         yield f"  - {{{', '.join(f'{key}: {value}' for key, value in keys.items())}}}   # {why}"
@@ -610,7 +781,12 @@ def _run_lines(guesses: Guesses) -> Iterator[str]:
 def _yaml(value: object) -> str:
     """`value` in YAML, with quotation marks where it needs them."""
     text = str(value)
-    plain = re.fullmatch(r"[^\W\d]([\w./^*°² -]*[\w²])?", text) and text.lower() not in ("yes", "no", "on", "off")
+    plain = re.fullmatch(r"[^\W\d]([\w./^*°² -]*[\w²])?", text) and text.lower() not in (
+        "yes",
+        "no",
+        "on",
+        "off",
+    )
     if not isinstance(value, str) or (plain and yaml.safe_load(text) == text):
         return text
     return json.dumps(text, ensure_ascii=False)

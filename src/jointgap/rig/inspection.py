@@ -14,19 +14,27 @@ from jointgap.rig.recording import Measurements, Recording
 if TYPE_CHECKING:
     from jointgap.core.plot import Drawing
 
-MARKED_BELOW = 100.0  # [samples per revolution] Below, samples are marked, as a line alone would hide gaps
+MARKED_BELOW = (
+    100.0  # [samples per revolution] Below, samples are marked, as a line alone would hide gaps
+)
 
 
-def inspect(campaign: Campaign, measurements: Measurements) -> "tuple[pd.DataFrame, dict[str, Drawing]]":
+def inspect(
+    campaign: Campaign, measurements: Measurements
+) -> "tuple[pd.DataFrame, dict[str, Drawing]]":
     """Table `LOOK` and a figure for each run."""
-    recordings = [(run, measurements.runs[run.id]) for run in campaign.runs if run.id in measurements.runs]
+    recordings = [
+        (run, measurements.runs[run.id]) for run in campaign.runs if run.id in measurements.runs
+    ]
     numbers = [row for run, recording in recordings for row in _numbers(run, recording)]
-    return pd.DataFrame(numbers), {run.id: _draw(campaign, run, recording) for run, recording in recordings}
+    return pd.DataFrame(numbers), {
+        run.id: _draw(campaign, run, recording) for run, recording in recordings
+    }
 
 
 def _turned(run: CampaignRun, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
-    """Crank angle (n,) [rad], measured with gaps interpolated, or from times and nominal speed; and its deviation from
-    steady rotation, NaN in gaps.
+    """Crank angle (n,) [rad], measured with gaps interpolated, or from times and nominal speed; and
+    its deviation from steady rotation, NaN in gaps.
     """
     angle, known = recording.crank_angle, np.isfinite(recording.crank_angle)
     if not recording.has_angle:
@@ -36,7 +44,10 @@ def _turned(run: CampaignRun, recording: Recording) -> tuple[np.ndarray, np.ndar
     time = recording.time - recording.time[0]  # keeps the digits of times since an epoch
     steady = np.polyval(np.polyfit(time[known], angle[known], 1), time)
     deviation = angle - steady
-    return np.where(known, angle, steady + np.interp(time, time[known], deviation[known])), deviation
+    return (
+        np.where(known, angle, steady + np.interp(time, time[known], deviation[known])),
+        deviation,
+    )
 
 
 def _numbers(run: CampaignRun, recording: Recording) -> list[dict]:
@@ -55,23 +66,43 @@ def _numbers(run: CampaignRun, recording: Recording) -> list[dict]:
         ends = [float(np.nanmin(values)), float(np.nanmax(values))]
         if encoder and run.direction == "clockwise":
             ends = [-end for end in ends[::-1]]
-        row = {"run": run.id, "channel": name, "unit": CHANNELS[name], "role": run.role, "samples": samples}
-        row |= {"gaps": int(np.count_nonzero(~np.isfinite(values))), "cycles": int(revolutions + 1e-6)}
-        row |= {"samples_per_revolution": samples / revolutions, "mean_speed": mean, "speed_spread": spread}
-        row |= {"low": ends[0], "high": ends[1], "scatter": np.nan if encoder else cycle_scatter(angle, values)}
+        row = {
+            "run": run.id,
+            "channel": name,
+            "unit": CHANNELS[name],
+            "role": run.role,
+            "samples": samples,
+        }
+        row |= {
+            "gaps": int(np.count_nonzero(~np.isfinite(values))),
+            "cycles": int(revolutions + 1e-6),
+        }
+        row |= {
+            "samples_per_revolution": samples / revolutions,
+            "mean_speed": mean,
+            "speed_spread": spread,
+        }
+        row |= {
+            "low": ends[0],
+            "high": ends[1],
+            "scatter": np.nan if encoder else cycle_scatter(angle, values),
+        }
         rows.append(row | {"stated_noise": np.nan if noise is None else noise})
     return rows
 
 
 def _draw(campaign: Campaign, run: CampaignRun, recording: Recording) -> "Drawing":
-    """All channels over the crank angle with superposed cycles; the angle as deviation from steady rotation."""
+    """All channels over the crank angle with superposed cycles; the angle as deviation from steady
+    rotation."""
     from jointgap.core import plot
     from jointgap.core.plot import CRANK_ANGLE, DENSE_LINE, Quantity, Sheet
 
     angle, deviation = _turned(run, recording)
     cycle = np.floor(angle / tau).astype(int)
     within = angle - cycle * tau
-    mirrored = run.direction == "clockwise" and recording.has_angle  # recordings of a clockwise crank are mirrored
+    mirrored = (
+        run.direction == "clockwise" and recording.has_angle
+    )  # recordings of a clockwise crank are mirrored
     shown = np.degrees(tau - within if mirrored else within)
     look = {"linewidth": 0.9, "rasterized": angle.size > DENSE_LINE}
     if angle.size * tau / (angle[-1] - angle[0]) < MARKED_BELOW:
@@ -103,7 +134,8 @@ def _draw(campaign: Campaign, run: CampaignRun, recording: Recording) -> "Drawin
 
 
 def _sampled(values: np.ndarray) -> np.ndarray:
-    """Rows to draw as a line: the samples, and the gaps that are longer than twice the channel's own interval."""
+    """Rows to draw as a line: the samples, and the gaps that are longer than twice the channel's
+    own interval."""
     rows = np.flatnonzero(np.isfinite(values))
     steps, drawn = np.diff(rows), np.isfinite(values)
     drawn[rows[0] : rows[-1]] |= np.repeat(steps > 2 * np.median(steps), steps)

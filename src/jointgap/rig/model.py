@@ -20,17 +20,35 @@ from jointgap.core.joints import PINS
 from jointgap.core.words import joined
 from jointgap.dynamics.equations import evaluate
 from jointgap.effects import EFFECTS
-from jointgap.effects.base import DETECTABLE_SHARE, GROUPS, SLIDER_SIGN_SPEED, FitContext, MotionScale
+from jointgap.effects.base import (
+    DETECTABLE_SHARE,
+    GROUPS,
+    SLIDER_SIGN_SPEED,
+    FitContext,
+    MotionScale,
+)
 from jointgap.effects.own_law import FORMULA_EFFECTS
 from jointgap.identification.fit import Fit
 from jointgap.identification.problem import values_in_run
 from jointgap.rig.checks import is_computed
 from jointgap.rig.consistency_checks import consistency_checks
 from jointgap.rig.cylinder_pressure import loads_of_run, perturbed
-from jointgap.rig.drives import SETTLING_REVOLUTIONS, RunPlan, Values, measured_drive, starts_with_record
+from jointgap.rig.drives import (
+    SETTLING_REVOLUTIONS,
+    RunPlan,
+    Values,
+    measured_drive,
+    starts_with_record,
+)
 from jointgap.rig.read_files import check_runs_left
 from jointgap.rig.recording import OF_SAMPLES, Measurements, Recording, noise_of
-from jointgap.rig.sampling import SampleGrid, own_rows, planned_grid, sample_grid, speed_from_periodicity
+from jointgap.rig.sampling import (
+    SampleGrid,
+    own_rows,
+    planned_grid,
+    sample_grid,
+    speed_from_periodicity,
+)
 from jointgap.rig.sensors import (
     ENCODER_COUPLING,
     ENCODER_ECCENTRICITY,
@@ -48,32 +66,48 @@ from jointgap.rig.simulate_run import (
     steady_contact_damping,
     with_nuisances,
 )
-from jointgap.rig.statistics import BINS, chaotic_channels, chaotic_run, measured_statistics, simulated_statistics
+from jointgap.rig.statistics import (
+    BINS,
+    chaotic_channels,
+    chaotic_run,
+    measured_statistics,
+    simulated_statistics,
+)
 from jointgap.rig.windows import RunInWindows, run_in_windows
 
 STEP_SHARE_OF_BOUNDS = 0.02  # [1] Step of a nuisance over the width of its bounds (experience)
-FRICTION_SPEED_FACTOR = 4.0  # [1] Half width of the bounds of `friction_speed`, which is not measured
-# [1] Half width of the bounds of steady-contact damping: the last impacts before steady contact, whose damping the
-# published laws keep, have 0.02 to 0.22 m/s (default: 0.05 m/s)
+FRICTION_SPEED_FACTOR = (
+    4.0  # [1] Half width of the bounds of `friction_speed`, which is not measured
+)
+# [1] Half width of the bounds of steady-contact damping: the last impacts before steady contact,
+# whose damping the published laws keep, have 0.02 to 0.22 m/s (default: 0.05 m/s)
 STEADY_CONTACT_DAMPING_FACTOR = 4.0
 OWN_LAW_ANGLES = 72  # Per revolution, for the size of a law that a campaign states
 SHAPES_TRIED = (1 / 6, 1 / 2, 5 / 6)  # [1, of the range] Start values of its shape parameters
-FIRST_ANGLE_REACH = math.pi / 6  # [rad] Bounds of a searched first angle, as the current model may lack an effect
-FIRST_ANGLES_TRIED = 720  # Per revolution, if the first angle or clock offset is unknown; start of the fit
+FIRST_ANGLE_REACH = (
+    math.pi / 6
+)  # [rad] Bounds of a searched first angle, as the current model may lack an effect
+FIRST_ANGLES_TRIED = (
+    720  # Per revolution, if the first angle or clock offset is unknown; start of the fit
+)
 SEARCHED_TURNS = 10  # For the offset of a second clock
 # Of a planned chaotic run: for longer ones the simulated cycles limit the accuracy
 MAX_PLANNED_REVOLUTIONS = 60
-# [1, of the crank speed] Start value of the frequency of a harmonic force without data: near no harmonic
+# [1, of the crank speed] Start value of the frequency of a harmonic force without data: near no
+# harmonic
 PLANNED_FORCE_ORDER = 1.37
 
 
 def physical_candidates(context: FitContext) -> list[Candidate]:
-    """Possible missing effects by group, without those that the mechanism has or that cannot act in it."""
+    """Possible missing effects by group, without those that the mechanism has or that cannot act in
+    it."""
     found = []
     for effect in EFFECTS.values():
         for candidate in effect.candidates(context):
             site = candidate.site if candidate.has_site else None
-            if context.mechanism.effect(candidate.name, site) is None and _is_possible(context, candidate):
+            if context.mechanism.effect(candidate.name, site) is None and _is_possible(
+                context, candidate
+            ):
                 place = GROUPS.index(effect.GROUP), effect.sites().index(site) if site else 0
                 found.append((place, candidate))
     return [candidate for _, candidate in sorted(found, key=lambda entry: entry[0])]
@@ -82,7 +116,9 @@ def physical_candidates(context: FitContext) -> list[Candidate]:
 def _is_possible(context: FitContext, candidate: Candidate) -> bool:
     """Whether the effect is valid in a mechanism file at a small size."""
     small = {
-        f"{candidate.label}.{p.key}": min(max(p.step, p.low), p.high) if p.key in candidate.amplitudes else p.nominal
+        f"{candidate.label}.{p.key}": (
+            min(max(p.step, p.low), p.high) if p.key in candidate.amplitudes else p.nominal
+        )
         for p in candidate.coordinates
     }
     try:
@@ -95,7 +131,10 @@ def _is_possible(context: FitContext, candidate: Candidate) -> bool:
 def own_candidates(campaign: Campaign, scale: MotionScale) -> list[Candidate]:
     """The laws that a campaign states itself, except those that the mechanism has."""
     angle = tau * (np.arange(OWN_LAW_ANGLES) + 0.5) / OWN_LAW_ANGLES
-    place, speed = scale.middle + scale.stroke * np.cos(angle), -scale.stroke * scale.turning * np.sin(angle)
+    place, speed = (
+        scale.middle + scale.stroke * np.cos(angle),
+        -scale.stroke * scale.turning * np.sin(angle),
+    )
     found = []
     for name, law in campaign.candidates.items():
         if campaign.mechanism.effect(FORMULA_EFFECTS[law.site], name) is not None:
@@ -103,25 +142,35 @@ def own_candidates(campaign: Campaign, scale: MotionScale) -> list[Candidate]:
         spans, amplitudes = law.spans, law.amplitudes
         shapes = {key: own for key, own in spans.items() if key not in amplitudes}
         middles = {key: own.middle for key, own in shapes.items()}
-        starts = [[own.low + share * (own.high - own.low) for share in SHAPES_TRIED] for own in shapes.values()]
+        starts = [
+            [own.low + share * (own.high - own.low) for share in SHAPES_TRIED]
+            for own in shapes.values()
+        ]
         guesses = tuple(dict(zip(shapes, start, strict=True)) for start in product(*starts))
         most = scale.force * (scale.stroke if law.site == "crank" else 1.0)
         coordinates = []
         for key in amplitudes:
             sizes = []
             for values in (middles, *guesses):
-                program = compile_formula(law.formula, {**dict.fromkeys(amplitudes, 0.0), **values, key: 1.0})
+                program = compile_formula(
+                    law.formula, {**dict.fromkeys(amplitudes, 0.0), **values, key: 1.0}
+                )
                 force = [
                     evaluate(program.codes, program.numbers, v, x, scale.turning, theta, 0.0)
                     for v, x, theta in zip(speed, place, angle, strict=True)
                 ]
                 sizes.append(float(np.sqrt(np.mean(np.square(force)))))
                 if not sizes[-1] < math.inf or sizes[0] == 0.0:
-                    given = ", ".join(f"{own} = {value:g}" for own, value in {key: 1.0, **values}.items())
-                    fix = "write |v|^n for v^n, or " * math.isnan(sizes[-1]) + "correct it or the ranges"
+                    given = ", ".join(
+                        f"{own} = {value:g}" for own, value in {key: 1.0, **values}.items()
+                    )
+                    fix = (
+                        "write |v|^n for v^n, or " * math.isnan(sizes[-1])
+                        + "correct it or the ranges"
+                    )
                     raise InputError(
-                        f"campaign {campaign.name}, candidates.{name}: with {given} the formula '{law.formula}' is "
-                        f"{sizes[-1]:g} over a turn; {fix}"
+                        f"campaign {campaign.name}, candidates.{name}: with {given} the formula"
+                        f" '{law.formula}' is {sizes[-1]:g} over a turn; {fix}"
                     )
             size = sizes[0]
             low, high = spans[key].low, spans[key].high
@@ -130,12 +179,21 @@ def own_candidates(campaign: Campaign, scale: MotionScale) -> list[Candidate]:
             step = STEP_SHARE_OF_BOUNDS * (own.high - own.low)
             coordinates.append(Parameter(key, own.middle, own.low, own.high, step, own.unit))
         found.append(
-            Candidate(name, law.site, tuple(coordinates), amplitudes, initial_guesses=guesses, formula=law.formula)
+            Candidate(
+                name,
+                law.site,
+                tuple(coordinates),
+                amplitudes,
+                initial_guesses=guesses,
+                formula=law.formula,
+            )
         )
     return found
 
 
-def _parameter(name: str, nominal: float, low: float, high: float, unit: str, run: str | None = None) -> Parameter:
+def _parameter(
+    name: str, nominal: float, low: float, high: float, unit: str, run: str | None = None
+) -> Parameter:
     return Parameter(name, nominal, low, high, STEP_SHARE_OF_BOUNDS * (high - low), unit, run)
 
 
@@ -151,7 +209,9 @@ def _listed(campaign: Campaign, keys: Iterable[str], run: str | None = None) -> 
 
 def shared_nuisances(campaign: Campaign) -> tuple[Parameter, ...]:
     """Nuisances shared by all runs."""
-    found = _listed(campaign, (key for key in campaign.nuisance if key not in campaign.run_nuisances))
+    found = _listed(
+        campaign, (key for key in campaign.nuisance if key not in campaign.run_nuisances)
+    )
     if (width := friction_speed(campaign.mechanism)) is not None:
         low, high = width / FRICTION_SPEED_FACTOR, width * FRICTION_SPEED_FACTOR
         found.append(_parameter("friction_speed", width, low, high, "m/s"))
@@ -165,12 +225,16 @@ def check_bounds(campaign: Campaign) -> None:
 
     Each alone, the others nominal, and the most unfavourable combination of lengths and clearances.
     """
-    bounds = {p.name: (p.low, p.high) for p in shared_nuisances(campaign) if p.name in campaign.nuisance}
+    bounds = {
+        p.name: (p.low, p.high) for p in shared_nuisances(campaign) if p.name in campaign.nuisance
+    }
     tightest = {"crank_length": 1, "rod_length": 0} | {f"{pin}_clearance": 1 for pin in PINS}
     together = {key: bounds[key][end] for key, end in tightest.items() if key in bounds}
     alone = [{key: end} for key, ends in bounds.items() for end in ends]
     for values in [*alone, together] if len(together) > 1 else alone:
-        at = ", ".join(f"{key} = {value:g} {NUISANCES[key]}".rstrip() for key, value in values.items())
+        at = ", ".join(
+            f"{key} = {value:g} {NUISANCES[key]}".rstrip() for key, value in values.items()
+        )
         source = f"campaign {campaign.name}, nuisance, at the bound {at}"
         try:
             validate(Mechanism, with_nuisances(campaign.mechanism, values).model_dump(), source)
@@ -179,8 +243,8 @@ def check_bounds(campaign: Campaign) -> None:
 
 
 def run_nuisances(campaign: Campaign, plan: RunPlan, searched: bool) -> tuple[Parameter, ...]:
-    """Nuisances of a run: sensor zeros, offset of a second clock, speed, first angle (`searched`: found by a search),
-    motor line.
+    """Nuisances of a run: sensor zeros, offset of a second clock, speed, first angle (`searched`:
+    found by a search), motor line.
 
     If the measured angle drives the crank, speed and first angle are no nuisances.
     """
@@ -188,7 +252,9 @@ def run_nuisances(campaign: Campaign, plan: RunPlan, searched: bool) -> tuple[Pa
     found = _listed(campaign, (key for key in campaign.run_nuisances if key != "speed"), run.id)
     if plan.second_clock:
         offset, reach = plan.clock_offset, FIRST_ANGLE_REACH / samples.speed
-        found.append(_parameter("clock_offset", offset, offset - reach, offset + reach, "s", run.id))
+        found.append(
+            _parameter("clock_offset", offset, offset - reach, offset + reach, "s", run.id)
+        )
     if campaign.drive == "measured_angle":
         return tuple(found)
     speed, first, reach = samples.speed, samples.first_angle, samples.speed_reach
@@ -217,7 +283,8 @@ class RunData(NamedTuple):
 
 
 class SliderCrankModel:
-    """A `jointgap.core.candidates.Model` of a slider-crank; `left_out`: the reason for each run that is not used."""
+    """A `jointgap.core.candidates.Model` of a slider-crank; `left_out`: the reason for each run
+    that is not used."""
 
     def __init__(
         self,
@@ -242,9 +309,15 @@ class SliderCrankModel:
             values, noise = self.nominal(run), noise_of(campaign, run)
             if channels := chaotic_channels(campaign, data.plan, values, noise):
                 kept = ~data.held_out | data.held_out.all()
-                fitted = {channel: np.where(kept, data.values[channel], np.nan) for channel in channels}
-                self._chaotic[run] = chaotic_run(campaign, data.plan, channels, values, fitted, noise)
-            series += [self._samples(data, channel, noise.get(channel)) for channel in self._sampled(run)]
+                fitted = {
+                    channel: np.where(kept, data.values[channel], np.nan) for channel in channels
+                }
+                self._chaotic[run] = chaotic_run(
+                    campaign, data.plan, channels, values, fitted, noise
+                )
+            series += [
+                self._samples(data, channel, noise.get(channel)) for channel in self._sampled(run)
+            ]
             if run in self._chaotic:
                 series += self._statistics(run, data)
         self.series = tuple(series)
@@ -258,20 +331,32 @@ class SliderCrankModel:
         return self._chaotic[run].statistics.channels if run in self._chaotic else ()
 
     def _sampled(self, run: str) -> tuple[str, ...]:
-        return tuple(channel for channel in self.plans[run].channels if channel not in self.chaotic(run))
+        return tuple(
+            channel for channel in self.plans[run].channels if channel not in self.chaotic(run)
+        )
 
     def _samples(self, data: RunData, channel: str, noise: float | None) -> Series:
         samples, run, jitter = data.plan.samples, data.plan.run.id, self.campaign.jitter
         rows = self._rows[run, channel]
         if jitter is None and not (samples.timed and channel in POSITIONS):
-            jitter = 0.0  # cycle-to-cycle variation of velocities and accelerations is due to impacts
-        resolution = (self.campaign.channels[channel].resolution or 0.0) * self.campaign.factor(channel)
+            jitter = (
+                0.0  # cycle-to-cycle variation of velocities and accelerations is due to impacts
+            )
+        resolution = (self.campaign.channels[channel].resolution or 0.0) * self.campaign.factor(
+            channel
+        )
         sd = None if noise is None else np.full(np.count_nonzero(rows), noise)
-        columns = [column[rows] for column in (data.values[channel], samples.time, samples.angle, data.held_out)]
-        return Series(run, channel, CHANNELS[channel], *columns, sd, resolution=resolution, jitter=jitter)
+        columns = [
+            column[rows]
+            for column in (data.values[channel], samples.time, samples.angle, data.held_out)
+        ]
+        return Series(
+            run, channel, CHANNELS[channel], *columns, sd, resolution=resolution, jitter=jitter
+        )
 
     def _statistics(self, run: str, data: RunData) -> Iterator[Series]:
-        """Series of the chaotic channels: statistics of the fitted, then of the held-out samples."""
+        """Series of the chaotic channels: statistics of the fitted, then of the held-out
+        samples."""
         chaotic, angle, held_out = self._chaotic[run], data.plan.samples.angle, data.held_out
         groups = [part for part in (False, True) if (held_out == part).any()]
         parts = []
@@ -283,18 +368,37 @@ class SliderCrankModel:
         for name in parts[0]:
             value, error = (np.concatenate([part[name][i] for part in parts]) for i in (0, 1))
             unit = CHANNELS[name.partition(" ")[0]]
-            yield Series(run, name, unit, value, unknown, middles, np.repeat(groups, BINS), error, statistic=True)
+            yield Series(
+                run,
+                name,
+                unit,
+                value,
+                unknown,
+                middles,
+                np.repeat(groups, BINS),
+                error,
+                statistic=True,
+            )
 
     def drive_errors(self, run: str, values: Values) -> dict[str, np.ndarray]:
         """Parameters as of `jointgap.core.candidates.Driven.drive_errors`."""
         plan = replace(self.plans[run], channels=self._sampled(run))
-        others = [replace(plan, measured=each) for each in plan.measured.perturbed] if plan.measured else []
+        others = (
+            [replace(plan, measured=each) for each in plan.measured.perturbed]
+            if plan.measured
+            else []
+        )
         others += [replace(plan, loads=each) for each in perturbed(plan.loads)]
         if not others or not plan.channels:
             return {}
         nominal, read = self._read(plan, values), [self._read(each, values) for each in others]
-        changes = {channel: [each[channel] - nominal[channel] for each in read] for channel in nominal}
-        return {channel: np.array(each).reshape(-1, nominal[channel].size).T for channel, each in changes.items()}
+        changes = {
+            channel: [each[channel] - nominal[channel] for each in read] for channel in nominal
+        }
+        return {
+            channel: np.array(each).reshape(-1, nominal[channel].size).T
+            for channel, each in changes.items()
+        }
 
     @cached_property
     def candidates(self) -> tuple[Candidate, ...]:
@@ -302,9 +406,16 @@ class SliderCrankModel:
         campaign, runs = self.campaign, tuple(self.plans)
         scale = motion_scale(self)
         read = channels_read(campaign, self.plans[runs[0]], self.nominal(runs[0]))
-        spreads = {name: float(np.ptp(v) and np.std(v)) for name, v in read.items() if name != "crank_angle"}
+        spreads = {
+            name: float(np.ptp(v) and np.std(v))
+            for name, v in read.items()
+            if name != "crank_angle"
+        }
         shared = {p.name: p for p in self.nuisances if p.run is None}
-        constant, frequency = campaign.drive == "constant_speed", PLANNED_FORCE_ORDER * scale.turning / tau
+        constant, frequency = (
+            campaign.drive == "constant_speed",
+            PLANNED_FORCE_ORDER * scale.turning / tau,
+        )
         context = FitContext(campaign.mechanism, scale, shared, constant, frequency, runs)
         # with a single fitted run its zero is the common offset
         several = sum(plan.run.role != "confirm" for plan in self.plans.values()) > 1
@@ -314,7 +425,8 @@ class SliderCrankModel:
             encoder.append(ENCODER_ZEROS)
         if encoder and campaign.drive == "measured_angle":
             encoder += [ENCODER_LAG, ENCODER_ECCENTRICITY]
-        # of the angle alone a fluctuating speed explains as much; the torque of a chaotic run does not repeat
+        # of the angle alone a fluctuating speed explains as much; the torque of a chaotic run does
+        # not repeat
         if any({"crank_angle"} < {*plan.channels} for plan in self.plans.values()):
             encoder += [*(() if self._chaotic else ENCODER_COUPLING), ENCODER_ECCENTRICITY]
         torque = scale.force / DETECTABLE_SHARE * scale.stroke
@@ -322,15 +434,24 @@ class SliderCrankModel:
         sensors = sensor_candidates(spreads, encoder, scale.turning, torque, listed, runs, start)
         return (*physical_candidates(context), *own_candidates(campaign, scale), *sensors)
 
-    def simulate(self, run: str, values: Values, effects: Effects = (), numerics: int = 0) -> dict[str, np.ndarray]:
+    def simulate(
+        self, run: str, values: Values, effects: Effects = (), numerics: int = 0
+    ) -> dict[str, np.ndarray]:
         """Parameters as of `jointgap.core.candidates.Model.simulate`."""
-        plan, chaotic = replace(self.plans[run], channels=self._sampled(run)), self._chaotic.get(run)
+        plan, chaotic = (
+            replace(self.plans[run], channels=self._sampled(run)),
+            self._chaotic.get(run),
+        )
         read = self._read(plan, values, effects, numerics) if plan.channels else {}
         if chaotic is not None:
             statistics = simulated_statistics(self.campaign, chaotic, values, effects, numerics)
-            sizes = {series.channel: series.value.size for series in self.series if series.run == run}
+            sizes = {
+                series.channel: series.value.size for series in self.series if series.run == run
+            }
             # the same for fitted and held-out samples
-            read |= {name: np.tile(bins, sizes[name] // bins.size) for name, bins in statistics.items()}
+            read |= {
+                name: np.tile(bins, sizes[name] // bins.size) for name, bins in statistics.items()
+            }
         return read
 
     def windows(self, run: str, values: Values, effects: Effects = ()) -> RunInWindows | None:
@@ -339,7 +460,9 @@ class SliderCrankModel:
         rows = {channel: self._rows[run, channel] for channel in plan.channels}
         return run_in_windows(self.campaign, plan, values, effects, rows)
 
-    def _read(self, plan: RunPlan, values: Values, effects: Effects = (), numerics: int = 0) -> dict[str, np.ndarray]:
+    def _read(
+        self, plan: RunPlan, values: Values, effects: Effects = (), numerics: int = 0
+    ) -> dict[str, np.ndarray]:
         """Sensor readings at the rows of each channel."""
         read = channels_read(self.campaign, plan, values, effects, numerics)
         return {channel: value[self._rows[plan.run.id, channel]] for channel, value in read.items()}
@@ -355,7 +478,10 @@ def library(model: SliderCrankModel) -> tuple[Candidate, ...]:
     """A candidate for each term of a slider force or crank torque."""
     scale = motion_scale(model)
     symbols = {"Y": f"(x - {scale.middle!r})", "S": f"tanh(v/{SLIDER_SIGN_SPEED!r})"}
-    slider = "1 v |v| S v*|v| v^3 Y Y^3 |Y| cos(theta) sin(theta) Y*v Y*|v| Y*S v*cos(theta) v*sin(theta)"
+    slider = (
+        "1 v |v| S v*|v| v^3 Y Y^3 |Y| cos(theta) sin(theta) Y*v Y*|v| Y*S v*cos(theta)"
+        " v*sin(theta)"
+    )
     crank = "1 w w*|w| cos(theta) sin(theta) cos(2*theta) sin(2*theta)"
     sizes, found = {"Y": scale.stroke, "v": scale.speed, "w": scale.turning}, []
     for effect, site, terms, largest in (
@@ -375,21 +501,32 @@ def remaining_inconsistencies(
     model: SliderCrankModel, measurements: Measurements, explanations: Sequence[Fit]
 ) -> tuple[str, ...]:
     """Channels that are inconsistent with at least one of the explanations."""
-    return tuple(dict.fromkeys(channel for fit in explanations for channel in _left(model, measurements, fit)))
+    return tuple(
+        dict.fromkeys(
+            channel for fit in explanations for channel in _left(model, measurements, fit)
+        )
+    )
 
 
 def _left(model: SliderCrankModel, measurements: Measurements, fit: Fit) -> list[str]:
-    """Channels that are inconsistent after removing the sensor faults of a fit; without runs whose own fault is not
-    fitted, such as the encoder zero of a held-out run.
+    """Channels that are inconsistent after removing the sensor faults of a fit; without runs whose
+    own fault is not fitted, such as the encoder zero of a held-out run.
     """
     corrected, erring = {}, False
     sensors = tuple(candidate for candidate in fit.hypothesis if candidate.sensor)
     for run, plan in model.plans.items():
         own = [p.key for p in model.nuisances if p.run == run and p.name in Faults.NUISANCES]
-        own += [f"{candidate.label}.{p.key}" for candidate in sensors for p in candidate.coordinates if p.run == run]
+        own += [
+            f"{candidate.label}.{p.key}"
+            for candidate in sensors
+            for p in candidate.coordinates
+            if p.run == run
+        ]
         if all(key in fit.mapping for key in own):
             nuisances, effects = values_in_run(model, run, fit.mapping, sensors)
-            faults = Faults(effects, plan.run.direction == "clockwise", nuisances, plan.second_clock)
+            faults = Faults(
+                effects, plan.run.direction == "clockwise", nuisances, plan.second_clock
+            )
             corrected[run] = faults.taken_out(measurements.runs[run])
             erring |= bool(faults)
     left = measurements.contradictions
@@ -402,9 +539,12 @@ def _left(model: SliderCrankModel, measurements: Measurements, fit: Fit) -> list
 
 
 def build_model(
-    campaign: Campaign, measurements: Measurements | None = None, revolutions: Mapping[str, float] | None = None
+    campaign: Campaign,
+    measurements: Measurements | None = None,
+    revolutions: Mapping[str, float] | None = None,
 ) -> SliderCrankModel:
-    """The model of a campaign; without measurements of the planned runs (chaotic ones with `revolutions`).
+    """The model of a campaign; without measurements of the planned runs (chaotic ones with
+    `revolutions`).
 
     Measured runs that cannot be simulated are not used.
     """
@@ -419,20 +559,30 @@ def build_model(
             except (InputError, SimulationError) as error:
                 left_out[run.id] = str(error)
     check_runs_left(campaign, left_out)
-    campaign = campaign.model_copy(update={"runs": tuple(run for run in campaign.runs if run.id in runs)})
+    campaign = campaign.model_copy(
+        update={"runs": tuple(run for run in campaign.runs if run.id in runs)}
+    )
     found = measurements.contradictions if measurements else ()
-    offset = next((one.phase for one in found if (one.channel, one.kind) == ("crank_angle", "phase")), None)
+    offset = next(
+        (one.phase for one in found if (one.channel, one.kind) == ("crank_angle", "phase")), None
+    )
     return SliderCrankModel(campaign, runs, left_out, offset)
 
 
 def _plan(campaign: Campaign, run: CampaignRun, samples: SampleGrid) -> RunPlan:
     drives, encoder = campaign.drive == "measured_angle", "crank_angle" in campaign.channels
-    channels = [name for name in campaign.channels if name not in ("time", "crank_angle", *PRESSURES)]
-    channels += ["crank_angle"] if encoder and samples.encoded and not (drives or samples.computed) else []
+    channels = [
+        name for name in campaign.channels if name not in ("time", "crank_angle", *PRESSURES)
+    ]
+    channels += (
+        ["crank_angle"] if encoder and samples.encoded and not (drives or samples.computed) else []
+    )
     drive = None
     if drives:
         back = 0 if starts_with_record(run) else SETTLING_REVOLUTIONS
-        drive = measured_drive(samples, _resolution(campaign), noise_of(campaign, run.id).get("crank_angle"), back)
+        drive = measured_drive(
+            samples, _resolution(campaign), noise_of(campaign, run.id).get("crank_angle"), back
+        )
     return RunPlan(run, samples, tuple(channels), drive, loads=loads_of_run(campaign, run))
 
 
@@ -440,19 +590,31 @@ def _planned(campaign: Campaign, run: CampaignRun, revolutions: float | None) ->
     planned = run.speed, _first_angle(run) or 0.0, "crank_angle" in campaign.channels
     plan = _plan(campaign, run, planned_grid(*planned))
     if len(run.files) == 2:  # which channels are in which file is not known yet
-        plan = replace(plan, second_clock=tuple(name for name in plan.channels if name != "crank_angle"))
+        plan = replace(
+            plan, second_clock=tuple(name for name in plan.channels if name != "crank_angle")
+        )
     noise = noise_of(campaign, run.id)
-    if revolutions is not None and chaotic_channels(campaign, plan, _nominal(campaign, plan), noise):
+    if revolutions is not None and chaotic_channels(
+        campaign, plan, _nominal(campaign, plan), noise
+    ):
         longer = min(max(round(revolutions), 1), MAX_PLANNED_REVOLUTIONS)
-        plan = replace(_plan(campaign, run, planned_grid(*planned, longer)), second_clock=plan.second_clock)
+        plan = replace(
+            _plan(campaign, run, planned_grid(*planned, longer)), second_clock=plan.second_clock
+        )
     count = plan.samples.time.size
     held_out = math.ceil({"confirm": 1.0, "split": 1.0 / 3.0}.get(run.role, 0.0) * count)
-    return RunData(plan, dict.fromkeys(plan.channels, np.full(count, np.nan)), np.arange(count) >= count - held_out)
+    return RunData(
+        plan,
+        dict.fromkeys(plan.channels, np.full(count, np.nan)),
+        np.arange(count) >= count - held_out,
+    )
 
 
 def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> RunData:
     constant, searched, step = campaign.drive == "constant_speed", False, _resolution(campaign)
-    samples = sample_grid(recording.time, recording.crank_angle, run.speed, _first_angle(run), step, constant)
+    samples = sample_grid(
+        recording.time, recording.crank_angle, run.speed, _first_angle(run), step, constant
+    )
     if samples.encoded and is_computed(campaign, run.id, recording.time, recording.crank_angle):
         samples = replace(samples, computed=True, first_reach=0.0, speed_reach=0.0)
     plan = replace(_plan(campaign, run, samples), second_clock=recording.second_clock)
@@ -463,8 +625,9 @@ def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> Run
     fitted = {channel: np.where(hidden, np.nan, value) for channel, value in values.items()}
     if not any(np.isfinite(value).any() for value in fitted.values()):
         raise InputError(
-            f"{campaign.folder / run.files[0]}: the first two thirds of run '{run.id}', which are for fitting, have no "
-            f"value of {joined(values)}; give a record with such values, or another run for fitting"
+            f"{campaign.folder / run.files[0]}: the first two thirds of run '{run.id}', which are"
+            f" for fitting, have no value of {joined(values)}; give a record with such values, or"
+            " another run for fitting"
         )
     if constant and "crank_angle" not in campaign.channels:
         if "speed" in campaign.nuisance:
@@ -486,7 +649,11 @@ def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> Run
 
 def _resolution(campaign: Campaign) -> float:
     encoder = campaign.channels.get("crank_angle")
-    return encoder.resolution * campaign.factor("crank_angle") if encoder and encoder.resolution else 0.0
+    return (
+        encoder.resolution * campaign.factor("crank_angle")
+        if encoder and encoder.resolution
+        else 0.0
+    )
 
 
 def _nominal(campaign: Campaign, plan: RunPlan) -> dict[str, float]:
@@ -496,14 +663,26 @@ def _nominal(campaign: Campaign, plan: RunPlan) -> dict[str, float]:
 
 def _first_angle(run: CampaignRun) -> float | None:
     """The stated first angle [rad], mirrored for a clockwise crank."""
-    return -run.first_angle if run.first_angle is not None and run.direction == "clockwise" else run.first_angle
+    return (
+        -run.first_angle
+        if run.first_angle is not None and run.direction == "clockwise"
+        else run.first_angle
+    )
 
 
-def _with_first_angle(campaign: Campaign, plan: RunPlan, measured: dict[str, np.ndarray]) -> RunPlan:
+def _with_first_angle(
+    campaign: Campaign, plan: RunPlan, measured: dict[str, np.ndarray]
+) -> RunPlan:
     """The plan with the first angle at which the current model agrees best with the measurement."""
     own, count = plan.samples, FIRST_ANGLES_TRIED
     turn = np.arange(count) / count
-    dense = replace(own, time=turn * (tau / own.speed), read=np.full(count, np.nan), angle=tau * turn, first_angle=0.0)
+    dense = replace(
+        own,
+        time=turn * (tau / own.speed),
+        read=np.full(count, np.nan),
+        angle=tau * turn,
+        first_angle=0.0,
+    )
     simulated = channels_read(campaign, replace(plan, samples=dense), {})
     misfit = np.zeros(count)
     phase = np.round(own.elapsed * own.speed / tau * count).astype(int)
@@ -512,22 +691,34 @@ def _with_first_angle(campaign: Campaign, plan: RunPlan, measured: dict[str, np.
         spread = max(float(np.std(simulated[channel])), float(np.std(value[finite])), 1e-300)
         for shift in range(count):
             away = value[finite] - simulated[channel][(phase[finite] + shift) % count]
-            misfit[shift] += np.median(np.abs(away)) / spread  # the median tolerates shifted impact spikes
+            misfit[shift] += (
+                np.median(np.abs(away)) / spread
+            )  # the median tolerates shifted impact spikes
     first = float(np.argmin(misfit)) * tau / count
-    return replace(plan, samples=replace(own, first_angle=first, angle=own.angle - own.first_angle + first))
+    return replace(
+        plan, samples=replace(own, first_angle=first, angle=own.angle - own.first_angle + first)
+    )
 
 
-def _with_clock_offset(campaign: Campaign, plan: RunPlan, measured: dict[str, np.ndarray]) -> RunPlan:
-    """The plan with the offset of the second clock, within half a revolution, at which the current model agrees best
-    with the measurement.
+def _with_clock_offset(
+    campaign: Campaign, plan: RunPlan, measured: dict[str, np.ndarray]
+) -> RunPlan:
+    """The plan with the offset of the second clock, within half a revolution, at which the current
+    model agrees best with the measurement.
     """
     own, turn = plan.samples.first(SEARCHED_TURNS * tau), tau / plan.samples.speed
     time = np.arange(own.time[0], own.time[-1], turn / FIRST_ANGLES_TRIED)
     read = np.isfinite(own.read)
-    reading = np.interp(time, own.time[read], own.read[read]) if read.any() else np.full(time.size, np.nan)
+    reading = (
+        np.interp(time, own.time[read], own.read[read])
+        if read.any()
+        else np.full(time.size, np.nan)
+    )
     dense = replace(own, time=time, read=reading, angle=np.interp(time, own.time, own.angle))
     names = tuple(name for name in plan.channels if name in plan.second_clock)
-    simulated = channels_read(campaign, replace(plan, samples=dense, channels=names), _nominal(campaign, plan))
+    simulated = channels_read(
+        campaign, replace(plan, samples=dense, channels=names), _nominal(campaign, plan)
+    )
     offsets = np.linspace(-0.5, 0.5, FIRST_ANGLES_TRIED, endpoint=False) * turn
     misfit = np.zeros(offsets.size)
     for name in names:
@@ -535,7 +726,11 @@ def _with_clock_offset(campaign: Campaign, plan: RunPlan, measured: dict[str, np
         kept = np.isfinite(value)
         spread = max(float(np.std(simulated[name])), float(np.std(value[kept])), 1e-300)
         for place, offset in enumerate(offsets):
-            at = np.interp(own.time[kept] - offset, time, simulated[name], left=np.nan, right=np.nan)
+            at = np.interp(
+                own.time[kept] - offset, time, simulated[name], left=np.nan, right=np.nan
+            )
             away = value[kept] - at
-            misfit[place] += np.nanmedian(np.abs(away - np.nanmedian(away))) / spread  # friction changes the mean
+            misfit[place] += (
+                np.nanmedian(np.abs(away - np.nanmedian(away))) / spread
+            )  # friction changes the mean
     return replace(plan, clock_offset=float(offsets[np.argmin(misfit)]))

@@ -20,7 +20,9 @@ class Contradiction:
 
     run: str
     channel: str  # ``time`` also if the run's speed may be wrong
-    kind: str  # sign, scale, phase, swapped, unrelated, one of `OF_SAMPLES` or of `OF_A_RUN`, time, speed, clock, held
+    # sign, scale, phase, swapped, unrelated, one of `OF_SAMPLES` or of `OF_A_RUN`, time, speed,
+    # clock, held
+    kind: str
     remark: str  # A sentence without run and file
     other: str = ""  # The swapped channel
     factor: float = np.nan  # [1] Measured over expected
@@ -29,7 +31,8 @@ class Contradiction:
 
     @property
     def stops(self) -> bool:
-        """Whether it prevents an analysis; an encoder zero does not, as the analysis identifies it."""
+        """Whether it prevents an analysis; an encoder zero does not, as the analysis identifies
+        it."""
         return self.doubtful and (self.channel, self.kind) != ("crank_angle", "phase")
 
 
@@ -52,7 +55,9 @@ class Recording:
     channels: dict[str, np.ndarray]
     noise: dict[str, float | None]
     held_out: np.ndarray  # Samples not used for fitting and selection
-    second_clock: tuple[str, ...] = ()  # Channels of a second logger, by whose clock their samples are stamped
+    second_clock: tuple[
+        str, ...
+    ] = ()  # Channels of a second logger, by whose clock their samples are stamped
 
     @property
     def has_time(self) -> bool:
@@ -84,14 +89,24 @@ class Measurements:
 
 def noise_of(campaign: Campaign, run: str) -> dict[str, float | None]:
     """`Recording.noise` of a `run` of the `campaign`."""
-    stated = {name: channel.noise_of(run) for name, channel in campaign.channels.items() if name != "time"}
-    return {name: None if sd is None else float(sd * campaign.factor(name)) for name, sd in stated.items()}
+    stated = {
+        name: channel.noise_of(run) for name, channel in campaign.channels.items() if name != "time"
+    }
+    return {
+        name: None if sd is None else float(sd * campaign.factor(name))
+        for name, sd in stated.items()
+    }
 
 
 def to_frame(measurements: Measurements) -> pd.DataFrame:
     """Table `MEASURED`: one row per run, channel and sample."""
     parts = [
-        {"run": recording.run, "channel": channel, "sample": np.arange(values.size), "time": recording.time}
+        {
+            "run": recording.run,
+            "channel": channel,
+            "sample": np.arange(values.size),
+            "time": recording.time,
+        }
         | {"crank_angle": recording.crank_angle, "value": values, "held_out": recording.held_out}
         | {"second_clock": channel in recording.second_clock}
         for recording in measurements.runs.values()
@@ -101,16 +116,25 @@ def to_frame(measurements: Measurements) -> pd.DataFrame:
 
 
 def from_frame(
-    frame: pd.DataFrame, campaign: Campaign, remarks: tuple[str, ...] = (), found: tuple[Contradiction, ...] = ()
+    frame: pd.DataFrame,
+    campaign: Campaign,
+    remarks: tuple[str, ...] = (),
+    found: tuple[Contradiction, ...] = (),
 ) -> Measurements:
     """Inverse of `to_frame`."""
     runs = {}
     for run, own in frame.groupby("run", sort=False, observed=True):
         parts = dict(list(own.groupby("channel", sort=False, observed=True)))
-        channels = {name: part["value"].to_numpy(float) for name, part in parts.items() if name != "crank_angle"}
+        channels = {
+            name: part["value"].to_numpy(float)
+            for name, part in parts.items()
+            if name != "crank_angle"
+        }
         samples = next(iter(parts.values()))
         time, angle = (samples[key].to_numpy(float) for key in ("time", "crank_angle"))
         held_out = samples["held_out"].to_numpy(bool)
         second_clock = tuple(name for name, part in parts.items() if part["second_clock"].all())
-        runs[run] = Recording(run, time, angle, channels, noise_of(campaign, run), held_out, second_clock)
+        runs[run] = Recording(
+            run, time, angle, channels, noise_of(campaign, run), held_out, second_clock
+        )
     return Measurements(runs, remarks, found)

@@ -7,11 +7,14 @@ from math import tau
 
 import numpy as np
 
-OUTLIER = 5.0  # [1, robust standard deviations] Distance of an outlier of the crank angle from its line
+OUTLIER = (
+    5.0  # [1, robust standard deviations] Distance of an outlier of the crank angle from its line
+)
 EVEN_ROWS = math.radians(
     0.5
 )  # [rad] Angles without times that are nearer to a line over their rows are uniform in time
-# [1] Bounds of estimated speed and phase: five standard errors, doubled as errors of an encoder repeat
+# [1] Bounds of estimated speed and phase: five standard errors, doubled as errors of an encoder
+# repeat
 REACH = 2.0 * 5.0
 SPEED_HARMONICS = 6  # Of the Fourier series that estimates the speed of a crank without encoder
 SPEED_STEP = 0.02  # [revolutions over the record] An eighth of the period of the sixth harmonic
@@ -56,7 +59,9 @@ class SampleGrid:
         count = self.time.size
         more = max(math.ceil((turned / self.turned - 1.0) * (count - 1)), 0)
         time, read, angle = (
-            np.append(values, values[-1] + (values[-1] - values[0]) / (count - 1) * np.arange(1, more + 1))
+            np.append(
+                values, values[-1] + (values[-1] - values[0]) / (count - 1) * np.arange(1, more + 1)
+            )
             for values in (self.time, self.read, self.angle)
         )
         return replace(self, time=time, read=read, angle=angle)
@@ -65,11 +70,14 @@ class SampleGrid:
         """The record with `factor` times as many samples, which include its own."""
         count = self.time.size
         places = np.arange((count - 1) * factor + 1) / factor
-        time, read, angle = (np.interp(places, np.arange(count), v) for v in (self.time, self.read, self.angle))
+        time, read, angle = (
+            np.interp(places, np.arange(count), v) for v in (self.time, self.read, self.angle)
+        )
         return replace(self, time=time, read=read, angle=angle)
 
     def line(self, angle: np.ndarray) -> tuple[float, float]:
-        """First value [rad] and slope [rad/s] of the line through `angle` (n,) [rad] at measured angles."""
+        """First value [rad] and slope [rad/s] of the line through `angle` (n,) [rad] at measured
+        angles."""
         finite = np.isfinite(self.read)
         slope, first = np.polyfit(self.elapsed[finite], angle[finite], 1)
         return float(first), float(slope)
@@ -78,25 +86,39 @@ class SampleGrid:
 def planned_grid(
     speed: float, first_angle: float, encoded: bool, revolutions: int = 4, per_revolution: int = 120
 ) -> SampleGrid:
-    """Samples of a planned run at uniform times: four cycles separate noise from motion, 120 samples resolve the orders
-    of effects.
+    """Samples of a planned run at uniform times: four cycles separate noise from motion, 120
+    samples resolve the orders of effects.
     """
     count = revolutions * per_revolution
     elapsed = np.arange(count) * (tau / speed / per_revolution)
     angle = first_angle + speed * elapsed
-    return SampleGrid(elapsed, angle if encoded else np.full(elapsed.size, np.nan), angle, first_angle, speed)
+    return SampleGrid(
+        elapsed, angle if encoded else np.full(elapsed.size, np.nan), angle, first_angle, speed
+    )
 
 
 def sample_grid(
-    time: np.ndarray, read: np.ndarray, speed: float, first: float | None, step: float = 0.0, constant: bool = True
+    time: np.ndarray,
+    read: np.ndarray,
+    speed: float,
+    first: float | None,
+    step: float = 0.0,
+    constant: bool = True,
 ) -> SampleGrid:
     """The samples of a recording whose encoder has the resolution `step` [rad]."""
     finite, timed = np.isfinite(read), bool(np.isfinite(time).all())
     if timed and finite.sum() >= 2:
         elapsed = time - time[0]
         slope, first, sd = _robust_line(elapsed[finite], read[finite])
-        error, span = REACH * sd / math.sqrt(finite.sum()), max(float(np.ptp(elapsed[finite])), 1e-300)
-        angle = first + slope * elapsed if constant else np.interp(elapsed, elapsed[finite], read[finite])
+        error, span = (
+            REACH * sd / math.sqrt(finite.sum()),
+            max(float(np.ptp(elapsed[finite])), 1e-300),
+        )
+        angle = (
+            first + slope * elapsed
+            if constant
+            else np.interp(elapsed, elapsed[finite], read[finite])
+        )
         # standard errors of a line: first value 2, slope sqrt(12) / span times that of the mean
         first_reach = 2.0 * error + 0.5 * step
         speed_reach = (math.sqrt(12.0) * error + 0.5 * step) / span
@@ -138,7 +160,8 @@ def _robust_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
 
 
 def aperiodic_share(speed: float, elapsed: np.ndarray, values: Sequence[np.ndarray]) -> float:
-    """Residual of a Fourier series over `speed` times `elapsed` [1, of the variance], summed over channels."""
+    """Residual of a Fourier series over `speed` times `elapsed` [1, of the variance], summed over
+    channels."""
     angle = np.arange(1, SPEED_HARMONICS + 1) * (speed * elapsed)[:, None]
     series, total = np.column_stack([np.ones(elapsed.size), np.cos(angle), np.sin(angle)]), 0.0
     for value in values:
@@ -149,10 +172,13 @@ def aperiodic_share(speed: float, elapsed: np.ndarray, values: Sequence[np.ndarr
     return total
 
 
-def speed_from_periodicity(elapsed: np.ndarray, values: Sequence[np.ndarray], low: float, high: float) -> float:
+def speed_from_periodicity(
+    elapsed: np.ndarray, values: Sequence[np.ndarray], low: float, high: float
+) -> float:
     """The speed [rad/s] of a crank without encoder at which channels are most periodic.
 
-    The residual of a Fourier series over the crank angle is minimised over the speed and refined by a parabola.
+    The residual of a Fourier series over the crank angle is minimised over the speed and refined by
+    a parabola.
     """
     step = tau * SPEED_STEP / max(float(elapsed[-1]), 1e-300)
     speeds = np.linspace(low, high, max(int(np.ceil((high - low) / step)), 2) + 1)

@@ -17,18 +17,24 @@ from jointgap.effects.base import DETECTABLE_SHARE, Values, amplitude, size_and_
 from jointgap.rig.drives import SETTLING_REVOLUTIONS
 from jointgap.rig.recording import Recording
 
-# Samples per period of a low-pass filter's corner frequency: frequency warping is then above the corner
+# Samples per period of a low-pass filter's corner frequency: frequency warping is then above the
+# corner
 SAMPLES_PER_CORNER_PERIOD = 10.0
 SAMPLES_PER_REVOLUTION = 720  # Least grid for filters and lags
 PADDING_REVOLUTIONS = 0.25  # Before and after the samples, for transients of filters and lags
 
 STANDARD_GRAVITY = 9.80665  # [m/s^2]
 # Component of gravity along each acceleration
-_AXES = {"slider_acceleration": math.cos, "rod_acceleration_x": math.cos, "rod_acceleration_y": math.sin}
+_AXES = {
+    "slider_acceleration": math.cos,
+    "rod_acceleration_x": math.cos,
+    "rod_acceleration_y": math.sin,
+}
 
 # Channels that change their sign in the mirrored mechanism, besides the crank angle
 MIRRORED = (
-    "crank_speed rod_angle rod_angular_velocity rod_acceleration_y crank_torque guide_force frame_force_y".split()
+    "crank_speed rod_angle rod_angular_velocity rod_acceleration_y crank_torque guide_force"
+    " frame_force_y".split()
 )
 
 
@@ -43,7 +49,9 @@ def remembered_time(channels: Iterable[Channel], revolution: float) -> float:
     return max(PADDING_REVOLUTIONS * revolution, min(longest, SETTLING_REVOLUTIONS * revolution))
 
 
-def filter_times(first: float, last: float, revolution: float, corners: Iterable[float]) -> np.ndarray:
+def filter_times(
+    first: float, last: float, revolution: float, corners: Iterable[float]
+) -> np.ndarray:
     """Uniform times [s] from `first` to `last` for filters and lags."""
     corner_steps = [1.0 / (SAMPLES_PER_CORNER_PERIOD * corner) for corner in corners]
     interval = min([revolution / SAMPLES_PER_REVOLUTION, *corner_steps])
@@ -54,7 +62,9 @@ def low_pass(values: np.ndarray, interval: float, corner: float, causal: bool) -
     """Fourth-order Butterworth low-pass, forward and backward (no delay) unless causal."""
     sections = butter(FILTER_ORDER, corner, fs=1.0 / interval, output="sos")
     level = values[0]  # avoids a transient of the mean
-    return level + (sosfilt(sections, values - level) if causal else sosfiltfilt(sections, values - level))
+    return level + (
+        sosfilt(sections, values - level) if causal else sosfiltfilt(sections, values - level)
+    )
 
 
 def lagged(values: np.ndarray, interval: float, lag: float) -> np.ndarray:
@@ -70,7 +80,8 @@ def lagged(values: np.ndarray, interval: float, lag: float) -> np.ndarray:
 def high_passed(values: np.ndarray, interval: float, cycle: float, corner: float) -> np.ndarray:
     """First-order high-pass of `corner` [Hz]: the values without their lag.
 
-    The filter is in the periodic steady state of a motion that repeats after `cycle` [s]; 0: it starts at rest.
+    The filter is in the periodic steady state of a motion that repeats after `cycle` [s]; 0: it
+    starts at rest.
     """
     lag, times = 1.0 / (math.tau * corner), interval * np.arange(values.size)
     slow = lagged(values, interval, lag)
@@ -83,14 +94,17 @@ def high_passed(values: np.ndarray, interval: float, cycle: float, corner: float
 def averaged(values: np.ndarray, interval: float, cycle: float, time: float) -> np.ndarray:
     """Mean over the last `time` [s], such as of a counter's gate.
 
-    Values before the first one repeat with the `cycle` [s] of the motion; 0: all are equal to the first one.
+    Values before the first one repeat with the `cycle` [s] of the motion; 0: all are equal to the
+    first one.
     """
     times = interval * np.arange(values.size)
     integral, begin = CubicSpline(times, values).antiderivative(), times - time
     early = np.minimum(begin, 0.0)
     back = np.floor(early / cycle) if cycle else 0.0
     before = back * integral(cycle) if cycle else values[0] * early
-    return (integral(times) - integral(begin - back * cycle if cycle else begin - early) - before) / time
+    return (
+        integral(times) - integral(begin - back * cycle if cycle else begin - early) - before
+    ) / time
 
 
 class Reading(NamedTuple):
@@ -122,10 +136,12 @@ class SensorFault:
     frees: str = ""  # Fault of the same channel as of `Candidate.frees`
     delays: bool = False  # Whether its parameter [s] is a pure delay
     undone: Callable[[np.ndarray, float, np.ndarray], np.ndarray] | None = None
-    # Error [rad] of the encoder, from the true crank angle (n,) [rad], the torque on the crank (n,) [N m] and the
-    # values of the fit's coordinates
+    # Error [rad] of the encoder, from the true crank angle (n,) [rad], the torque on the crank (n,)
+    # [N m] and the values of the fit's coordinates
     encoder: Callable[[np.ndarray, np.ndarray, Values], np.ndarray | float] | None = None
-    phase: str = ""  # Parameter that is the phase [rad] of `parameter`; a fit varies ``cosine`` and ``sine``
+    phase: str = (
+        ""  # Parameter that is the phase [rad] of `parameter`; a fit varies ``cosine`` and ``sine``
+    )
     inverse: str = ""  # What a fit varies in place of `parameter`: its inverse, 0 without the fault
 
     @property
@@ -137,12 +153,21 @@ class SensorFault:
         """Parameters for the verdict, from the values of a fit's coordinates."""
         if self.phase:
             return size_and_angle(values, self.parameter, self.phase)
-        return {self.parameter: 1.0 / max(values[self.inverse], 1e-300)} if self.inverse else dict(values)
+        return (
+            {self.parameter: 1.0 / max(values[self.inverse], 1e-300)}
+            if self.inverse
+            else dict(values)
+        )
 
     def candidate(
-        self, site: str, reading: Reading, replaces: Mapping[str, str] | None = None, runs: Sequence[str] = ()
+        self,
+        site: str,
+        reading: Reading,
+        replaces: Mapping[str, str] | None = None,
+        runs: Sequence[str] = (),
     ) -> Candidate:
-        """The candidate at a `site` (channel or encoder); `replaces` as in `Candidate`; `runs` of the campaign."""
+        """The candidate at a `site` (channel or encoder); `replaces` as in `Candidate`; `runs` of
+        the campaign."""
         step, low, high = self.bounds(reading)
         unit = f"1/({self.unit})" if self.inverse else self.unit or reading.unit
         names = ("cosine", "sine") if self.phase else (self.inverse or self.parameter,)
@@ -152,10 +177,14 @@ class SensorFault:
             several = tuple(replace(one, run=run) for run in runs)
         keys, has_site = tuple(each.key for each in several), self.name not in ENCODER_FAULTS
         families = _families_of(self, site, one) if self.name in DELAY_SHARES else ()
-        guesses = tuple({one.key: share * reading.turning / math.tau} for share in self.guesses) or ({},)
+        guesses = tuple(
+            {one.key: share * reading.turning / math.tau} for share in self.guesses
+        ) or ({},)
         attributes = {"replaces": replaces or {}, "has_site": has_site, "families": families}
         attributes |= {"frees": f"{self.frees}:{site}"} if self.frees else {}
-        return Candidate(self.name, site, several, keys, guesses, self.stated, sensor=True, **attributes)
+        return Candidate(
+            self.name, site, several, keys, guesses, self.stated, sensor=True, **attributes
+        )
 
 
 ENCODER_OFFSET, ENCODER_LAG, ENCODER_ZEROS = "encoder_offset", "encoder_lag", "encoder_zeros"
@@ -163,14 +192,24 @@ ENCODER_ECCENTRICITY = "encoder_eccentricity"
 # Faults of the encoder that follow the torque on the crank
 ENCODER_COUPLING = ENCODER_WINDUP, ENCODER_BACKLASH = "encoder_windup", "encoder_backlash"
 # Faults of the encoder, without a choice of channel
-ENCODER_FAULTS = (ENCODER_OFFSET, ENCODER_ZEROS, ENCODER_LAG, *ENCODER_COUPLING, ENCODER_ECCENTRICITY)
+ENCODER_FAULTS = (
+    ENCODER_OFFSET,
+    ENCODER_ZEROS,
+    ENCODER_LAG,
+    *ENCODER_COUPLING,
+    ENCODER_ECCENTRICITY,
+)
 
-# [1, of its standard deviation] Torque within which a loose coupling changes sides: less than between two samples
+# [1, of its standard deviation] Torque within which a loose coupling changes sides: less than
+# between two samples
 SIDES_CHANGE = 1e-3
-TRUE_ANGLE_PASSES = 3  # Of the fixed point for the true angle; each leaves the slope of the encoder's error, < 0.1
+TRUE_ANGLE_PASSES = (
+    3  # Of the fixed point for the true angle; each leaves the slope of the encoder's error, < 0.1
+)
 
 SENSOR_LAG, SENSOR_DELAY, LAG_AND_DELAY = "sensor_lag", "sensor_delay", "sensor_lag_and_delay"
-# Members of the family `LAG_AND_DELAY` (first order plus dead time), and their share [1] of the delay
+# Members of the family `LAG_AND_DELAY` (first order plus dead time), and their share [1] of the
+# delay
 DELAY_SHARES = {SENSOR_LAG: 0.0, SENSOR_DELAY: 1.0}
 
 
@@ -187,10 +226,19 @@ def _late(reading: Reading) -> tuple[float, float, float]:
 def _families_of(fault: SensorFault, site: str, late: Parameter) -> tuple[LawFamily]:
     """The family of the lag or delay `late` of the sensor at a `site`."""
     own = DELAY_SHARES[fault.name]
-    coordinates = replace(late, name=FAULTS[LAG_AND_DELAY].parameter), Parameter("delay_share", own, 0.0, 1.0, 0.1)
-    law = Candidate(LAG_AND_DELAY, site, coordinates, (coordinates[0].key,), sensor=True, has_site=True)
+    coordinates = (
+        replace(late, name=FAULTS[LAG_AND_DELAY].parameter),
+        Parameter("delay_share", own, 0.0, 1.0, 0.1),
+    )
+    law = Candidate(
+        LAG_AND_DELAY, site, coordinates, (coordinates[0].key,), sensor=True, has_site=True
+    )
     shares = tuple(DELAY_SHARES.values())
-    return (LawFamily(law, "delay_share", own, shares, lambda values: {coordinates[0].key: values[late.key]}),)
+    return (
+        LawFamily(
+            law, "delay_share", own, shares, lambda values: {coordinates[0].key: values[late.key]}
+        ),
+    )
 
 
 FAULTS = {
@@ -220,9 +268,16 @@ FAULTS = {
             "lag_s",
             "s",
             "a delay of the encoder relative to the other sensors",
-            bounds=lambda reading: (DETECTABLE_SHARE / reading.turning, -1.0 / reading.turning, 1.0 / reading.turning),
-            law="y(t) = u(t - lag_s), a pure delay relative to all other channels; negative: these are late. Only with "
-            "drive measured_angle; at constant speed it is equivalent to an encoder offset",
+            bounds=lambda reading: (
+                DETECTABLE_SHARE / reading.turning,
+                -1.0 / reading.turning,
+                1.0 / reading.turning,
+            ),
+            law=(
+                "y(t) = u(t - lag_s), a pure delay relative to all other channels; negative: these"
+                " are late. Only with drive measured_angle; at constant speed it is equivalent to"
+                " an encoder offset"
+            ),
         ),
         SensorFault(
             ENCODER_WINDUP,
@@ -230,8 +285,10 @@ FAULTS = {
             "N*m/rad",
             "a wind-up of the encoder's coupling",
             bounds=lambda reading: (2e-3 / reading.torque, 0.0, 0.5 / reading.torque),
-            law="y = u + M / stiffness_N_m_rad, with the driving torque M on the crank. Not with drive measured_angle, "
-            "nor where the motion is chaotic",
+            law=(
+                "y = u + M / stiffness_N_m_rad, with the driving torque M on the crank. Not with"
+                " drive measured_angle, nor where the motion is chaotic"
+            ),
             encoder=lambda angle, torque, values: values["compliance_rad_N_m"] * torque,
             inverse="compliance_rad_N_m",
         ),
@@ -241,9 +298,11 @@ FAULTS = {
             "rad",
             "a play of the encoder's coupling",
             bounds=lambda reading: (2e-3, 0.0, 0.5),
-            law="y = u + play_rad / 2 sgn M, with the driving torque M on the crank, sgn M = tanh(M / "
-            f"({SIDES_CHANGE:g} of its standard deviation)). Not with drive measured_angle, which would jump, nor "
-            "where the motion is chaotic",
+            law=(
+                "y = u + play_rad / 2 sgn M, with the driving torque M on the crank, sgn M ="
+                f" tanh(M / ({SIDES_CHANGE:g} of its standard deviation)). Not with drive"
+                " measured_angle, which would jump, nor where the motion is chaotic"
+            ),
             encoder=lambda angle, torque, values: 0.5 * values["play_rad"] * _side(torque),
         ),
         SensorFault(
@@ -252,8 +311,13 @@ FAULTS = {
             "rad",
             "an eccentricity of the encoder's disc",
             bounds=lambda reading: (2e-3, -0.1, 0.1),
-            law="y = u + amplitude_rad cos(u - phase_rad): reads most too much at the crank angle phase_rad",
-            encoder=lambda angle, torque, values: values["cosine"] * np.cos(angle) + values["sine"] * np.sin(angle),
+            law=(
+                "y = u + amplitude_rad cos(u - phase_rad): reads most too much at the crank angle"
+                " phase_rad"
+            ),
+            encoder=lambda angle, torque, values: (
+                values["cosine"] * np.cos(angle) + values["sine"] * np.sin(angle)
+            ),
             phase="phase_rad",
         ),
         SensorFault(
@@ -262,7 +326,11 @@ FAULTS = {
             "",
             "a bias of the sensor of {site}",
             law="y = u + bias",
-            bounds=lambda reading: (DETECTABLE_SHARE * (reading.spread or 1.0), -math.inf, math.inf),
+            bounds=lambda reading: (
+                DETECTABLE_SHARE * (reading.spread or 1.0),
+                -math.inf,
+                math.inf,
+            ),
             steady=True,
             after_filter=lambda values, bias: values + bias,
             undone=lambda values, bias, times: values - bias,
@@ -283,8 +351,13 @@ FAULTS = {
             "s",
             "a lag of the sensor of {site}",
             bounds=_late,
-            law="lag_s dy/dt + y = u, first order, such as of a filter: fast changes are delayed and attenuated",
-            over_time=lambda values, interval, cycle, lag: lagged(values, interval, lag) if lag else values,
+            law=(
+                "lag_s dy/dt + y = u, first order, such as of a filter: fast changes are delayed"
+                " and attenuated"
+            ),
+            over_time=lambda values, interval, cycle, lag: (
+                lagged(values, interval, lag) if lag else values
+            ),
             undone=lambda values, lag, times: values + lag * np.gradient(values, times),
         ),
         SensorFault(
@@ -302,13 +375,21 @@ FAULTS = {
             "corner_Hz",
             "Hz",
             "a high-pass of the sensor of {site}",
-            bounds=lambda reading: tuple(share * reading.turning / math.tau for share in (DETECTABLE_SHARE, 0.0, 2.0)),
-            law="dy/dt + 2 pi corner_Hz y = du/dt, first order, such as of an AC-coupled sensor: the mean is removed",
+            bounds=lambda reading: tuple(
+                share * reading.turning / math.tau for share in (DETECTABLE_SHARE, 0.0, 2.0)
+            ),
+            law=(
+                "dy/dt + 2 pi corner_Hz y = du/dt, first order, such as of an AC-coupled sensor:"
+                " the mean is removed"
+            ),
             over_time=lambda values, interval, cycle, corner: (
                 high_passed(values, interval, cycle, corner) if corner else values
             ),
             undone=lambda values, corner, times: (
-                values + math.tau * corner * cumulative_trapezoid(values - np.mean(values), times, initial=0.0)
+                values
+                + math.tau
+                * corner
+                * cumulative_trapezoid(values - np.mean(values), times, initial=0.0)
             ),
             guesses=(0.03, 0.12),
             frees="sensor_bias",
@@ -319,8 +400,10 @@ FAULTS = {
             "s",
             "a lag or a delay of the sensor of {site}",
             bounds=_late,
-            law="a delay of delay_share late_s and a lag of (1 - delay_share) late_s: the family of both, not a "
-            "candidate itself",
+            law=(
+                "a delay of delay_share late_s and a lag of (1 - delay_share) late_s: the family of"
+                " both, not a candidate itself"
+            ),
         ),
     )
 }
@@ -337,14 +420,16 @@ def sensor_candidates(
     runs: Sequence[str],
     offset=None,
 ) -> list[Candidate]:
-    """Possible sensor faults: those of the `encoder` (`offset` [rad]: start value) and those of channels whose readings
-    have the standard deviations `spreads`.
+    """Possible sensor faults: those of the `encoder` (`offset` [rad]: start value) and those of
+    channels whose readings have the standard deviations `spreads`.
     """
     found = []
     for name in encoder:
         parameter = FAULTS[name].parameter
         replaces = {name: parameter} if name in listed else {}
-        candidate = FAULTS[name].candidate("sensor", Reading(0.0, "rad", turning, torque), replaces, runs)
+        candidate = FAULTS[name].candidate(
+            "sensor", Reading(0.0, "rad", turning, torque), replaces, runs
+        )
         if offset and name == ENCODER_OFFSET:
             candidate = replace(candidate, initial_guesses=({}, {parameter: offset}))
         found.append(candidate)
@@ -374,7 +459,9 @@ class Faults:
         if zero := nuisances.get("encoder_zero", 0.0):
             self._encoder.append((FAULTS[ENCODER_OFFSET], {"offset_rad": zero}))
         offset = nuisances.get("clock_offset", 0.0)
-        self._faults = [(FAULTS[SENSOR_DELAY], channel, offset) for channel in second_clock if offset]
+        self._faults = [
+            (FAULTS[SENSOR_DELAY], channel, offset) for channel in second_clock if offset
+        ]
         if position_zero := nuisances.get("slider_position_zero", 0.0):
             self._faults.append((FAULTS["sensor_bias"], "slider_position", position_zero))
         for candidate, values in effects:
@@ -399,11 +486,13 @@ class Faults:
         return any(fault.name in ENCODER_COUPLING for fault, _ in self._encoder)
 
     def of_encoder(self, angle: np.ndarray, torque: np.ndarray | float = 0.0) -> np.ndarray | float:
-        """Error (n,) [rad] of the encoder at true crank angles (n,) [rad] and torques (n,) [N m], both mirrored as
-        simulated; a number if it is constant.
+        """Error (n,) [rad] of the encoder at true crank angles (n,) [rad] and torques (n,) [N m],
+        both mirrored as simulated; a number if it is constant.
         """
         side = self._mirror
-        return side * sum(fault.encoder(side * angle, side * torque, values) for fault, values in self._encoder)
+        return side * sum(
+            fault.encoder(side * angle, side * torque, values) for fault, values in self._encoder
+        )
 
     def of_reading(self, read: np.ndarray, torque: np.ndarray | float = 0.0) -> np.ndarray | float:
         """`of_encoder` at the angles (n,) [rad] that the encoder reads."""
@@ -421,9 +510,13 @@ class Faults:
                 if getattr(fault, when) and fault.undone is not None and site in channels:
                     own = np.isfinite(channels[site])
                     channels[site] = channels[site].copy()
-                    channels[site][own] = fault.undone(channels[site][own], value, recording.time[own])
+                    channels[site][own] = fault.undone(
+                        channels[site][own], value, recording.time[own]
+                    )
         # without a measured torque the encoder's coupling is left as it is
-        torque = np.nan_to_num(self._mirror * channels.get("crank_torque", np.zeros(recording.time.size)))
+        torque = np.nan_to_num(
+            self._mirror * channels.get("crank_torque", np.zeros(recording.time.size))
+        )
         angle = recording.crank_angle - self.of_reading(recording.crank_angle, torque)
         if self.lag and recording.has_time:
             angle = angle + self.lag * np.gradient(recording.crank_angle, recording.time)
@@ -435,12 +528,15 @@ class Faults:
 
     def need_grid(self, channel: str) -> bool:
         """Whether a channel has a fault over time, which requires a dense grid."""
-        return any(value for fault, site, value in self._faults if fault.over_time and site == channel)
+        return any(
+            value for fault, site, value in self._faults if fault.over_time and site == channel
+        )
 
     def act(self, when: str, channel: str, values: np.ndarray, *times: float) -> np.ndarray:
         """Readings (n,) of a `channel` with the faults of kind `when` (a field of `SensorFault`).
 
-        `times` of faults over time: the interval of the values and the period of the motion, as of `high_passed` [s].
+        `times` of faults over time: the interval of the values and the period of the motion, as of
+        `high_passed` [s].
         """
         for fault, site, value in self._faults:
             if site == channel and (function := getattr(fault, when)) is not None:

@@ -32,22 +32,26 @@ from jointgap.rig.sensors import Faults
 
 Columns = Mapping[str, np.ndarray]  # Channels of a motion (n,), by column
 
-FILM_TOLERANCE = 1e-11  # [m] Local error with a lubricated joint: films are stiff, steps are short anyway
+FILM_TOLERANCE = (
+    1e-11  # [m] Local error with a lubricated joint: films are stiff, steps are short anyway
+)
 # [1] Periodic steady state: norm of the change of all readings between revolutions, over the noise
 SETTLED_LENGTH = 1.0
 SETTLED_AFTER = (3, 12)  # Least and largest number of revolutions dropped as transient
 COMPARED_SAMPLES = 120  # Compared samples of a revolution: each costs about as much as a step
 TRANSIENT_REVOLUTIONS = 1.5  # A record that begins earlier after the start is simulated in full
-# Earlier begin of the motion for another start: not at a symmetry of the slider-crank (golden section)
+# Earlier begin of the motion for another start: not at a symmetry of the slider-crank (golden
+# section)
 OTHER_START_REVOLUTIONS = 1.382
 UNSTATED_NOISE_SHARE = 0.02  # [1, of a channel's standard deviation] Noise if it is not stated
 
 
 def friction_speed(mechanism: Mechanism) -> float | None:
-    """Regularisation speed [m/s] of friction in the first loose pin with friction; None if there is none.
+    """Regularisation speed [m/s] of friction in the first loose pin with friction; None if there is
+    none.
 
-    It is not measured but has a large influence near reversals, so it is fitted as a nuisance; the speeds of other pins
-    scale with it.
+    It is not measured but has a large influence near reversals, so it is fitted as a nuisance; the
+    speeds of other pins scale with it.
     """
     contacts = [mechanism.joint(pin).contact for pin in mechanism.loose]
     return next((contact.friction_speed for contact in contacts if contact.friction > 0), None)
@@ -56,30 +60,41 @@ def friction_speed(mechanism: Mechanism) -> float | None:
 def steady_contact_damping(mechanism: Mechanism) -> dict[str, str]:
     """Name of the damping nuisance of each loose joint with fading contact memory.
 
-    The nuisance is the natural logarithm of the damping of steady contact over that of the mechanism file, on which
-    readings depend about linearly. It is not measured but determines the ringing after load reversals.
+    The nuisance is the natural logarithm of the damping of steady contact over that of the
+    mechanism file, on which readings depend about linearly. It is not measured but determines the
+    ringing after load reversals.
     """
-    fading = [pin for pin in mechanism.loose if mechanism.joint(pin).contact.reference_speed is not None]
+    fading = [
+        pin for pin in mechanism.loose if mechanism.joint(pin).contact.reference_speed is not None
+    ]
     return {pin: f"lasting_damping_{pin}" for pin in fading}
 
 
 def with_nuisances(mechanism: Mechanism, values: Values) -> Mechanism:
     """`mechanism` with the `values` of its nuisances."""
-    lengths = (values.get(f"{body}_length", getattr(mechanism, body).length) for body in ("crank", "rod"))
+    lengths = (
+        values.get(f"{body}_length", getattr(mechanism, body).length) for body in ("crank", "rod")
+    )
     modified = mechanism.with_lengths(*lengths)
     rod = {key: values[f"rod_{key}"] for key in ("mass", "inertia") if f"rod_{key}" in values}
-    slider = {key: values[f"slider_{key}"] for key in ("mass", "offset") if f"slider_{key}" in values}
+    slider = {
+        key: values[f"slider_{key}"] for key in ("mass", "offset") if f"slider_{key}" in values
+    }
     joints = {}
     for pin in mechanism.loose:
         joint = mechanism.joint(pin)
         own, contact = joint.contact, {}
         if pin in PINS:
-            contact["friction"] = values.get(f"joint_friction_{pin}", values.get("joint_friction", own.friction))
+            contact["friction"] = values.get(
+                f"joint_friction_{pin}", values.get("joint_friction", own.friction)
+            )
             if own.restitution is not None:
                 shared = values.get("restitution", own.restitution)
                 contact["restitution"] = values.get(f"restitution_{pin}", shared)
         if "friction_speed" in values:
-            contact["friction_speed"] = own.friction_speed * values["friction_speed"] / friction_speed(mechanism)
+            contact["friction_speed"] = (
+                own.friction_speed * values["friction_speed"] / friction_speed(mechanism)
+            )
         if (name := f"lasting_damping_{pin}") in values:
             contact["reference_approach_speed"] = own.reference_speed * math.exp(-values[name])
         change: dict[str, Any] = {"contact": own.model_copy(update=contact)}
@@ -88,8 +103,12 @@ def with_nuisances(mechanism: Mechanism, values: Values) -> Mechanism:
         joints[pin] = joint.model_copy(update=change)
     crank = {"inertia": values["crank_inertia"]} if "crank_inertia" in values else {}
     changes = {"crank": crank, "rod": rod, "slider": slider, "joints": joints}
-    update = {part: getattr(modified, part).model_copy(update=change) for part, change in changes.items()}
-    return modified.model_copy(update=update | {"effects": with_pressure_sensor(modified.effects, values)})
+    update = {
+        part: getattr(modified, part).model_copy(update=change) for part, change in changes.items()
+    }
+    return modified.model_copy(
+        update=update | {"effects": with_pressure_sensor(modified.effects, values)}
+    )
 
 
 def with_effects(mechanism: Mechanism, effects: Effects) -> Mechanism:
@@ -130,11 +149,14 @@ def _formula(name: str, terms: Effects, label: str) -> Effect:
             raise InputError(f"{candidate.name}: has no term; use a name such as {name}[v^3]")
         parts.append(f"c{place}*({term})")
         coefficients[f"c{place}"] = values[candidate.amplitudes[0]]
-    return _effect(name, "", {"formula": " + ".join(parts), "coefficients": coefficients}, label=label)
+    return _effect(
+        name, "", {"formula": " + ".join(parts), "coefficients": coefficients}, label=label
+    )
 
 
 def simulated_effects(effects: Effects) -> tuple[list, list, float]:
-    """Effects within simulation limits, those that need no limit, and the share of the limited effects."""
+    """Effects within simulation limits, those that need no limit, and the share of the limited
+    effects."""
     limited, exact, share = [], [], 1.0
     for candidate, values in effects:
         effect = EFFECTS.get(candidate.name)
@@ -146,7 +168,9 @@ def simulated_effects(effects: Effects) -> tuple[list, list, float]:
 
 
 def augmented_mechanism(
-    mechanism: Mechanism, hypothesis: Sequence[Candidate] = (), values: Mapping[str, float] | None = None
+    mechanism: Mechanism,
+    hypothesis: Sequence[Candidate] = (),
+    values: Mapping[str, float] | None = None,
 ) -> Mechanism:
     """The mechanism with re-fitted nuisances and effects."""
     values = values or {}
@@ -159,11 +183,13 @@ def augmented_mechanism(
         effects.append((candidate, own))
         # a partly replaced nuisance, such as the other pin's friction
         modified = with_nuisances(modified, own)
-    return validate(Mechanism, with_effects(modified, effects).model_dump(), "the augmented mechanism")
+    return validate(
+        Mechanism, with_effects(modified, effects).model_dump(), "the augmented mechanism"
+    )
 
 
-# Equivalent solver variants; their differences count as solver error. The last one requires loose joints and an unknown
-# start
+# Equivalent solver variants; their differences count as solver error. The last one requires loose
+# joints and an unknown start
 NUMERICS = ("friction regularised by Threlfall's law", "a tenth of the tolerance", "another start")
 
 
@@ -174,7 +200,12 @@ def numerics_for(campaign: Campaign) -> tuple[str, ...]:
 
 
 def channels_read(
-    campaign: Campaign, plan: RunPlan, values: Values, effects: Effects = (), numerics: int = 0, perturbation=None
+    campaign: Campaign,
+    plan: RunPlan,
+    values: Values,
+    effects: Effects = (),
+    numerics: int = 0,
+    perturbation=None,
 ) -> dict[str, np.ndarray]:
     """Sensor readings of a run at its samples, by channel."""
     count_run(plan.samples.turned / tau)
@@ -182,7 +213,9 @@ def channels_read(
     read = _read_at_limit(campaign, plan, values, effects, numerics, perturbation)
     if share < 1.0:
         rest = _read_at_limit(campaign, plan, values, without, numerics, perturbation)
-        read = {channel: rest[channel] + share * (read[channel] - rest[channel]) for channel in read}
+        read = {
+            channel: rest[channel] + share * (read[channel] - rest[channel]) for channel in read
+        }
     return read
 
 
@@ -202,11 +235,14 @@ def prepared(
     numerics: int = 0,
     tolerance: float | None = None,
 ) -> Prepared:
-    """A run ready for simulation with the local error `tolerance` [m] (default: that of its plan)."""
+    """A run ready for simulation with the local error `tolerance` [m] (default: that of its
+    plan)."""
     clockwise = plan.run.direction == "clockwise"
     faults, nuisances = Faults(effects, clockwise, values, plan.second_clock), dict(values)
     for candidate, own in effects:  # a partly replaced nuisance, such as the other pin's friction
-        nuisances |= {name: own[name] for name in own if name in values and name not in candidate.amplitudes}
+        nuisances |= {
+            name: own[name] for name in own if name in values and name not in candidate.amplitudes
+        }
     mechanism = with_effects(with_nuisances(campaign.mechanism, nuisances), effects).applied()
     if clockwise:
         mechanism = mechanism.mirrored()
@@ -218,7 +254,9 @@ def prepared(
     change(driven.numbers)
     harmonic = driven.numbers.effects
     # phases refer to time 0 of the record, not of the simulation
-    harmonic.harmonic_phase += harmonic.harmonic_angular_frequency * (plan.samples.time[0] - driven.begin)
+    harmonic.harmonic_phase += harmonic.harmonic_angular_frequency * (
+        plan.samples.time[0] - driven.begin
+    )
     return Prepared(driven, faults, tolerance)
 
 
@@ -249,7 +287,9 @@ def _threlfall(p: Parameters) -> None:
         joint = getattr(p, name)
         if joint.friction_law == usual.code:
             joint.friction_law = other.code
-            joint.friction_speed *= other.slope_at_zero / usual.slope_at_zero  # the same slope at zero speed
+            joint.friction_speed *= (
+                other.slope_at_zero / usual.slope_at_zero
+            )  # the same slope at zero speed
 
 
 def _driven_run(
@@ -278,7 +318,10 @@ def _driven_run(
         effects = run.numbers.effects
         if effects.table_over == 2:  # over time of the record, not of the simulation
             if not samples.timed:
-                raise InputError("slider_force_table: a load over time requires the channel time; add it, or use angle")
+                raise InputError(
+                    "slider_force_table: a load over time requires the channel time; add it, or use"
+                    " angle"
+                )
             effects.table_begin += run.begin - samples.time[0]
         return run
 
@@ -292,7 +335,8 @@ def _driven_run(
 def read(
     campaign: Campaign, plan: RunPlan, run: Prepared, motion: Callable[[np.ndarray], Columns]
 ) -> dict[str, np.ndarray]:
-    """Sensor readings at the samples of a `motion`, which returns its channels at crank angles (m,) [rad]."""
+    """Sensor readings at the samples of a `motion`, which returns its channels at crank angles (m,)
+    [rad]."""
     driven, faults = run.driven, run.faults
     channels = {name: campaign.channels[name] for name in plan.channels}
     samples, delay = plan.samples, faults.lag if plan.measured is None else 0.0
@@ -304,7 +348,9 @@ def read(
     if corners or any(one.remembers or faults.need_grid(name) for name, one in channels.items()):
         revolution = tau / samples.speed
         padding = sensors.remembered_time(channels.values(), revolution)
-        last = samples.elapsed[-1] + (0.0 if plan.measured else padding)  # a measured angle ends with the record
+        last = samples.elapsed[-1] + (
+            0.0 if plan.measured else padding
+        )  # a measured angle ends with the record
         grid = sensors.filter_times(-min(padding, driven.begin), last, revolution, corners)
         interval = grid[1] - grid[0]
         if not drives.starts_with_record(plan.run):
@@ -314,7 +360,9 @@ def read(
             cycle = float(np.interp(turned[0] + turns * tau, turned, grid - grid[0]))
     # a delay is simulated, not interpolated: impacts stay sharp
     delays = list(dict.fromkeys([0.0, *map(faults.delay, channels)]))
-    earlier = [driven.at(np.maximum(samples.elapsed - delay, -driven.begin)) for delay in delays[1:]]
+    earlier = [
+        driven.at(np.maximum(samples.elapsed - delay, -driven.begin)) for delay in delays[1:]
+    ]
     angles = np.concatenate([driven.angles, *earlier, driven.at(grid)])
     true = motion(angles)
     elapsed = true["time"][:count] - driven.begin
@@ -338,7 +386,11 @@ def read(
             fine = sensors.low_pass(fine, interval, channel.bandwidth, channel.filter == "causal")
             read = CubicSpline(grid, fine)(times)
         if channel.remembers or faults.need_grid(name):
-            later = sensors.averaged(fine, interval, cycle, channel.average) if channel.average else fine
+            later = (
+                sensors.averaged(fine, interval, cycle, channel.average)
+                if channel.average
+                else fine
+            )
             if channel.high_pass:
                 later = sensors.high_passed(later, interval, cycle, channel.high_pass)
             later = faults.act("over_time", name, later, interval, cycle)
@@ -349,10 +401,11 @@ def read(
 
 
 def _change_over_noise(campaign: Campaign, plan: RunPlan, count: int) -> Callable:
-    """A function: norm of the change of readings over noise, extrapolated from compared samples to `count`.
+    """A function: norm of the change of readings over noise, extrapolated from compared samples to
+    `count`.
 
-    Noise that is not stated is a share of the channel's standard deviation. Filters and faults are ignored, as they do
-    not increase the change.
+    Noise that is not stated is a share of the channel's standard deviation. Filters and faults are
+    ignored, as they do not increase the change.
     """
     stated = noise_of(campaign, plan.run.id)
     channels = [name for name in plan.channels if name != "crank_angle"]
@@ -374,11 +427,14 @@ def tolerance_for(mechanism: Mechanism, usual: float = TOLERANCE) -> float:
     return min([FILM_TOLERANCE if film else usual, *shares])
 
 
-def has_settled(earlier: Columns, before: Columns, last: Columns, change: Callable[[Columns, Columns], float]) -> bool:
+def has_settled(
+    earlier: Columns, before: Columns, last: Columns, change: Callable[[Columns, Columns], float]
+) -> bool:
     """Whether three revolutions have converged to a periodic steady state.
 
-    For changes in a geometric sequence with the (complex) ratio z, the distance to the limit is |z / (1 - z)| times the
-    last change: the last change squared over the change of the changes (Aitken's extrapolation).
+    For changes in a geometric sequence with the (complex) ratio z, the distance to the limit is |z
+    / (1 - z)| times the last change: the last change squared over the change of the changes
+    (Aitken's extrapolation).
     """
     changed = change(before, last)
     if changed >= SETTLED_LENGTH:
@@ -406,7 +462,12 @@ def channels_at(
         return motion
 
     back = (angles.min() - p.drive.start_angle) / tau
-    if change is None or perturbation is not None or not _may_repeat(p) or back <= TRANSIENT_REVOLUTIONS:
+    if (
+        change is None
+        or perturbation is not None
+        or not _may_repeat(p)
+        or back <= TRANSIENT_REVOLUTIONS
+    ):
         return _sampled(p, angles, integrate)
     # in a periodic steady state one revolution is simulated
     within = p.drive.start_angle + np.mod(angles - p.drive.start_angle, tau)
@@ -421,7 +482,9 @@ def channels_at(
         if has_settled(earlier, before, now, change):
             return motion | whole_record
         earlier, before = before, now
-    later = (last + 1 - math.floor(back)) * tau  # not settled: simulate the record after the dropped revolutions
+    later = (
+        last + 1 - math.floor(back)
+    ) * tau  # not settled: simulate the record after the dropped revolutions
     return _sampled(p, angles + later, integrate) | whole_record
 
 
@@ -450,7 +513,9 @@ def _times(p: Parameters, angles: np.ndarray) -> np.ndarray:
 def _may_repeat(p: Parameters) -> bool:
     """Whether the equations of motion have the period of one revolution."""
     e, drive = p.effects, p.drive
-    steady = drive.kind == CONSTANT or (drive.kind == FLUCTUATING and drive.order == round(drive.order))
+    steady = drive.kind == CONSTANT or (
+        drive.kind == FLUCTUATING and drive.order == round(drive.order)
+    )
     over_turns = e.table_over == 2 or (e.table_over == 1 and e.table_period > 1.5 * tau)
     over_turns = over_turns or bool(e.crank_periodic and e.crank_periodic_order % 1)  # a half order
     formulas = p.slider_formula.length or p.crank_formula.length
@@ -459,14 +524,27 @@ def _may_repeat(p: Parameters) -> bool:
 
 def _is_kinematic(p: Parameters) -> bool:
     """Whether the motion is prescribed: ideal joints and prescribed crank, nothing to integrate."""
-    return not (p.switches.auxiliary or any(getattr(p, joint).loose for joint in JOINTS)) and p.drive.kind != MOTOR
+    return (
+        not (p.switches.auxiliary or any(getattr(p, joint).loose for joint in JOINTS))
+        and p.drive.kind != MOTOR
+    )
 
 
 def _kinematic_motion(p: Parameters, angles: np.ndarray) -> IntegrationResult:
     start_state(p)  # raises for a rod that does not reach the slide
     count = angles.size
-    times, states, auxiliary = crank_times(p, angles), np.zeros((count, STATES)), np.zeros((count, AUXILIARY_STATES))
+    times, states, auxiliary = (
+        crank_times(p, angles),
+        np.zeros((count, STATES)),
+        np.zeros((count, AUXILIARY_STATES)),
+    )
     contacts = (np.full((count, 3), value) for value in (math.inf, math.inf, math.nan))
     return IntegrationResult(
-        times, states, auxiliary, np.zeros((count, 3), np.int64), *contacts, events=np.empty((0, 0)), steps=0
+        times,
+        states,
+        auxiliary,
+        np.zeros((count, 3), np.int64),
+        *contacts,
+        events=np.empty((0, 0)),
+        steps=0,
     )

@@ -20,12 +20,16 @@ Columns = Sequence[np.ndarray]  # Values (n,) [SI] of each channel
 
 BINS = 24  # Of the crank angle: 15 deg, about the duration of contact ringing (experience)
 MEDIAN_ANGLES = 144  # Of the median curve: six in a bin
-COMPRESSION_MEAN_SIZES = 3.0  # [1, mean absolute deviations] Scale k of k tanh(u / k), which limits rare spikes
+COMPRESSION_MEAN_SIZES = (
+    3.0  # [1, mean absolute deviations] Scale k of k tanh(u / k), which limits rare spikes
+)
 PREDICTING_BINS = 2  # Previous bins that predict one: duration of contact ringing (experience)
 EDGE_SHARE_OF_BIN = 1e-6  # Nearer to an edge a sample counts for the bin that begins there
-START_DISTANCE = 1e-7  # [m] Between the two starts whose motions are compared: far below any clearance
-# [1] Largest difference of the two motions, over the noise, for a comparison by samples; it adds 4 % to the standard
-# deviation
+START_DISTANCE = (
+    1e-7  # [m] Between the two starts whose motions are compared: far below any clearance
+)
+# [1] Largest difference of the two motions, over the noise, for a comparison by samples; it adds 4
+# % to the standard deviation
 MAX_DEPARTURE_SHARE_OF_NOISE = 0.3
 # [m] Local error of a step: statistics do not depend on it from 1e-11 to 1e-7
 STATISTICS_TOLERANCE = 1e-9
@@ -33,7 +37,9 @@ CYCLES = 18  # Simulated in every evaluation
 LEARNING_CYCLES = 180  # Simulated once to estimate variances within 10 % (experience)
 CYCLES_PER_SIMULATION = 9  # Several short simulations run in parallel
 SETTLING_CYCLES = 1  # Additional, not counted
-REMEMBERED_CYCLES = 30  # Of one learning simulation: slow changes increase the variance of a record's mean
+REMEMBERED_CYCLES = (
+    30  # Of one learning simulation: slow changes increase the variance of a record's mean
+)
 SAMPLES_PER_REVOLUTION = 320  # Least number of simulated samples
 PRIOR_CYCLES = 60  # Weight of the simulated variance in measured cycles (experience)
 MIN_SCATTER_CYCLES = 3  # Least number of measured cycles for their own variance
@@ -45,38 +51,54 @@ KINDS = ("mean", "spread")
 class CycleStatistics:
     """Statistics of the channels of one run.
 
-    A row of statistics (m,) contains the bins of the first channel's mean, of its spread, of the second channel's mean,
-    and so on.
+    A row of statistics (m,) contains the bins of the first channel's mean, of its spread, of the
+    second channel's mean, and so on.
     """
 
     channels: tuple[str, ...]
     angles: np.ndarray  # Crank angles of the median curves, slightly more than a revolution [rad]
     median_curves: np.ndarray  # For each channel [SI]
     compression: np.ndarray  # k [SI]
-    weights: list[tuple[np.ndarray, np.ndarray]]  # For each statistic: predicting statistics and weights
+    weights: list[
+        tuple[np.ndarray, np.ndarray]
+    ]  # For each statistic: predicting statistics and weights
 
     @classmethod
     def of(
-        cls, channels: Sequence[str], angle: np.ndarray, values: Sequence[np.ndarray], finer: int = 1
+        cls,
+        channels: Sequence[str],
+        angle: np.ndarray,
+        values: Sequence[np.ndarray],
+        finer: int = 1,
     ) -> "CycleStatistics":
         """Estimated from many simulated cycles."""
         within = _within_revolution(angle)
         fine = np.minimum((within * (MEDIAN_ANGLES / tau)).astype(int), MEDIAN_ANGLES - 1)
         # a bin's median belongs to the median angle of its samples, not to its middle
         angles, *median_curves = (
-            np.array([np.median(value[fine == place]) for place in np.unique(fine)]) for value in (within, *values)
+            np.array([np.median(value[fine == place]) for place in np.unique(fine)])
+            for value in (within, *values)
         )
         angles = np.concatenate([[angles[-1] - tau], angles, [angles[0] + tau]])
-        median_curves = np.array([np.concatenate([medians[-1:], medians, medians[:1]]) for medians in median_curves])
+        median_curves = np.array(
+            [np.concatenate([medians[-1:], medians, medians[:1]]) for medians in median_curves]
+        )
         learnt = cls(tuple(channels), angles, median_curves, np.ones(len(channels)), [])
-        sizes = [np.abs(value - median) for value, median in zip(values, learnt._medians(angle), strict=True)]
-        compression = np.array([max(COMPRESSION_MEAN_SIZES * float(np.mean(size)), 1e-300) for size in sizes])
+        sizes = [
+            np.abs(value - median)
+            for value, median in zip(values, learnt._medians(angle), strict=True)
+        ]
+        compression = np.array(
+            [max(COMPRESSION_MEAN_SIZES * float(np.mean(size)), 1e-300) for size in sizes]
+        )
         learnt = replace(learnt, compression=compression)
         rows = learnt.cycles(angle[::finer], [value[::finer] for value in values])
         return replace(learnt, weights=_predictions(rows, len(channels)))
 
     def _medians(self, angle: np.ndarray) -> list[np.ndarray]:
-        return [np.interp(_within_revolution(angle), self.angles, curve) for curve in self.median_curves]
+        return [
+            np.interp(_within_revolution(angle), self.angles, curve) for curve in self.median_curves
+        ]
 
     def cycles(self, angle: np.ndarray, values: Sequence[np.ndarray]) -> np.ndarray:
         """Statistics of every cycle (cycles, m); NaN for a bin without samples."""
@@ -84,7 +106,9 @@ class CycleStatistics:
         place = np.floor((angle / tau - first) * bins + EDGE_SHARE_OF_BIN).astype(int)
         count = int(place.max()) // bins + 1
         rows = np.full((count, len(self.channels), len(KINDS), bins), np.nan)
-        for i, (value, median, k) in enumerate(zip(values, self._medians(angle), self.compression, strict=True)):
+        for i, (value, median, k) in enumerate(
+            zip(values, self._medians(angle), self.compression, strict=True)
+        ):
             used = np.isfinite(value)
             compressed = k * np.tanh((value[used] - median[used]) / k)
             number = np.bincount(place[used], minlength=count * bins)
@@ -106,8 +130,8 @@ class CycleStatistics:
     def noise(
         self, angle: np.ndarray, measured: Columns, simulated_angle: np.ndarray, simulated: Columns
     ) -> np.ndarray:
-        """Standard deviation (channels,) [SI] of noise: excess spread of measured over noise-free simulated channels,
-        averaged over bins by inverse variance.
+        """Standard deviation (channels,) [SI] of noise: excess spread of measured over noise-free
+        simulated channels, averaged over bins by inverse variance.
         """
         clean, rows = (
             self.cycles(angles, values).reshape(-1, len(self.channels), len(KINDS), BINS)[:, :, 1]
@@ -116,11 +140,18 @@ class CycleStatistics:
         cycles, simulated_cycles = (np.isfinite(each).sum(axis=0) for each in (rows, clean))
         square, simulated_square = np.nan_to_num(cycle_mean(rows)) ** 2, cycle_mean(clean) ** 2
         variance = simulated_square * cycle_variance(clean)
-        several, own = cycles >= MIN_SCATTER_CYCLES, variance.copy()  # few scatter as simulated ones
+        several, own = (
+            cycles >= MIN_SCATTER_CYCLES,
+            variance.copy(),
+        )  # few scatter as simulated ones
         own[several] = square[several] * cycle_variance(rows[:, several])
         weight = (cycles > 0) / (variance / simulated_cycles + own / np.maximum(cycles, 1))
-        excess = np.sum(weight * (square - simulated_square), axis=1) / np.maximum(np.sum(weight, axis=1), 1e-300)
-        return np.sqrt(np.maximum(excess, 0.0) * (np.pi / 2.0))  # from mean absolute to standard deviation
+        excess = np.sum(weight * (square - simulated_square), axis=1) / np.maximum(
+            np.sum(weight, axis=1), 1e-300
+        )
+        return np.sqrt(
+            np.maximum(excess, 0.0) * (np.pi / 2.0)
+        )  # from mean absolute to standard deviation
 
     def split(self, row: np.ndarray) -> dict[str, np.ndarray]:
         """Statistics `row` (m,) by the name of their series, (bins,) each."""
@@ -141,7 +172,9 @@ def _predictions(rows: np.ndarray, channels: int) -> list[tuple[np.ndarray, np.n
     centred = np.nan_to_num(centred / sizes)
     predictions = []
     for i, kind, place in np.ndindex(places.shape):
-        others = [places[i, kind, place - back] for back in range(1, PREDICTING_BINS + 1) if place >= back]
+        others = [
+            places[i, kind, place - back] for back in range(1, PREDICTING_BINS + 1) if place >= back
+        ]
         others += [places[j, kind, (place + near) % BINS] for j in range(i) for near in (-1, 0, 1)]
         others += [places[i, 0, place]] if kind else []
         chosen, own = np.array(others, dtype=int), places[i, kind, place]
@@ -157,7 +190,8 @@ def cycle_mean(rows: np.ndarray, axis: int = 0) -> np.ndarray:
 
 
 def cycle_variance(rows: np.ndarray) -> np.ndarray:
-    """Variance (m,) from cycle to cycle of statistics `rows` (cycles, m); NaN for a bin of less than two cycles."""
+    """Variance (m,) from cycle to cycle of statistics `rows` (cycles, m); NaN for a bin of less
+    than two cycles."""
     free = np.isfinite(rows).sum(axis=0) - 1.0
     squares = np.nansum((rows - cycle_mean(rows)) ** 2, axis=0)
     return np.maximum(squares / np.where(free > 0.0, free, np.nan), 1e-300)
@@ -165,7 +199,9 @@ def cycle_variance(rows: np.ndarray) -> np.ndarray:
 
 def persistence(rows: np.ndarray, block: int) -> np.ndarray:
     """Variance of the mean of many cycles over that of independent cycles."""
-    blocks = cycle_mean(rows[: len(rows) // block * block].reshape(-1, block, rows.shape[1]), axis=1)
+    blocks = cycle_mean(
+        rows[: len(rows) // block * block].reshape(-1, block, rows.shape[1]), axis=1
+    )
     ratio = block * cycle_variance(blocks) / cycle_variance(rows)
     return np.repeat(np.fmax(cycle_mean(ratio.reshape(-1, BINS), axis=1), 1.0), BINS)
 
@@ -190,11 +226,14 @@ class ChaoticRun:
 def chaotic_channels(
     campaign: Campaign, plan: RunPlan, values: Values, noise: Mapping[str, float | None]
 ) -> tuple[str, ...]:
-    """Channels in which two simulations from nearly equal starts differ significantly compared with noise."""
+    """Channels in which two simulations from nearly equal starts differ significantly compared with
+    noise."""
     if not campaign.mechanism.applied().loose:
         return ()
     start = _start(campaign.mechanism, np.full(3, START_DISTANCE), np.zeros(3))
-    first, second = (channels_read(campaign, plan, values, perturbation=each) for each in (None, start))
+    first, second = (
+        channels_read(campaign, plan, values, perturbation=each) for each in (None, start)
+    )
 
     def is_chaotic(channel: str) -> bool:
         sd = noise.get(channel) or UNSTATED_NOISE_SHARE * float(np.std(first[channel]))
@@ -205,18 +244,26 @@ def chaotic_channels(
 
 
 def _start(mechanism: Mechanism, distance: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Start with clearance vectors of `distance` (3,) [m] and `direction` (3,) [rad], in the order of `JOINTS`."""
+    """Start with clearance vectors of `distance` (3,) [m] and `direction` (3,) [rad], in the order
+    of `JOINTS`."""
     vectors = np.column_stack([distance * np.cos(direction), distance * np.sin(direction)]).ravel()
     return perturbed_start(vectors, mechanism.applied().loose)
 
 
 def chaotic_run(
-    campaign: Campaign, plan: RunPlan, channels: tuple[str, ...], values: Values, measured: Mapping, noise: Mapping
+    campaign: Campaign,
+    plan: RunPlan,
+    channels: tuple[str, ...],
+    values: Values,
+    measured: Mapping,
+    noise: Mapping,
 ) -> ChaoticRun:
     """Estimate the statistics of a run's chaotic channels from the current model."""
     recorded = max(int(plan.samples.turned / tau) - SETTLING_CYCLES, 1)
     # a measured angle ends with the record
-    cycles = CYCLES_PER_SIMULATION if plan.measured is None else min(CYCLES_PER_SIMULATION, recorded)
+    cycles = (
+        CYCLES_PER_SIMULATION if plan.measured is None else min(CYCLES_PER_SIMULATION, recorded)
+    )
     finer = math.ceil(SAMPLES_PER_REVOLUTION * plan.samples.turned / tau / plan.samples.angle.size)
 
     def of_length(cycles: int) -> RunPlan:
@@ -231,8 +278,13 @@ def chaotic_run(
     clean, seen = list(read.values()), [measured[channel] for channel in channels]
     sds = {channel: noise.get(channel) for channel in channels}
     if any(np.isfinite(value).any() for value in seen):
-        excess = CycleStatistics.of(channels, angle, clean, finer).noise(plan.samples.angle, seen, angle, clean)
-        sds = {channel: excess[i] if sds[channel] is None else sds[channel] for i, channel in enumerate(channels)}
+        excess = CycleStatistics.of(channels, angle, clean, finer).noise(
+            plan.samples.angle, seen, angle, clean
+        )
+        sds = {
+            channel: excess[i] if sds[channel] is None else sds[channel]
+            for i, channel in enumerate(channels)
+        }
     sds = {channel: sd or 0.0 for channel, sd in sds.items()}
     noisy = [_noisy(read[channel], sds[channel], place) for place, channel in enumerate(channels)]
     learnt = CycleStatistics.of(channels, angle, noisy, finer)
@@ -241,7 +293,9 @@ def chaotic_run(
     error = np.sqrt(persistence(dense, cycles) * cycle_variance(dense) / (members * cycles))
     persistent = persistence(rows, len(rows) // many)
     variance = cycle_variance(rows)
-    variance = np.where(np.isfinite(variance), variance, cycle_variance(dense))  # bins that the samples hardly fill
+    variance = np.where(
+        np.isfinite(variance), variance, cycle_variance(dense)
+    )  # bins that the samples hardly fill
     return ChaoticRun(of_length(cycles), learnt, variance, persistent, members, error, sds)
 
 
@@ -258,7 +312,8 @@ def measured_statistics(
     simulated, several = chaotic.variance, cycles >= MIN_SCATTER_CYCLES
     variance = simulated.copy()
     if several.any():
-        # the variance of few cycles is uncertain: combine it with the median ratio to the simulated one
+        # the variance of few cycles is uncertain: combine it with the median ratio to the simulated
+        # one
         ratio = cycle_variance(rows[:, several]) / simulated[several]
         weight = count[several] / (count[several] + PRIOR_CYCLES)
         variance[several] *= weight * ratio + (1.0 - weight) * np.median(ratio)
@@ -273,7 +328,10 @@ def simulated_statistics(
     """Statistics (bins,) [SI] of the chaotic channels by series name; deterministic."""
     angle, read = _ensemble(campaign, chaotic.plan, values, effects, numerics, chaotic.members)
     own = chaotic.statistics
-    noisy = [_noisy(read[channel], chaotic.noise[channel], place) for place, channel in enumerate(own.channels)]
+    noisy = [
+        _noisy(read[channel], chaotic.noise[channel], place)
+        for place, channel in enumerate(own.channels)
+    ]
     return own.split(cycle_mean(own.independent(own.cycles(angle, noisy))))
 
 
@@ -281,19 +339,24 @@ def _noisy(values: np.ndarray, sd: float, seed: int) -> np.ndarray:
     return values + sd * np.random.default_rng(seed).standard_normal(values.size) if sd else values
 
 
-def _ensemble(campaign, plan, values, effects, numerics, count) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Crank angles and readings of `count` simulations from distributed starts, concatenated with a distance of full
-    revolutions.
+def _ensemble(
+    campaign, plan, values, effects, numerics, count
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Crank angles and readings of `count` simulations from distributed starts, concatenated with a
+    distance of full revolutions.
     """
     spread = np.mod((np.arange(count)[:, None] + 0.5) * _SPREADING, 1.0)
     mechanism = campaign.mechanism.applied()
     radius = 0.5 * min(
-        min(values.get(f"{joint}_clearance", np.inf), mechanism.clearance(joint)) for joint in mechanism.loose
+        min(values.get(f"{joint}_clearance", np.inf), mechanism.clearance(joint))
+        for joint in mechanism.loose
     )
 
     def member(place: int) -> dict[str, np.ndarray]:
         # the square root distributes starts uniformly over the disc
-        start = _start(campaign.mechanism, radius * np.sqrt(spread[place]), tau * spread[place][::-1])
+        start = _start(
+            campaign.mechanism, radius * np.sqrt(spread[place]), tau * spread[place][::-1]
+        )
         return channels_read(campaign, plan, values, effects, numerics, start)
 
     with ThreadPoolExecutor(min(cores(), count)) as pool:
@@ -302,4 +365,7 @@ def _ensemble(campaign, plan, values, effects, numerics, count) -> tuple[np.ndar
     settled = own >= own[0] + SETTLING_CYCLES * tau
     turns = math.ceil(plan.samples.turned / tau) + 1
     angle = np.concatenate([own[settled] + place * turns * tau for place in range(count)])
-    return angle, {channel: np.concatenate([read[channel][settled] for read in members]) for channel in plan.channels}
+    return angle, {
+        channel: np.concatenate([read[channel][settled] for read in members])
+        for channel in plan.channels
+    }

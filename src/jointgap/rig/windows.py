@@ -17,15 +17,24 @@ from jointgap.rig.drives import RunPlan, Values
 from jointgap.rig.simulate_run import Columns, Prepared, prepared, read, simulated_effects
 
 TOLERANCE = 1e-11  # [m] Local error of a step: at 1e-10 some finite differences are half noise
-DIRECTIONS = {1: 12, 2: 8, 3: 6}  # Tried initial directions of each loose joint, by number of loose joints
+DIRECTIONS = {
+    1: 12,
+    2: 8,
+    3: 6,
+}  # Tried initial directions of each loose joint, by number of loose joints
 MOTIONS_KEPT = 8  # Cached simulations
 LEAD = 1e-3  # [revolutions] Begin of the first window before the record
 
 
 def run_in_windows(
-    campaign: Campaign, plan: RunPlan, values: Values, effects: Effects, rows: Mapping[str, np.ndarray]
+    campaign: Campaign,
+    plan: RunPlan,
+    values: Values,
+    effects: Effects,
+    rows: Mapping[str, np.ndarray],
 ) -> "RunInWindows | None":
-    """A run in windows; None without channels besides the crank angle, with ideal joints, a motor or a film.
+    """A run in windows; None without channels besides the crank angle, with ideal joints, a motor
+    or a film.
 
     `rows` (n,) are the samples of each channel.
     """
@@ -41,11 +50,17 @@ def run_in_windows(
 _KEPT: dict[bytes, tuple] = {}
 
 
-def _simulated(p: Parameters, rows: windows.Rows, states: windows.WindowStates, tolerance: float) -> tuple:
+def _simulated(
+    p: Parameters, rows: windows.Rows, states: windows.WindowStates, tolerance: float
+) -> tuple:
     """`windows.simulate_windows` with a cache, as sensor faults do not change the motion."""
     numbers = (rows.angles, rows.found.times, states.slow, *states.carried, *p)
-    key = b"".join(np.ascontiguousarray(each).tobytes() for each in numbers) + bytes(repr(tolerance), "ascii")
-    slow = np.require(states.slow, requirements="W")  # for read-only arrays all would be compiled again
+    key = b"".join(np.ascontiguousarray(each).tobytes() for each in numbers) + bytes(
+        repr(tolerance), "ascii"
+    )
+    slow = np.require(
+        states.slow, requirements="W"
+    )  # for read-only arrays all would be compiled again
     found = _KEPT.pop(key, None)
     if found is None:
         count_run(np.ptp(rows.angles) / tau)
@@ -57,28 +72,46 @@ def _simulated(p: Parameters, rows: windows.Rows, states: windows.WindowStates, 
 
 
 class RunInWindows:
-    """A `jointgap.core.candidates.WindowedRun` of a slider-crank. State of each loose joint: angle of the pin on the
-    clearance circle, and its rate over the crank speed."""
+    """A `jointgap.core.candidates.WindowedRun` of a slider-crank. State of each loose joint: angle
+    of the pin on the clearance circle, and its rate over the crank speed."""
 
-    def __init__(self, campaign: Campaign, plan: RunPlan, run: Prepared, rows: Mapping[str, np.ndarray], size: int):
-        self._campaign, self._plan, self._run, self._rows_of, self.size = campaign, plan, run, rows, size
+    def __init__(
+        self,
+        campaign: Campaign,
+        plan: RunPlan,
+        run: Prepared,
+        rows: Mapping[str, np.ndarray],
+        size: int,
+    ):
+        self._campaign, self._plan, self._run, self._rows_of, self.size = (
+            campaign,
+            plan,
+            run,
+            rows,
+            size,
+        )
         self.turns = plan.samples.turned / tau
         self.channels = tuple(name for name in plan.channels if name != "crank_angle")
 
     def _edges(self, per_turn: int, turns: float) -> np.ndarray:
-        """Edges (k + 1,) of windows since the first sample [s]; they begin earlier for sensors with memory."""
+        """Edges (k + 1,) of windows since the first sample [s]; they begin earlier for sensors with
+        memory."""
         samples, faults = self._plan.samples, self._run.faults
         last, turn = float(samples.elapsed[-1]), tau / samples.speed
         count = max(round(last / turn * per_turn), 1)
         edges = np.linspace(0.0, last, count + 1)
         edges[0], edges[-1] = -LEAD * turn, last + LEAD * turn
         stated = {name: self._campaign.channels[name] for name in self._plan.channels}
-        remember = any(one.bandwidth or one.remembers or faults.need_grid(name) for name, one in stated.items())
+        remember = any(
+            one.bandwidth or one.remembers or faults.need_grid(name) for name, one in stated.items()
+        )
         if remember or any(map(faults.delay, stated)):
             edges[-1] = max(edges[-1], last - min(map(faults.delay, stated)) + LEAD * turn)
             lead = sensors.remembered_time(stated.values(), turn) / turn
             before = max(round(lead * per_turn), 1)
-            edges = np.concatenate([np.linspace(-lead * turn, -LEAD * turn, before + 1)[:-1], edges])
+            edges = np.concatenate(
+                [np.linspace(-lead * turn, -LEAD * turn, before + 1)[:-1], edges]
+            )
         return edges[: max(int(np.searchsorted(edges, min(turns, 1e9) * turn)), 1) + 1]
 
     def _rows(self, edges: np.ndarray, angles: np.ndarray) -> windows.Rows:
@@ -95,7 +128,9 @@ class RunInWindows:
         edges = self._edges(per_turn, inf)
         if slow.shape != (edges.size - 1, self.size):
             return None
-        return windows.WindowStates(edges, slow, windows.resting(self._run.driven.numbers, len(slow)))
+        return windows.WindowStates(
+            edges, slow, windows.resting(self._run.driven.numbers, len(slow))
+        )
 
     def settled(self, states: windows.WindowStates) -> windows.WindowStates:
         """As of `WindowedRun.settled`: by the filter without readings."""
@@ -103,12 +138,24 @@ class RunInWindows:
         length = float(np.median(np.diff(edges)))
         before = np.arange(edges[0] - length, -self._run.driven.begin - length, -length)[::-1]
         rows, n = self._rows(np.concatenate([before, edges]), np.empty(0)), before.size
-        nothing = windows.Readings(np.empty(0, np.int64), *np.zeros((2, 0)), *np.zeros((2, rows.angles.size, 0)))
+        nothing = windows.Readings(
+            np.empty(0, np.int64), *np.zeros((2, 0)), *np.zeros((2, rows.angles.size, 0))
+        )
         start, others = np.zeros((1, self.size)), np.full((n + edges.size - 1, self.size), np.nan)
         found, _ = windows.filtered(
-            p, rows, len(others), nothing, windows.FilterSettings(0.0), start, True, others, self._run.tolerance
+            p,
+            rows,
+            len(others),
+            nothing,
+            windows.FilterSettings(0.0),
+            start,
+            True,
+            others,
+            self._run.tolerance,
         )
-        return windows.WindowStates(edges, found.slow[n:], windows.Carried(*(each[n:] for each in found.carried)))
+        return windows.WindowStates(
+            edges, found.slow[n:], windows.Carried(*(each[n:] for each in found.carried))
+        )
 
     def simulate(
         self, states: windows.WindowStates
@@ -134,30 +181,56 @@ class RunInWindows:
         jump: float,
         turns: float,
     ) -> FoundStates:
-        """As of `WindowedRun.find`: start values, as the filter ignores filters, lags and delays of sensors.
+        """As of `WindowedRun.find`: start values, as the filter ignores filters, lags and delays of
+        sensors.
 
-        A first pass covers two turns from all directions; the second covers all windows from the state one turn later.
+        A first pass covers two turns from all directions; the second covers all windows from the
+        state one turn later.
         """
         edges = self._edges(per_turn, turns)
         count, p = edges.size - 1, self._run.driven.numbers
-        angles, places = np.unique(self._run.driven.at(self._plan.samples.elapsed), return_inverse=True)
+        angles, places = np.unique(
+            self._run.driven.at(self._plan.samples.elapsed), return_inverse=True
+        )
         rows = self._rows(edges, angles)
         readings = self._readings(rows, places, edges[-1], measured, noise)
         joints = self.size // 2
         directions = np.linspace(0.0, tau, DIRECTIONS[joints], endpoint=False)
         guesses = np.zeros((directions.size**joints, self.size))
         guesses[:, 0::2] = list(product(directions, repeat=joints))
-        others, settings, starts = np.full((count, self.size), np.nan), windows.FilterSettings(jump), guesses
+        others, settings, starts = (
+            np.full((count, self.size), np.nan),
+            windows.FilterSettings(jump),
+            guesses,
+        )
         if count > 2 * per_turn:
             before, _ = windows.filtered(
-                p, rows, 2 * per_turn, readings, settings, guesses, False, others, self._run.tolerance
+                p,
+                rows,
+                2 * per_turn,
+                readings,
+                settings,
+                guesses,
+                False,
+                others,
+                self._run.tolerance,
             )
             starts = np.vstack([before.slow[[per_turn, 0]], guesses])
             others = before.slow[per_turn + np.arange(count) % per_turn]
         found, sums = windows.filtered(
-            p, rows, count, readings, settings, starts, starts is not guesses, others, self._run.tolerance
+            p,
+            rows,
+            count,
+            readings,
+            settings,
+            starts,
+            starts is not guesses,
+            others,
+            self._run.tolerance,
         )
-        return FoundStates(windows.WindowStates(edges, found.slow, found.carried), sums.deviance, sums.readings)
+        return FoundStates(
+            windows.WindowStates(edges, found.slow, found.carried), sums.deviance, sums.readings
+        )
 
     def _readings(
         self,
@@ -167,7 +240,8 @@ class RunInWindows:
         measured: Mapping[str, np.ndarray],
         noise: Mapping[str, np.ndarray],
     ) -> windows.Readings:
-        """Readings for the filter at the `rows` until the time `last` [s]; `places` (n,): order of the samples."""
+        """Readings for the filter at the `rows` until the time `last` [s]; `places` (n,): order of
+        the samples."""
         n, names = rows.angles.size, self.channels
         data, weight = np.zeros((n, len(names))), np.zeros((n, len(names)))
         factor, shift = np.ones(len(names)), np.zeros(len(names))
@@ -182,7 +256,10 @@ class RunInWindows:
             values, weights = np.zeros(places.max() + 1), np.zeros(places.max() + 1)
             values[places[own[kept]]] = measured[name][kept]
             weights[places[own[kept]]] = 1.0 / np.broadcast_to(noise[name], kept.shape)[kept]
-            data[at_rows, c], weight[at_rows, c] = values[rows.sample[at_rows]], weights[rows.sample[at_rows]]
+            data[at_rows, c], weight[at_rows, c] = (
+                values[rows.sample[at_rows]],
+                weights[rows.sample[at_rows]],
+            )
         columns = np.array([SAMPLE.names.index(name) for name in names])
         return windows.Readings(columns, factor, shift, data, weight)
 

@@ -9,9 +9,19 @@ from jointgap.config import Scenario
 from jointgap.core.joints import JOINT, JOINT_NUMBERS
 from jointgap.core.plot import COLOURS, CRANK_ANGLE, INK, Drawing, Quantity, Sheet
 from jointgap.core.words import format_name
-from jointgap.scenario.figure_data import SMALLEST_FORCE, degrees, eccentricity, loose_joints, revolution, round_number
+from jointgap.scenario.figure_data import (
+    SMALLEST_FORCE,
+    degrees,
+    eccentricity,
+    loose_joints,
+    revolution,
+    round_number,
+)
 
-OPENING, SHARE = 60.0, 0.5  # [deg] first part of the revolution, with flight and impacts, and its share of the frames
+OPENING, SHARE = (
+    60.0,
+    0.5,
+)  # [deg] first part of the revolution, with flight and impacts, and its share of the frames
 FRAME_DURATION = 0.06  # s
 WIDTH, HEIGHT, DOTS_PER_INCH = 6.4, 4.9, 100  # [in], [in], [1/in]
 JOURNAL = 14.0  # [mm] drawn radius of a journal
@@ -23,22 +33,35 @@ Move = Callable[[int], tuple]
 
 
 def animation(trajectory: pd.DataFrame, scenario: Scenario) -> Drawing:
-    """Mechanism with magnified clearances, paths of the journals, and contact forces as arrows and curves."""
+    """Mechanism with magnified clearances, paths of the journals, and contact forces as arrows and
+    curves."""
     first = revolution(trajectory, scenario, 1)
-    samples = first.iloc[_frames(len(first) - 1, scenario.figures.animation_frames)].reset_index(drop=True)
+    samples = first.iloc[_frames(len(first) - 1, scenario.figures.animation_frames)].reset_index(
+        drop=True
+    )
     joints = list(loose_joints(scenario))
     ratios, width = [1.0] * len(joints) + [1.5], WIDTH + 1.6 * max(len(joints) - 2, 0)
-    sheet = Sheet(HEIGHT, 2, len(ratios), width=width, height_ratios=[1.3, 1.0], width_ratios=ratios)
+    sheet = Sheet(
+        HEIGHT, 2, len(ratios), width=width, height_ratios=[1.3, 1.0], width_ratios=ratios
+    )
     moves = [_mechanism(sheet, samples, scenario)]
-    moves += [_bearing(sheet, column, name, first, samples, scenario) for column, name in enumerate(joints)]
+    moves += [
+        _bearing(sheet, column, name, first, samples, scenario)
+        for column, name in enumerate(joints)
+    ]
     moves.append(_forces(sheet, joints, first, samples))
-    return Drawing(sheet.figure, sheet.drawing().data, _film(sheet, moves, len(samples)), FRAME_DURATION)
+    return Drawing(
+        sheet.figure, sheet.drawing().data, _film(sheet, moves, len(samples)), FRAME_DURATION
+    )
 
 
 def _frames(samples: int, frames: int) -> np.ndarray:
-    """Samples of one revolution to show: SHARE of the frames before OPENING, the rest evenly over the remainder."""
+    """Samples of one revolution to show: SHARE of the frames before OPENING, the rest evenly over
+    the remainder."""
     slow, until = round(SHARE * frames), OPENING / 360.0 * samples
-    chosen = np.concatenate([np.linspace(0.0, until, slow, False), np.linspace(until, samples, frames - slow)])
+    chosen = np.concatenate(
+        [np.linspace(0.0, until, slow, False), np.linspace(until, samples, frames - slow)]
+    )
     return np.unique(np.round(chosen).astype(int))
 
 
@@ -61,7 +84,8 @@ def _film(sheet: Sheet, moves: list[Move], frames: int) -> tuple[np.ndarray, ...
 
 
 def magnification(scenario: Scenario) -> float:
-    """Factor of the clearances: configured, or such that the largest is at most a quarter of the crank."""
+    """Factor of the clearances: configured, or such that the largest is at most a quarter of the
+    crank."""
     if scenario.figures.magnification is not None:
         return scenario.figures.magnification
     mechanism = scenario.mechanism.applied()
@@ -89,7 +113,8 @@ def _arrow(samples: pd.DataFrame, name: str, outward: bool) -> np.ndarray:
 
 
 def _mechanism(sheet: Sheet, samples: pd.DataFrame, scenario: Scenario) -> Move:
-    """Crank, rod and piston; the rings and journals of the pins, and of the crank pivot where it is loose."""
+    """Crank, rod and piston; the rings and journals of the pins, and of the crank pivot where it is
+    loose."""
     from matplotlib.patches import Circle, FancyArrowPatch, Rectangle
 
     mechanism, times = scenario.mechanism.applied(), magnification(scenario)
@@ -103,15 +128,26 @@ def _mechanism(sheet: Sheet, samples: pd.DataFrame, scenario: Scenario) -> Move:
 
     pivot = apart("crank_pivot")
     crank = pivot + 1e3 * mechanism.crank.length * np.column_stack([np.cos(raw), np.sin(raw)])
-    slider = np.column_stack([1e3 * samples["slider_position"].to_numpy(), np.full(len(samples), offset)])
+    slider = np.column_stack(
+        [1e3 * samples["slider_position"].to_numpy(), np.full(len(samples), offset)]
+    )
     near = {"crank_pin": crank, "piston_pin": slider} | {"crank_pivot": np.zeros_like(crank)}
     far = {name: centre + apart(name) for name, centre in near.items()}
-    pins = ["crank_pin", "piston_pin", *(["crank_pivot"] if "crank_pivot" in mechanism.loose else [])]
+    pins = [
+        "crank_pin",
+        "piston_pin",
+        *(["crank_pivot"] if "crank_pivot" in mechanism.loose else []),
+    ]
 
-    title = f"first revolution; clearances magnified {times:g} times\narrows: force on the journal, logarithmic"
+    title = (
+        f"first revolution; clearances magnified {times:g} times\narrows: force on the journal,"
+        " logarithmic"
+    )
     panel = sheet.panel((0, slice(None)), title, Quantity("x", "mm"), Quantity("y", "mm"))
     for series, pin in (("rod's crank end", "crank_pin"), ("rod's piston end", "piston_pin")):
-        panel.record(series, *far[pin].T, value=angle, value_quantity="crank angle", value_unit="deg")
+        panel.record(
+            series, *far[pin].T, value=angle, value_quantity="crank angle", value_unit="deg"
+        )
     axes = panel.axes
     radii = [JOURNAL + 1e3 * times * mechanism.clearance(joint) for joint in pins]
     half = 1.35 * max(radii[:2])
@@ -124,10 +160,21 @@ def _mechanism(sheet: Sheet, samples: pd.DataFrame, scenario: Scenario) -> Move:
         axes.axhline(offset + side, color="#999999", linewidth=0.8, xmin=0.45)
     (rod,) = axes.plot([], [], color=COLOURS["sky"], linewidth=5, solid_capstyle="round")
     (link,) = axes.plot([], [], color=INK, linewidth=5, solid_capstyle="round")
-    piston = Rectangle((0, 0), 2.2 * half, 2.0 * half, facecolor="#EEEEEE", edgecolor=INK, linewidth=1.2)
-    rings = [Circle((0, 0), radius, facecolor="none", edgecolor=INK, linewidth=1.2) for radius in radii]
+    piston = Rectangle(
+        (0, 0), 2.2 * half, 2.0 * half, facecolor="#EEEEEE", edgecolor=INK, linewidth=1.2
+    )
+    rings = [
+        Circle((0, 0), radius, facecolor="none", edgecolor=INK, linewidth=1.2) for radius in radii
+    ]
     journals = [Circle((0, 0), JOURNAL, edgecolor=INK, linewidth=0.8) for _ in pins]
-    look = {"arrowstyle": "-|>", "mutation_scale": 9.0, "linewidth": 1.6, "color": INK, "shrinkA": 0, "shrinkB": 0}
+    look = {
+        "arrowstyle": "-|>",
+        "mutation_scale": 9.0,
+        "linewidth": 1.6,
+        "color": INK,
+        "shrinkA": 0,
+        "shrinkB": 0,
+    }
     arrows = [FancyArrowPatch((0, 0), (0, 1), **look) for _ in pins]
     words = axes.text(0.99, 0.97, "", transform=axes.transAxes, ha="right", va="top", fontsize=8.5)
     for patch in (piston, *rings, *journals, *arrows):
@@ -141,26 +188,38 @@ def _mechanism(sheet: Sheet, samples: pd.DataFrame, scenario: Scenario) -> Move:
         link.set_data(*np.transpose([pivot[frame], crank[frame]]))
         parts = zip(pins, rings, journals, arrows, drawn, forces, strict=True)
         for pin, ring, journal, arrow, vectors, force in parts:
-            bearing, centre = (ends[pin][frame] for ends in ((near, far) if _outward(pin, scenario) else (far, near)))
+            bearing, centre = (
+                ends[pin][frame]
+                for ends in ((near, far) if _outward(pin, scenario) else (far, near))
+            )
             ring.set_center(bearing)
             journal.set(center=centre, facecolor=_face(pin, force[frame]))
             arrow.set_positions(centre, centre + vectors[frame])
             arrow.set_visible(bool(vectors[frame].any()))
         slowed = FRAME_DURATION / np.diff(time[max(frame - 1, 0) :])[0]
-        words.set_text(f"{angle[frame]:5.1f} deg, {1e3 * time[frame]:6.2f} ms\nslowed {slowed:.0f} times")
+        words.set_text(
+            f"{angle[frame]:5.1f} deg, {1e3 * time[frame]:6.2f} ms\nslowed {slowed:.0f} times"
+        )
         return piston, rod, link, *rings, *journals, *arrows, words
 
     return move
 
 
 def _bearing(
-    sheet: Sheet, column: int, name: str, first: pd.DataFrame, samples: pd.DataFrame, scenario: Scenario
+    sheet: Sheet,
+    column: int,
+    name: str,
+    first: pd.DataFrame,
+    samples: pd.DataFrame,
+    scenario: Scenario,
 ) -> Move:
     """One journal's centre in its bearing, with its past path."""
     joint, words = scenario.mechanism.applied().joint(name), format_name(name)
     panel = sheet.panel((1, column), words, Quantity("journal, x", "mm"), Quantity("y", "mm"))
     radius, circle = 1e3 * joint.clearance, np.linspace(0.0, 2.0 * np.pi, 181)
-    panel.line("clearance circle", radius * np.cos(circle), radius * np.sin(circle), "limit", linewidth=0.8)
+    panel.line(
+        "clearance circle", radius * np.cos(circle), radius * np.sin(circle), "limit", linewidth=0.8
+    )
     panel.square(1.2 * radius)
     panel.axes.locator_params(nbins=3)  # labels of a small clearance are long
     panel.axes.set_title(words, color=COLOURS[words])  # the key to the curves of the forces

@@ -25,7 +25,8 @@ def revolution(trajectory: pd.DataFrame, scenario: Scenario, number: int) -> pd.
 
 
 def loose_joints(scenario: Scenario) -> dict[str, int]:
-    """Names of the loose joints from the frame to the slider, with their numbers in the names of columns."""
+    """Names of the loose joints from the frame to the slider, with their numbers in the names of
+    columns."""
     return {joint: JOINT_NUMBERS[joint] for joint in scenario.mechanism.applied().loose}
 
 
@@ -36,17 +37,25 @@ def degrees(crank_angle: pd.Series) -> np.ndarray:
 
 
 def contacts_of(events: pd.DataFrame, joint: str) -> pd.DataFrame:
-    """One row per contact of a joint: its start, with the values at its end; null where it has not ended."""
+    """One row per contact of a joint: its start, with the values at its end; null where it has not
+    ended."""
     own = events[events["joint"] == joint]
-    begins, ends = (own[own["event"] == event].reset_index(drop=True) for event in ("impact", "separation"))
-    return begins[["crank_angle", "approach_speed"]].join(ends[["impulse", "peak_force", "maxima", "duration"]])
+    begins, ends = (
+        own[own["event"] == event].reset_index(drop=True) for event in ("impact", "separation")
+    )
+    return begins[["crank_angle", "approach_speed"]].join(
+        ends[["impulse", "peak_force", "maxima", "duration"]]
+    )
 
 
 def eccentricity(samples: pd.DataFrame, name: str, joint: Joint | None) -> np.ndarray:
-    """Journal's centre relative to its bearing's centre (n, 2) [m], in `samples` of the trajectory; nan where the
-    direction is undefined, because the centres coincide.
+    """Journal's centre relative to its bearing's centre (n, 2) [m], in `samples` of the trajectory;
+    nan where the direction is undefined, because the centres coincide.
     """
-    # the table's vector points to the centre of the joint's body, which carries the journal or the bearing
+    # the table's vector points to the centre of the joint's body, which carries the journal or the
+    # bearing
     sign = 1.0 if joint is not None and joint.journal == JOINT[name].body else -1.0
-    r, gamma = (samples[f"{quantity}{JOINT_NUMBERS[name]}"].to_numpy() for quantity in ("r", "gamma"))
+    r, gamma = (
+        samples[f"{quantity}{JOINT_NUMBERS[name]}"].to_numpy() for quantity in ("r", "gamma")
+    )
     return np.column_stack([sign * r * np.cos(gamma), sign * r * np.sin(gamma)])

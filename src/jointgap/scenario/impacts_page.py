@@ -1,4 +1,5 @@
-"""Interactive page of the impacts: gaps, contact forces and modes of the loose joints over the crank angle."""
+"""Interactive page of the impacts: gaps, contact forces and modes of the loose joints over the
+crank angle."""
 
 from pathlib import Path
 
@@ -16,12 +17,16 @@ MOST_POINTS = 20_000  # per curve: 0.2 MB in the page
 _FIRST_LOOK = 60.0  # [deg] first view: the part with flight and impacts
 
 
-def impacts_page(trajectory: pd.DataFrame, events: pd.DataFrame, scenario: Scenario, name: str) -> str:
+def impacts_page(
+    trajectory: pd.DataFrame, events: pd.DataFrame, scenario: Scenario, name: str
+) -> str:
     """The page as self-contained HTML."""
     with needs("an interactive figure", "workflow"):
         from plotly.subplots import make_subplots
 
-    figure = make_subplots(rows=3, cols=1, shared_xaxes=True, vertical_spacing=0.04, row_heights=[0.4, 0.45, 0.15])
+    figure = make_subplots(
+        rows=3, cols=1, shared_xaxes=True, vertical_spacing=0.04, row_heights=[0.4, 0.45, 0.15]
+    )
     angle, mechanism = degrees(trajectory["crank_angle"]), scenario.mechanism.applied()
     turn = angle[0] - np.degrees(trajectory["crank_angle"].iloc[0])
     joints = {joint: format_name(joint) for joint in loose_joints(scenario)}
@@ -51,7 +56,11 @@ def impacts_page(trajectory: pd.DataFrame, events: pd.DataFrame, scenario: Scena
         include_plotlyjs=True,
         div_id="impacts",  # reproducible pages
         default_height="max(85vh, 600px)",
-        config={"responsive": True, "displaylogo": False, "toImageButtonOptions": {"format": "svg"}},
+        config={
+            "responsive": True,
+            "displaylogo": False,
+            "toImageButtonOptions": {"format": "svg"},
+        },
     )
     template = Path(__file__).parent / "templates/impacts.html.j2"
     page = Template(template.read_text(encoding="utf-8"), autoescape=True)
@@ -67,10 +76,17 @@ def _add_impacts(figure, contacts: pd.DataFrame, turn: float, words: str) -> Non
         y=contacts["peak_force"].to_numpy(),
         customdata=details.to_numpy(),
         mode="markers",
-        marker={"color": COLOURS[words], "symbol": "circle-open", "size": 9, "line": {"width": 1.5}},
-        hovertemplate=f"{words}: contact begins<br>%{{x:.2f}} deg<br>peak force %{{y:.4~g}} N<br>approach speed "
-        "%{customdata[0]:.3~g} m/s<br>impulse %{customdata[1]:.3~g} N s<br>lasts %{customdata[2]:.3~g} ms"
-        "<extra></extra>",
+        marker={
+            "color": COLOURS[words],
+            "symbol": "circle-open",
+            "size": 9,
+            "line": {"width": 1.5},
+        },
+        hovertemplate=(
+            f"{words}: contact begins<br>%{{x:.2f}} deg<br>peak force %{{y:.4~g}} N<br>approach"
+            " speed %{customdata[0]:.3~g} m/s<br>impulse %{customdata[1]:.3~g} N s<br>lasts"
+            " %{customdata[2]:.3~g} ms<extra></extra>"
+        ),
         legendgroup=words,
         name=f"{words}: impacts",
         showlegend=bool(len(contacts)),
@@ -94,7 +110,10 @@ def _add_modes(figure, angle: np.ndarray, mode: np.ndarray, words: str) -> None:
             customdata=np.column_stack([low, high]).repeat(3, axis=0),
             mode="lines",
             line={"color": COLOURS[kind], "width": 12},
-            hovertemplate=f"{words}: {kind}<br>%{{customdata[0]:.2f}} to %{{customdata[1]:.2f}} deg<extra></extra>",
+            hovertemplate=(
+                f"{words}: {kind}<br>%{{customdata[0]:.2f}} to %{{customdata[1]:.2f}}"
+                " deg<extra></extra>"
+            ),
             name=kind,
             legendgroup=kind,
             legendrank=2000,  # after the joints
@@ -118,16 +137,21 @@ def _lay_out(figure, angle: np.ndarray, joints: list[str]) -> None:
         font={"size": 13},
         updatemenus=[{"type": "buttons", "direction": "right", "buttons": scales, **place}],
     )
-    figure.update_xaxes(range=[angle[0], min(angle[-1], angle[0] + _FIRST_LOOK)], showline=True, linecolor="#222222")
+    figure.update_xaxes(
+        range=[angle[0], min(angle[-1], angle[0] + _FIRST_LOOK)], showline=True, linecolor="#222222"
+    )
     figure.update_xaxes(title_text="crank angle [deg]", row=3)
     figure.update_yaxes(title_text="penetration (+), gap (−) [µm]", row=1)
-    figure.update_yaxes(title_text="normal force [N]", type="log", exponentformat="power", dtick=1, row=2)
+    figure.update_yaxes(
+        title_text="normal force [N]", type="log", exponentformat="power", dtick=1, row=2
+    )
     ends = [-0.7, len(joints) - 0.3]
     figure.update_yaxes(categoryarray=joints[::-1], categoryorder="array", range=ends, row=3)
 
 
 def with_extremes(x: np.ndarray, y: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """Reduce the points `x`, `y` (n,) of a curve to about `most`, as float32, keeping the extremes of every interval.
+    """Reduce the points `x`, `y` (n,) of a curve to about `most`, as float32, keeping the extremes
+    of every interval.
 
     Gaps (nan in `y`) remain where a whole interval has no value.
     """
@@ -136,7 +160,11 @@ def with_extremes(x: np.ndarray, y: np.ndarray, most: int) -> tuple[np.ndarray, 
         kept = [0, len(x) - 1]
         for places in stretches:
             known = places[np.isfinite(y[places])]
-            kept += [known[np.argmin(y[known])], known[np.argmax(y[known])]] if len(known) else [places[0]]
+            kept += (
+                [known[np.argmin(y[known])], known[np.argmax(y[known])]]
+                if len(known)
+                else [places[0]]
+            )
         kept = np.unique(kept)
         x, y = x[kept], y[kept]
     return x.astype(np.float32), y.astype(np.float32)

@@ -1,4 +1,5 @@
-"""The result of a scenario's optimisation: lengths, gain, side effects and remarks, as a page and as JSON."""
+"""The result of a scenario's optimisation: lengths, gain, side effects and remarks, as a page and
+as JSON."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,13 +11,30 @@ import pandas as pd
 
 from jointgap.config import Scenario
 from jointgap.core.joints import FROM_FRAME, PINS
-from jointgap.core.page import Block, Bullets, Cell, FigureBlock, Heading, Link, Page, Paragraph, TableBlock
+from jointgap.core.page import (
+    Block,
+    Bullets,
+    Cell,
+    FigureBlock,
+    Heading,
+    Link,
+    Page,
+    Paragraph,
+    TableBlock,
+)
 from jointgap.core.schema import FIT_ERRORS
 from jointgap.core.words import format_falls, format_name, format_range, format_size, joined, number
 from jointgap.dynamics import mechanism_warnings
 from jointgap.dynamics.kinematics import ideal_cycle
 from jointgap.lengths.objective import GOALS, Goal
-from jointgap.lengths.region import FEASIBLE, FORCE_TOLERANCE, LEAST_FORCE, Constraint, geometric, regions
+from jointgap.lengths.region import (
+    FEASIBLE,
+    FORCE_TOLERANCE,
+    LEAST_FORCE,
+    Constraint,
+    geometric,
+    regions,
+)
 from jointgap.paper.printed import departures
 from jointgap.scenario.figures import FIGURES, described
 
@@ -31,9 +49,14 @@ MOTIONS = {  # sources of the frozen joint motion; the closest to steady operati
     "with_clearance": "simulations with clearance",
     "ideal_joints": "simulations with ideal joints",
 }
-EQUIVALENT = 1.01  # factor of the smallest error within which the lengths nearest to the original are chosen
+EQUIVALENT = (
+    1.01  # factor of the smallest error within which the lengths nearest to the original are chosen
+)
 REMARKABLE = {"stroke": 0.002, "force": 0.05, "peak": 0.01}  # relative changes that cause a remark
-OVERFIT, GENERALISES = 10.0, 2.0  # ratio of held-out to training error of a network, and of a regularised one
+OVERFIT, GENERALISES = (
+    10.0,
+    2.0,
+)  # ratio of held-out to training error of a network, and of a regularised one
 FLAT = 0.02  # spread of the reduction along the valley below which its points are equivalent
 _WHOLE_TURN = 2 * math.pi * (1 - 1e-9)
 _MEASURES = {"rms": "root mean square (RMS)", "mean_absolute": "mean absolute", "peak": "peak"}
@@ -47,9 +70,14 @@ class Outcome:
     scenario: Scenario
     frames: Mapping[str, pd.DataFrame]  # the tables `NEEDED`, by name
     chosen: Mapping[str, Any]  # row of the table optimise_optima
-    found: Mapping[str, str]  # better point of the two optimisers, by source of the motion; empty without an optimum
-    stretch: str  # part of the motion that the result refers to: settled (a revolution) or window (configured)
-    gains: pd.DataFrame  # rows of the table optimise_resimulated of the chosen point, by stretch and measure
+    found: Mapping[
+        str, str
+    ]  # better point of the two optimisers, by source of the motion; empty without an optimum
+    # part of the motion that the result refers to: settled (a revolution) or window (configured)
+    stretch: str
+    gains: (
+        pd.DataFrame
+    )  # rows of the table optimise_resimulated of the chosen point, by stretch and measure
 
     @property
     def goal(self) -> Goal:
@@ -104,17 +132,24 @@ class Outcome:
         if stretch == "settled":
             return "a settled revolution"
         whole = last - first >= math.degrees(_WHOLE_TURN)
-        return "the first revolution" if whole else f"the first revolution from {first:g} to {last:g} deg"
+        return (
+            "the first revolution"
+            if whole
+            else f"the first revolution from {first:g} to {last:g} deg"
+        )
 
     def pair(self, table: str, kind: str) -> pd.DataFrame:
-        """Rows before and after, of ``optimise_worth`` for a `kind` of cycle or of ``optimise_loads`` for a joint."""
+        """Rows before and after, of ``optimise_worth`` for a `kind` of cycle or of
+        ``optimise_loads`` for a joint."""
         own = self.frames[table].set_index("point").loc[["original", self.chosen["point"]]]
         return own[own["cycle" if "cycle" in own else "joint"] == kind]
 
     @property
     def peak_force(self) -> tuple[float, float]:
         """Largest force in a pin over the settled revolution before and after [N], median."""
-        return tuple(np.max([self.pair("optimise_loads", joint)["peak_force"] for joint in PINS], axis=0))
+        return tuple(
+            np.max([self.pair("optimise_loads", joint)["peak_force"] for joint in PINS], axis=0)
+        )
 
     def within_force_limit(self, after: bool = True) -> bool:
         """Whether the lengths found (or the original ones) satisfy the limit on the pin force."""
@@ -123,7 +158,8 @@ class Outcome:
 
     @property
     def status(self) -> str:
-        """``optimal``, ``infeasible``, or ``not converged``; without an optimum the lengths have the smallest force."""
+        """``optimal``, ``infeasible``, or ``not converged``; without an optimum the lengths have
+        the smallest force."""
         if self.chosen["method"] == LEAST_FORCE:
             most = self.scenario.optimise.constraints.largest_pin_force
             return "infeasible" if self.peak_force[1] > most else "not converged"
@@ -137,9 +173,13 @@ def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
     """
     first, last = scenario.optimise.window
     stretch = "settled" if last - first >= _WHOLE_TURN else "window"
-    optima, again, loads = (frames[f"optimise_{name}"] for name in ("optima", "resimulated", "loads"))
+    optima, again, loads = (
+        frames[f"optimise_{name}"] for name in ("optima", "resimulated", "loads")
+    )
     measure = GOALS[scenario.optimise.objective].measure
-    error = again[(again["measure"] == measure) & (again["stretch"] == stretch)].set_index("point")["error"]
+    error = again[(again["measure"] == measure) & (again["stretch"] == stretch)].set_index("point")[
+        "error"
+    ]
     force = loads[loads["joint"].isin(PINS)].groupby("point")["peak_force"].max()
     most = FORCE_TOLERANCE * (scenario.optimise.constraints.largest_pin_force or math.inf)
     applied = scenario.mechanism.applied()
@@ -155,11 +195,17 @@ def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
     candidates = candidates[is_own & optima["point"].isin(error.index)]
     candidates = candidates.sort_values(["force", "error"], kind="stable")
     best = candidates.iloc[0]
-    as_good = candidates[(candidates["force"] == best["force"]) & (candidates["error"] <= EQUIVALENT * best["error"])]
+    as_good = candidates[
+        (candidates["force"] == best["force"]) & (candidates["error"] <= EQUIVALENT * best["error"])
+    ]
     chosen = as_good.loc[as_good["change"].idxmin()]
     firsts = candidates.drop_duplicates("source").set_index("source")["point"].to_dict()
     firsts |= {chosen["source"]: chosen["point"]}
-    found = {source: firsts[source] for source in MOTIONS if source in firsts and chosen["method"] != LEAST_FORCE}
+    found = {
+        source: firsts[source]
+        for source in MOTIONS
+        if source in firsts and chosen["method"] != LEAST_FORCE
+    }
     gains = again[again["point"] == chosen["point"]].set_index(["stretch", "measure"]).sort_index()
     frames = {"fit_errors": pd.DataFrame(columns=FIT_ERRORS.names), **frames}
     return Outcome(scenario, frames, chosen.to_dict(), found, stretch, gains)
@@ -170,7 +216,9 @@ def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
 
 def remarks(outcome: Outcome) -> tuple[str, ...]:
     """Remarks on an `outcome`, the most important first."""
-    own = mechanism_warnings.sentences(outcome.scenario.mechanism, outcome.scenario.simulate.highest_speed)
+    own = mechanism_warnings.sentences(
+        outcome.scenario.mechanism, outcome.scenario.simulate.highest_speed
+    )
     if outcome.status == "infeasible":
         return (*_limits(outcome), *own)
     return (_gain(outcome), *_limits(outcome), *_changes(outcome), *own, *_networks(outcome))
@@ -183,26 +231,32 @@ def _gain(outcome: Outcome) -> str:
     quantity = "error" if outcome.is_of_angle else outcome.goal.words
     if low > 0.0:
         meets_all = outcome.within_force_limit(after=False)
-        meets_all &= all(each.violation(outcome.original) <= FEASIBLE for each in _geometric(outcome))
+        meets_all &= all(
+            each.violation(outcome.original) <= FEASIBLE for each in _geometric(outcome)
+        )
         advice = "keep the original lengths" if meets_all else "this is the cost of the constraints"
-        return f"Simulated again, the {quantity} increases at the lengths found ({spread}): {advice}."
+        return (
+            f"Simulated again, the {quantity} increases at the lengths found ({spread}): {advice}."
+        )
     if high >= 0.0:
         return (
-            f"The gain is not significant: simulated again from perturbed starts, the {quantity} changes by {spread}."
+            f"The gain is not significant: simulated again from perturbed starts, the {quantity}"
+            f" changes by {spread}."
         )
     half, allowed = float(row["rod_tolerance"]) / 2, float(row["rod_deviation_allowed"])
     if not outcome.is_of_angle:
         size = f"{number(np.subtract(*outcome.sizes))} {outcome.goal.unit}"
         return (
-            f"The gain is {size}. It requires a rod length within ±{format_size(allowed, 'm')} (estimate of the "
-            f"search); the tolerance is ±{format_size(half, 'm')}."
+            f"The gain is {size}. It requires a rod length within ±{format_size(allowed, 'm')}"
+            f" (estimate of the search); the tolerance is ±{format_size(half, 'm')}."
         )
     name = "The tolerance IT7" if options.rod_tolerance is None else "The configured tolerance"
     lost = format_size(row["rms_rod_off"] - row["rms"], "rad")
     does = f"reduces the gain by up to {lost}" if allowed >= half else "cancels the gain"
     return (
-        f"The gain is {format_size(gain['original_error'] - gain['error'], 'rad')}. It requires a rod length within "
-        f"±{format_size(allowed, 'm')}. {name}, ±{format_size(half, 'm')}, {does} (estimated with frozen joint motion)."
+        f"The gain is {format_size(gain['original_error'] - gain['error'], 'rad')}. It requires a"
+        f" rod length within ±{format_size(allowed, 'm')}. {name}, ±{format_size(half, 'm')},"
+        f" {does} (estimated with frozen joint motion)."
     )
 
 
@@ -213,13 +267,18 @@ def _limits(outcome: Outcome) -> Iterator[str]:
         least = number(outcome.peak_force[1])
         yield f"Allow a force above {least} N, or widen `optimise.boxes.{box}`."
     if outcome.status == "not converged":
-        yield "The search did not converge under the force limit; these are the lengths with the smallest pin force."
+        yield (
+            "The search did not converge under the force limit; these are the lengths with the"
+            " smallest pin force."
+        )
     for bound in outcome.bounds:
         advice = ""
         if "times the rod length" in bound:
             advice = "; raise `optimise.ratio_limit` if the drive allows it"
         elif bound.startswith(("crank length", "rod length")):
-            advice = f"; widen `optimise.boxes.{box}.{bound.split()[0]}_length` if the design allows it"
+            advice = (
+                f"; widen `optimise.boxes.{box}.{bound.split()[0]}_length` if the design allows it"
+            )
         yield f"The {bound.replace(' at ', ' is at ', 1)} and limits the result{advice}."
 
 
@@ -229,42 +288,53 @@ def _changes(outcome: Outcome) -> Iterator[str]:
     stroke, new = outcome.pair("optimise_worth", "simulated")["stroke"]
     if constraints.stroke is None and abs(new / stroke - 1) > REMARKABLE["stroke"]:
         yield (
-            f"The stroke changes by {1e3 * (new - stroke):+.3g} mm ({100 * (new / stroke - 1):+.1f} %); fix it with "
-            "`optimise.constraints.stroke`."
+            f"The stroke changes by {1e3 * (new - stroke):+.3g} mm ({100 * (new / stroke - 1):+.1f}"
+            " %); fix it with `optimise.constraints.stroke`."
         )
     measure = "peak" if outcome.is_of_angle else "rms"
-    before, after = np.degrees(outcome.gains.loc[(outcome.stretch, measure), ["original_error", "error"]].astype(float))
+    before, after = np.degrees(
+        outcome.gains.loc[(outcome.stretch, measure), ["original_error", "error"]].astype(float)
+    )
     if after / before - 1 > REMARKABLE["peak"]:
         error = "peak error" if outcome.is_of_angle else "RMS error of the transmission angle"
         minimised = "RMS error" if outcome.is_of_angle else outcome.goal.words
         yield (
-            f"The {error} grows from {before:.3g} to {after:.3g} deg ({100 * (after / before - 1):+.0f} %) over "
-            f"{outcome.stretch_label(outcome.stretch)}; the {minimised} was minimised."
+            f"The {error} grows from {before:.3g} to {after:.3g} deg"
+            f" ({100 * (after / before - 1):+.0f} %) over {outcome.stretch_label(outcome.stretch)};"
+            f" the {minimised} was minimised."
         )
     before, after = outcome.peak_force
     is_free = constraints.largest_pin_force is None and outcome.goal.measure != "largest_pin_force"
     if is_free and after / before - 1 > REMARKABLE["force"]:
         yield (
-            f"The largest force in a pin grows from {number(before)} to {number(after)} N "
-            f"({100 * (after / before - 1):+.0f} %); limit it with `optimise.constraints.largest_pin_force`."
+            f"The largest force in a pin grows from {number(before)} to {number(after)} N"
+            f" ({100 * (after / before - 1):+.0f} %); limit it with"
+            " `optimise.constraints.largest_pin_force`."
         )
 
 
 def _networks(outcome: Outcome) -> Iterator[str]:
     errors = outcome.frames["fit_errors"]
-    errors = errors[(errors["region"] == "all") & (errors["seed"] == outcome.scenario.surrogate.seeds[0])]
+    errors = errors[
+        (errors["region"] == "all") & (errors["seed"] == outcome.scenario.surrogate.seeds[0])
+    ]
     own, regularised = (errors[errors["model"] == model] for model in ("network", "regularised"))
     factor = own["held_out_mse"] / own["training_mse"]
     if overfit := int((factor > OVERFIT).sum()):
         used = outcome.found and outcome.chosen["source"] == "networks"
         sentence = (
-            f"{overfit} of {len(own)} networks overfit: between their training points the error is up to "
-            f"{factor.max():.2g} times as large. "
-            f"The {'gain is simulated' if used else 'lengths were found'} without them."
+            f"{overfit} of {len(own)} networks overfit: between their training points the error is"
+            f" up to {factor.max():.2g} times as large. The"
+            f" {'gain is simulated' if used else 'lengths were found'} without them."
         )
         if len(regularised):
-            good = int((regularised["held_out_mse"] <= GENERALISES * regularised["training_mse"]).sum())
-            sentence += f" {good} of {len(regularised)} regularised networks do not (at most {GENERALISES:g} times)."
+            good = int(
+                (regularised["held_out_mse"] <= GENERALISES * regularised["training_mse"]).sum()
+            )
+            sentence += (
+                f" {good} of {len(regularised)} regularised networks do not (at most"
+                f" {GENERALISES:g} times)."
+            )
         yield sentence
 
 
@@ -277,12 +347,14 @@ def headline(outcome: Outcome) -> str:
         least, most = outcome.peak_force[1], outcome.scenario.optimise.constraints.largest_pin_force
         others = len(_geometric(outcome)) > 0
         return (
-            f"No lengths within the bounds{' and the other constraints' if others else ''} keep the pin force below "
-            f"{number(most)} N (least: {number(least)} N at {_nearest(outcome)})"
+            f"No lengths within the bounds{' and the other constraints' if others else ''} keep the"
+            f" pin force below {number(most)} N (least: {number(least)} N at {_nearest(outcome)})"
         )
     (crank, rod), gain = (_rounded(1e3 * length, 2) for length in outcome.lengths), outcome.gain
     unsure = "" if gain["reduction_low"] > 0 or gain["reduction_high"] < 0 else " (not significant)"
-    change = f"{abs(100 * gain['reduction']):.1f} % {'smaller' if gain['reduction'] > 0 else 'larger'}"
+    change = (
+        f"{abs(100 * gain['reduction']):.1f} % {'smaller' if gain['reduction'] > 0 else 'larger'}"
+    )
     return f"Crank {crank} mm, rod {rod} mm: {outcome.goal.words} {change}{unsure}"
 
 
@@ -291,9 +363,9 @@ def details(outcome: Outcome) -> str:
     if outcome.status == "infeasible":
         before, after = map(number, outcome.peak_force)
         return (
-            f"No optimum is reported. The largest force in a pin is {before} N at the original lengths and at least "
-            f"{after} N within the bounds, at {_nearest(outcome)}: medians of {outcome.gains['members'].iloc[0]} "
-            "simulations from perturbed starts."
+            f"No optimum is reported. The largest force in a pin is {before} N at the original"
+            f" lengths and at least {after} N within the bounds, at {_nearest(outcome)}: medians of"
+            f" {outcome.gains['members'].iloc[0]} simulations from perturbed starts."
         )
     (crank, rod), (new_crank, new_rod), gain = outcome.original, outcome.lengths, outcome.gain
     before, after = _aligned(*outcome.sizes)
@@ -301,15 +373,17 @@ def details(outcome: Outcome) -> str:
     ends = _interval(gain)
     ends = f"{ends} % over the starts" if " to " in ends else "the same for every start"
     lengths = [
-        f"{name} {_rounded(1e3 * old, 2)} mm (unchanged)"
-        if abs(new - old) < 1e-6
-        else f"{name} {_rounded(1e3 * old, 2)} → {_rounded(1e3 * new, 2)} mm"
+        (
+            f"{name} {_rounded(1e3 * old, 2)} mm (unchanged)"
+            if abs(new - old) < 1e-6
+            else f"{name} {_rounded(1e3 * old, 2)} → {_rounded(1e3 * new, 2)} mm"
+        )
         for name, old, new in (("Crank", crank, new_crank), ("rod", rod, new_rod))
     ]
     return (
-        f"{quantity} over {outcome.stretch_label(outcome.stretch)}, simulated again: {before} → {after} "
-        f"{outcome.goal.unit} ({ends}). "
-        f"{', '.join(lengths)}; crank over rod {crank / rod:.4f} → {new_crank / new_rod:.4f}."
+        f"{quantity} over {outcome.stretch_label(outcome.stretch)}, simulated again: {before} →"
+        f" {after} {outcome.goal.unit} ({ends}). {', '.join(lengths)}; crank over rod"
+        f" {crank / rod:.4f} → {new_crank / new_rod:.4f}."
     )
 
 
@@ -323,7 +397,10 @@ def document(outcome: Outcome, name: str, remarks: Sequence[str]) -> dict[str, A
     fall = {"median": "reduction", "5_percent": "reduction_low", "95_percent": "reduction_high"}
 
     def reduction(gain: pd.Series, **more: str) -> dict[str, float | None]:
-        return {key: 100 * float(gain[column]) if is_found else None for key, column in (fall | more).items()}
+        return {
+            key: 100 * float(gain[column]) if is_found else None
+            for key, column in (fall | more).items()
+        }
 
     minimised = {}
     if not outcome.is_of_angle:
@@ -359,8 +436,16 @@ def document(outcome: Outcome, name: str, remarks: Sequence[str]) -> dict[str, A
 def _smallest_force(outcome: Outcome) -> dict[str, float]:
     """Force limit, the smallest force within the bounds, and its lengths."""
     crank, rod = outcome.lengths
-    limit, force = outcome.scenario.optimise.constraints.largest_pin_force, float(outcome.peak_force[1])
-    return {"limit_N": limit, "force_N": force, "crank_length_mm": 1e3 * crank, "rod_length_mm": 1e3 * rod}
+    limit, force = (
+        outcome.scenario.optimise.constraints.largest_pin_force,
+        float(outcome.peak_force[1]),
+    )
+    return {
+        "limit_N": limit,
+        "force_N": force,
+        "crank_length_mm": 1e3 * crank,
+        "rod_length_mm": 1e3 * rod,
+    }
 
 
 def _largest_force(outcome: Outcome, joint: str) -> dict[str, float]:
@@ -405,7 +490,11 @@ def page(outcome: Outcome, name: str, remarks: Sequence[str]) -> Page:
         *([Heading(checks), Bullets(tuple(remarks))] if remarks else []),
         *result,
         Heading("Figures"),
-        *(_figure(name, scenario) for name in _FIGURES if is_found or FIGURES[name].category != "Optimum"),
+        *(
+            _figure(name, scenario)
+            for name in _FIGURES
+            if is_found or FIGURES[name].category != "Optimum"
+        ),
         Heading("Files"),
         Bullets(links),
     ]
@@ -446,7 +535,8 @@ def _interval(gain: pd.Series) -> str:
 
 
 def _aligned(before: float, after: float) -> tuple[str, str]:
-    """Two numbers with the same decimals: three digits of the larger and two of the difference, at most five."""
+    """Two numbers with the same decimals: three digits of the larger and two of the difference, at
+    most five."""
     largest = max(abs(before), abs(after))
     sizes = [largest, max(10 * abs(after - before), 0.01 * largest) if after != before else 0.0]
     decimals = min(max([0, *(2 - math.floor(math.log10(size)) for size in sizes if size > 0)]), 5)
@@ -455,18 +545,26 @@ def _aligned(before: float, after: float) -> tuple[str, str]:
 
 def _definition(outcome: Outcome) -> str:
     applied, (crank, rod) = outcome.scenario.mechanism.applied(), outcome.original
-    low, high = (90 + np.degrees(np.arcsin((applied.slider.offset + side * crank) / rod)) for side in (-1, 1))
+    low, high = (
+        90 + np.degrees(np.arcsin((applied.slider.offset + side * crank) / rod)) for side in (-1, 1)
+    )
     return (
-        "The transmission angle is the angle between the rod and the normal to the slide; the ideal is 90 deg. Its "
-        "error is the angle without clearance at the original lengths minus the angle with clearance in the "
-        f"{joined(map(format_name, applied.loose))}, over {outcome.stretch_label(outcome.stretch)}. The angle varies "
-        f"from {low:.1f} to {high:.1f} deg."
+        "The transmission angle is the angle between the rod and the normal to the slide; the"
+        " ideal is 90 deg. Its error is the angle without clearance at the original lengths minus"
+        f" the angle with clearance in the {joined(map(format_name, applied.loose))}, over"
+        f" {outcome.stretch_label(outcome.stretch)}. The angle varies from {low:.1f} to {high:.1f}"
+        " deg."
     )
 
 
 def _change(words: str, before: float, after: float, decimals: int | None = None) -> dict[str, str]:
-    """A row of values before and after; relative change only for quantities without [deg] and [%]."""
-    old, new = _aligned(before, after) if decimals is None else (f"{value:.{decimals}f}" for value in (before, after))
+    """A row of values before and after; relative change only for quantities without [deg] and
+    [%]."""
+    old, new = (
+        _aligned(before, after)
+        if decimals is None
+        else (f"{value:.{decimals}f}" for value in (before, after))
+    )
     is_relative = before and not words.endswith(("[deg]", "[%]"))
     return {
         "": words,
@@ -480,7 +578,11 @@ def _change(words: str, before: float, after: float, decimals: int | None = None
 def _lengths(outcome: Outcome) -> Iterator[Block]:
     options, searched = outcome.scenario.optimise, f"searched (box {outcome.box})"
     region = regions(outcome.scenario.mechanism.applied(), options)[outcome.box]
-    (crank, rod), (new_crank, new_rod), (cranks, rods) = outcome.original, outcome.lengths, region.searched
+    (crank, rod), (new_crank, new_rod), (cranks, rods) = (
+        outcome.original,
+        outcome.lengths,
+        region.searched,
+    )
     low, high = 1e3 * np.array(options.boxes[outcome.box].rod_length)
     limit = "–" if options.ratio_limit is None else f"up to {options.ratio_limit:g}"
     rows = (
@@ -490,18 +592,23 @@ def _lengths(outcome: Outcome) -> Iterator[Block]:
     )
     yield TableBlock.of(rows, "lrrrrr")
     if outcome.found and not outcome.bounds and outcome.within_force_limit():
-        by_default = cranks == "fixed" and outcome.box == "own"  # without boxes in the configuration
+        by_default = (
+            cranks == "fixed" and outcome.box == "own"
+        )  # without boxes in the configuration
         kept = " The crank keeps its length; `optimise.boxes` lets both vary." if by_default else ""
         yield Paragraph(f"No bound is active.{kept}")
     floor = outcome.frames["optimise_floor"]
     floor = floor[(floor["source"] == outcome.chosen["source"]) & (floor["box"] == outcome.box)]
     if floor.empty or not outcome.is_of_angle:  # empty: the search did not converge
         return
-    ratios, reductions = (floor.loc[floor["measure"] == "rms", column] for column in ("ratio", "reduction"))
+    ratios, reductions = (
+        floor.loc[floor["measure"] == "rms", column] for column in ("ratio", "reduction")
+    )
     yield Paragraph(
-        f"The error depends on the ratio only. With frozen joint motion and the best crank for each rod from {low:g} "
-        f"to {high:g} mm, the ratio is {format_range(f'{ratios.min():.5f}', f'{ratios.max():.5f}')}. The RMS error "
-        f"{format_falls(100 * reductions)}"
+        "The error depends on the ratio only. With frozen joint motion and the best crank for each"
+        f" rod from {low:g} to {high:g} mm, the ratio is"
+        f" {format_range(f'{ratios.min():.5f}', f'{ratios.max():.5f}')}. The RMS error"
+        f" {format_falls(100 * reductions)}"
         + (": all these pairs are equivalent." if np.ptp(reductions) <= FLAT else ".")
     )
 
@@ -514,9 +621,9 @@ def _gains(outcome: Outcome) -> Iterator[Block]:
         row |= {f"after [{outcome.goal.unit}]": after} | _reductions(gain, "search [%]")
         yield TableBlock.of([row], "lrrrrrr")
         yield Paragraph(
-            f"{outcome.goal.words.capitalize()}: {outcome.goal.definition}, over "
-            f"{outcome.stretch_label(outcome.stretch)}. Simulated again: the result that counts; median and spread "
-            f"over {runs}. Search: estimate from one simulation."
+            f"{outcome.goal.words.capitalize()}: {outcome.goal.definition}, over"
+            f" {outcome.stretch_label(outcome.stretch)}. Simulated again: the result that counts;"
+            f" median and spread over {runs}. Search: estimate from one simulation."
         )
         yield Heading("Transmission angle", 3)
     rows = []
@@ -535,13 +642,14 @@ def _gains(outcome: Outcome) -> Iterator[Block]:
     yield TableBlock.of(rows, "lrrrrrr")
     yield Paragraph(_definition(outcome))
     yield Paragraph(
-        f"Simulated again: the result that counts; median and spread over {runs}. Frozen: estimate with unchanged "
-        "joint motion."
+        f"Simulated again: the result that counts; median and spread over {runs}. Frozen: estimate"
+        " with unchanged joint motion."
     )
 
 
 def _reductions(gain: pd.Series, estimate: str) -> dict[str, str]:
-    """Cells of the changes of a row of the table optimise_resimulated; `estimate` labels that of the search."""
+    """Cells of the changes of a row of the table optimise_resimulated; `estimate` labels that of
+    the search."""
     return {
         "simulated again [%]": _percent(gain["reduction"]),
         "5 to 95 % [%]": _interval(gain),
@@ -551,34 +659,50 @@ def _reductions(gain: pd.Series, estimate: str) -> dict[str, str]:
 
 
 def _side_effects(outcome: Outcome) -> Iterator[Block]:
-    applied, cycle = outcome.scenario.mechanism.applied(), outcome.pair("optimise_worth", "simulated")
+    applied, cycle = (
+        outcome.scenario.mechanism.applied(),
+        outcome.pair("optimise_worth", "simulated"),
+    )
     loads = {joint: outcome.pair("optimise_loads", joint) for joint in FROM_FRAME}
-    ideal = [ideal_cycle(*lengths, applied.slider.offset) for lengths in (outcome.original, outcome.lengths)]
+    ideal = [
+        ideal_cycle(*lengths, applied.slider.offset)
+        for lengths in (outcome.original, outcome.lengths)
+    ]
     changes = {  # before and after
         "stroke [mm]": 1e3 * cycle["stroke"],
         "stroke without clearance [mm]": [1e3 * one.stroke for one in ideal],
         "outer dead centre, slider at [mm]": 1e3 * cycle["outer_dead_centre"],
         "inner dead centre, slider at [mm]": 1e3 * cycle["inner_dead_centre"],
-        "outer dead centre, crank at [deg]": [math.degrees(one.outer_dead_centre_angle) for one in ideal],
-        "inner dead centre, crank at [deg]": [math.degrees(one.inner_dead_centre_angle) for one in ideal],
+        "outer dead centre, crank at [deg]": [
+            math.degrees(one.outer_dead_centre_angle) for one in ideal
+        ],
+        "inner dead centre, crank at [deg]": [
+            math.degrees(one.inner_dead_centre_angle) for one in ideal
+        ],
         "smallest transmission angle [deg]": np.degrees(cycle["smallest_transmission_angle"]),
     }
     for joint, load in loads.items():
         changes[f"largest force in the {format_name(joint)} [N]"] = load["peak_force"]
-        changes[f"crank angle of the largest force in the {format_name(joint)} [deg]"] = np.degrees(load["peak_angle"])
+        changes[f"crank angle of the largest force in the {format_name(joint)} [deg]"] = np.degrees(
+            load["peak_angle"]
+        )
         changes[f"RMS force in the {format_name(joint)} [N]"] = load["rms_force"]
     for joint in applied.loose:
-        changes[f"share of time in contact, {format_name(joint)} [%]"] = 100 * loads[joint]["contact_share"]
+        changes[f"share of time in contact, {format_name(joint)} [%]"] = (
+            100 * loads[joint]["contact_share"]
+        )
     yield TableBlock.of((_change(words, *pair) for words, pair in changes.items()), "lrrrr")
     yield Paragraph(
-        "Medians over the runs with clearance, for a settled revolution. Crank angles of the dead centres: without "
-        "clearance, measured from the slide's direction. Forces include inertia and the effects listed in the "
-        "mechanism file; gas pressure and external loads count only if listed there."
+        "Medians over the runs with clearance, for a settled revolution. Crank angles of the dead"
+        " centres: without clearance, measured from the slide's direction. Forces include inertia"
+        " and the effects listed in the mechanism file; gas pressure and external loads count only"
+        " if listed there."
     )
 
 
 def _geometric(outcome: Outcome) -> list[Constraint]:
-    """Constraints that depend on the lengths only, without that of a crank that keeps its length."""
+    """Constraints that depend on the lengths only, without that of a crank that keeps its
+    length."""
     offset = outcome.scenario.mechanism.applied().slider.offset
     asked = geometric(outcome.scenario.optimise.constraints, offset)
     return [each for each in asked if not (each.key == "crank_length" and outcome.keeps_crank)]
@@ -598,10 +722,19 @@ def _constraints(outcome: Outcome) -> Iterator[Block]:
     ]
     if (most := options.largest_pin_force) is not None:
         forces = (f"{number(force)} N" for force in outcome.peak_force)
-        rows.append(("largest force in a pin", f"{number(most)} N at most", *forces, outcome.status != "infeasible"))
+        rows.append(
+            (
+                "largest force in a pin",
+                f"{number(most)} N at most",
+                *forces,
+                outcome.status != "infeasible",
+            )
+        )
     if rows:
         yield Heading("Constraints")
-        shown = tuple((*words, Cell("yes", "good") if met else Cell("no", "bad")) for *words, met in rows)
+        shown = tuple(
+            (*words, Cell("yes", "good") if met else Cell("no", "bad")) for *words, met in rows
+        )
         after = "smallest force" if outcome.status == "infeasible" else "after"
         yield TableBlock(("", "required", "before", after, "met"), shown, "lrrrl")
         yield Paragraph("Lengths and angles without clearance; forces simulated with clearance.")
@@ -630,7 +763,7 @@ def _motions(outcome: Outcome) -> Iterator[Block]:
         else "one simulation for each pair of lengths on a grid"
     )
     yield Paragraph(
-        f"The search uses {motion}. The result is the pair of lengths with the smallest re-simulated {quantity} "
-        f"over {outcome.stretch_label(outcome.stretch)}."
+        f"The search uses {motion}. The result is the pair of lengths with the smallest"
+        f" re-simulated {quantity} over {outcome.stretch_label(outcome.stretch)}."
     )
     yield TableBlock.of(rows, "l" + "r" * (len(rows[0]) - 1))

@@ -6,7 +6,16 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
-from jointgap.core.page import Block, FigureBlock, Heading, Link, Page, Paragraph, TableBlock, written_today
+from jointgap.core.page import (
+    Block,
+    FigureBlock,
+    Heading,
+    Link,
+    Page,
+    Paragraph,
+    TableBlock,
+    written_today,
+)
 from jointgap.core.schema import OVERVIEW
 from jointgap.core.words import format_falls, format_range
 from jointgap.paper.compare import conclusion, looseness_variants, variant_optimum
@@ -17,15 +26,17 @@ NEEDED = ("fit_errors", "optimise_optima", "optimise_resimulated", "comparison")
 
 TITLE = "Comparison of scenarios"
 _TEXT = (
-    "Reductions of the RMS error of the transmission angle at the lengths that the genetic algorithm finds on the "
-    "networks within the first bounds, relative to the original lengths. Frozen: estimate with unchanged joint "
-    "motion. Simulated again: the result that counts, median and 5-95 % of an ensemble. Training and held-out MSE: "
-    "outputs at or below the paper's training error."
+    "Reductions of the RMS error of the transmission angle at the lengths that the genetic"
+    " algorithm finds on the networks within the first bounds, relative to the original lengths."
+    " Frozen: estimate with unchanged joint motion. Simulated again: the result that counts, median"
+    " and 5-95 % of an ensemble. Training and held-out MSE: outputs at or below the paper's"
+    " training error."
 )
 
 
 def overview(loaded: Mapping[str, tuple[Mapping[str, pd.DataFrame], Scenario]]) -> pd.DataFrame:
-    """The table overview, one row per scenario with an optimum, from its tables `NEEDED` and its configuration."""
+    """The table overview, one row per scenario with an optimum, from its tables `NEEDED` and its
+    configuration."""
     scenarios = {name: scenario for name, (_, scenario) in loaded.items()}
     rows = [
         _row(name, *own) | {"family": looseness_variants(name, scenarios)[0]} | variant
@@ -38,12 +49,19 @@ def overview(loaded: Mapping[str, tuple[Mapping[str, pd.DataFrame], Scenario]]) 
 def _row(name: str, frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> dict:
     errors = frames["fit_errors"]
     judged = errors[(errors["region"] == "all") & errors["paper_mse"].notna()]
-    networks = judged[(judged["model"] == "network") & (judged["seed"] == scenario.surrogate.seeds[0])]
+    networks = judged[
+        (judged["model"] == "network") & (judged["seed"] == scenario.surrogate.seeds[0])
+    ]
     second = judged[judged["model"] == "clearance"]
     verdicts = frames["comparison"].query("kind == 'number'")["verdict"]
     point = f"networks_{next(iter(scenario.optimise.boxes))}_genetic"
     best = frames["optimise_optima"].set_index("point").loc[point]
-    again = frames["optimise_resimulated"].query("measure == 'rms'").set_index(["point", "stretch"]).loc[point]
+    again = (
+        frames["optimise_resimulated"]
+        .query("measure == 'rms'")
+        .set_index(["point", "stretch"])
+        .loc[point]
+    )
     applied = scenario.mechanism.applied()
     return {
         "drive": scenario.simulate.drive.kind,
@@ -81,9 +99,15 @@ def overview_page(table: pd.DataFrame) -> Page:
     """The page of the `table` overview; links are relative to the folder of results."""
     spec = FIGURES["resimulation"]
     figures = [
-        FigureBlock(f"{name}/figures/resimulation", f"{spec.title}: {name}", small=True) for name in table["scenario"]
+        FigureBlock(f"{name}/figures/resimulation", f"{spec.title}: {name}", small=True)
+        for name in table["scenario"]
     ]
-    blocks = (*side_by_side(table), Heading("Gain when simulated again"), Paragraph(spec.caption), *figures)
+    blocks = (
+        *side_by_side(table),
+        Heading("Gain when simulated again"),
+        Paragraph(spec.caption),
+        *figures,
+    )
     return Page(headline(table), blocks, subject=TITLE, footer=written_today(), width="100rem")
 
 
@@ -111,14 +135,18 @@ def _cells(row) -> dict[str, str | Link]:
         "training MSE reached": f"{row.training_reached} {learned}" if row.judged else "–",
         "held-out MSE reached": f"{row.held_out_reached} {learned}" if row.judged else "–",
         "second surrogate, held out": f"{row.second_reached} {learned}" if row.judged else "–",
-        "other printed numbers that agree": f"{row.printed_agree} of {row.printed}" if row.printed else "–",
+        "other printed numbers that agree": (
+            f"{row.printed_agree} of {row.printed}" if row.printed else "–"
+        ),
     }
 
 
 def _spread(row, name: str) -> str:
     ends = "found" if name == "found_reduction" else name
     low, high = getattr(row, f"{ends}_low"), getattr(row, f"{ends}_high")
-    return f"{100 * getattr(row, name):.2f} ({format_range(f'{100 * low:.2f}', f'{100 * high:.2f}')})"
+    return (
+        f"{100 * getattr(row, name):.2f} ({format_range(f'{100 * low:.2f}', f'{100 * high:.2f}')})"
+    )
 
 
 def _by_count(table: pd.DataFrame) -> Iterator[Block]:
@@ -140,7 +168,8 @@ def _by_count(table: pd.DataFrame) -> Iterator[Block]:
         )
         yield Heading("By number of loose joints")
         yield Paragraph(
-            "These scenarios differ only in their loose joints. RMS reductions, simulated again, at the lengths that "
-            f"the genetic algorithm finds with the motion of the same simulation. {conclusion(rows)}"
+            "These scenarios differ only in their loose joints. RMS reductions, simulated again,"
+            " at the lengths that the genetic algorithm finds with the motion of the same"
+            f" simulation. {conclusion(rows)}"
         )
         yield TableBlock.of(cells, "rllrrrr")

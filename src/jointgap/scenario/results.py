@@ -26,8 +26,8 @@ class ScenarioResults(ResultsFolder):
         return self.path.resolve().name
 
     def read(self, table: Table | str, part: str = "") -> pd.DataFrame:
-        """The frame of `table`. A table with one file per output is read for the output `part`, or for all outputs
-        with an additional column ``output``.
+        """The frame of `table`. A table with one file per output is read for the output `part`, or
+        for all outputs with an additional column ``output``.
         """
         table = schema.TABLES[table] if isinstance(table, str) else table
         if table == TRAJECTORY:
@@ -41,7 +41,8 @@ class ScenarioResults(ResultsFolder):
         return pd.concat(frames, ignore_index=True)
 
     def files(self, wanted: Iterable[Table]) -> dict[str, Path]:
-        """Files of the tables `wanted` that exist, by table, or ``table/output`` where there is one per output."""
+        """Files of the tables `wanted` that exist, by table, or ``table/output`` where there is one
+        per output."""
         files, loose = {}, bool(self.scenario.mechanism.applied().loose)
         for table in wanted:
             if "{output}" not in table.path:
@@ -57,8 +58,8 @@ def outputs_of(mechanism: Mechanism) -> tuple[str, ...]:
     outputs = joints.outputs(mechanism.applied().loose)
     if not outputs:
         raise InputError(
-            "all joints are ideal: without clearance the networks, the optimisation and the comparison have no data; "
-            "make a joint loose, or run only the stage simulate"
+            "all joints are ideal: without clearance the networks, the optimisation and the"
+            " comparison have no data; make a joint loose, or run only the stage simulate"
         )
     return outputs
 
@@ -70,22 +71,30 @@ def parts_of(table: Table, mechanism: Mechanism) -> tuple[str, ...]:
 
 
 def read_trajectory(path: Path, scenario: Scenario) -> pd.DataFrame:
-    """The trajectory in the file `path`; InputError where it does not match the options of `scenario`."""
+    """The trajectory in the file `path`; InputError where it does not match the options of
+    `scenario`."""
     frame, options = parquet.read(TRAJECTORY, path), scenario.simulate
     if options.speed < 0:
         raise InputError(
-            f"simulate.speed {options.speed:g} rad/s is clockwise; networks and optimisation require a positive speed: "
-            "mirror the mechanism (opposite sign of slider.offset, gravity_direction and phases); the best lengths are "
-            "the same"
+            f"simulate.speed {options.speed:g} rad/s is clockwise; networks and optimisation"
+            " require a positive speed: mirror the mechanism (opposite sign of slider.offset,"
+            " gravity_direction and phases); the best lengths are the same"
         )
-    samples, turned = options.samples_per_revolution * options.revolutions + 1, 2.0 * np.pi * options.revolutions
+    samples, turned = (
+        options.samples_per_revolution * options.revolutions + 1,
+        2.0 * np.pi * options.revolutions,
+    )
     ends, speed = [options.start_angle, options.start_angle + turned], _starting_speed(scenario)
-    fits = len(frame) == samples and np.allclose(frame["crank_angle"].iloc[[0, -1]], ends, rtol=1e-9, atol=1e-9)
-    if not fits or (speed is not None and not np.isclose(frame["crank_speed"].iloc[0], speed, rtol=1e-9)):
+    fits = len(frame) == samples and np.allclose(
+        frame["crank_angle"].iloc[[0, -1]], ends, rtol=1e-9, atol=1e-9
+    )
+    if not fits or (
+        speed is not None and not np.isclose(frame["crank_speed"].iloc[0], speed, rtol=1e-9)
+    ):
         raise InputError(
-            f"{path}: its {len(frame)} samples are not the {samples} of {options.revolutions} revolutions at "
-            f"{options.speed:g} rad/s that the options ask for; give the options it was simulated with, or simulate "
-            "again"
+            f"{path}: its {len(frame)} samples are not the {samples} of {options.revolutions}"
+            f" revolutions at {options.speed:g} rad/s that the options ask for; give the options it"
+            " was simulated with, or simulate again"
         )
     return frame
 
@@ -95,5 +104,9 @@ def _starting_speed(scenario: Scenario) -> float | None:
     options, wave = scenario.simulate, scenario.mechanism.effect("speed_fluctuation")
     if options.drive.kind == "measured":
         return None
-    factor = 1.0 + wave.ratio * np.cos(wave.order * options.start_angle - wave.phase_rad) if wave else 1.0
+    factor = (
+        1.0 + wave.ratio * np.cos(wave.order * options.start_angle - wave.phase_rad)
+        if wave
+        else 1.0
+    )
     return options.speed * factor

@@ -21,7 +21,8 @@ SCENARIO_STAGES = Stages()
 
 
 def stages_of(scenario: "Scenario") -> list[str]:
-    """The stages of a scenario: networks and the comparison with the paper only where its options ask for them."""
+    """The stages of a scenario: networks and the comparison with the paper only where its options
+    ask for them."""
     if not scenario.mechanism.applied().loose:
         return ["simulate", "animate"]
     left_out = set() if scenario.networks else {"surrogate", "clearance"}
@@ -38,7 +39,8 @@ def drawn(networks: bool) -> list[str]:
 
 
 PUBLISHED, IMPACTS_PAGE = "track/published.json", "figures/impacts.html"
-"""Files in the folder of a scenario: the publishing summary, and the interactive page of the impacts."""
+"""Files in the folder of a scenario: the publishing summary, and the interactive page of the
+impacts."""
 
 _MOTION = ("mechanism", "simulate")
 _LEARNING = (*_MOTION, "networks", "paper", "surrogate")
@@ -46,16 +48,20 @@ _OPTIMUM = (*_LEARNING, "optimise")
 _DRAWN, _PAGE = (*_OPTIMUM, "figures"), ("description", *_OPTIMUM)
 
 
-@SCENARIO_STAGES.stage(writes=(schema.TRAJECTORY, schema.EVENTS), sections=_MOTION, does="simulate the contact")
+@SCENARIO_STAGES.stage(
+    writes=(schema.TRAJECTORY, schema.EVENTS), sections=_MOTION, does="simulate the contact"
+)
 def simulate(results: "ScenarioResults") -> None:
-    """Simulate the slider-crank: joints loose or ideal, with contact, friction and the listed effects.
+    """Simulate the slider-crank: joints loose or ideal, with contact, friction and the listed
+    effects.
 
-    Reads the sections `mechanism` (bodies, joints, contacts, effects) and `simulate` (drive, duration, tolerances) of
-    the scenario. The drive is a constant speed, a measured angle or a motor.
+    Reads the sections `mechanism` (bodies, joints, contacts, effects) and `simulate` (drive,
+    duration, tolerances) of the scenario. The drive is a constant speed, a measured angle or a
+    motor.
 
-    Writes two tables (`jointgap describe FILE` explains their columns). Warnings go to the standard error output, such
-    as an effective restitution that differs from the configured one. A simulation that fails reports time, crank angle
-    and state, and writes no table.
+    Writes two tables (`jointgap describe FILE` explains their columns). Warnings go to the standard
+    error output, such as an effective restitution that differs from the configured one. A
+    simulation that fails reports time, crank angle and state, and writes no table.
 
     \b
     Example:
@@ -84,10 +90,16 @@ def simulate(results: "ScenarioResults") -> None:
 def surrogate(
     results: "ScenarioResults",
     output: Annotated[
-        str, Option("--output-name", required=True, help="Output to learn: a column such as r2 or gamma3_ddot.")
+        str,
+        Option(
+            "--output-name",
+            required=True,
+            help="Output to learn: a column such as r2 or gamma3_ddot.",
+        ),
     ],
 ) -> None:
-    """Train the networks of one output with Levenberg-Marquardt: the paper's network and a regularised one."""
+    """Train the networks of one output with Levenberg-Marquardt: the paper's network and a
+    regularised one."""
     import pandas as pd
 
     from jointgap.core.errors import InputError, did_you_mean
@@ -99,9 +111,14 @@ def surrogate(
         raise InputError(f"--output-name {output}: no such output; {did_you_mean(output, outputs)}")
     trajectory, options = results.read("trajectory"), results.scenario.surrogate
     fine = _first_revolution(results.scenario, min(SAMPLING, options.clearance_sampling))
-    fits = [*train(trajectory, output, options), train_regularised(trajectory, fine, output, options)]
+    fits = [
+        *train(trajectory, output, options),
+        train_regularised(trajectory, fine, output, options),
+    ]
     for table, part in (("fit_history", "history"), ("fit_errors", "errors"), ("fit", "weights")):
-        results.write(table, pd.concat([getattr(fit, part)() for fit in fits], ignore_index=True), output)
+        results.write(
+            table, pd.concat([getattr(fit, part)() for fit in fits], ignore_index=True), output
+        )
 
 
 def _first_revolution(scenario: "Scenario", multiple: int) -> "pd.DataFrame":
@@ -109,7 +126,9 @@ def _first_revolution(scenario: "Scenario", multiple: int) -> "pd.DataFrame":
     from jointgap.dynamics.simulation import simulate as simulated
 
     samples = scenario.simulate.samples_per_revolution * multiple
-    finer = scenario.simulate.model_copy(update={"revolutions": 1, "samples_per_revolution": samples})
+    finer = scenario.simulate.model_copy(
+        update={"revolutions": 1, "samples_per_revolution": samples}
+    )
     return simulated(scenario.mechanism, finer).samples
 
 
@@ -122,15 +141,20 @@ def _first_revolution(scenario: "Scenario", multiple: int) -> "pd.DataFrame":
     minutes=20,
 )
 def clearance(results: "ScenarioResults") -> None:
-    """Train the second surrogate: one network per loose joint for the clearance vector, all outputs from it."""
+    """Train the second surrogate: one network per loose joint for the clearance vector, all outputs
+    from it."""
     from jointgap.networks.clearance import train_clearance
     from jointgap.scenario.results import outputs_of
 
     outputs_of(results.scenario.mechanism)  # raises where no joint is loose
     held_out, scenario = results.read("trajectory"), results.scenario
     fine = _first_revolution(scenario, scenario.surrogate.clearance_sampling)
-    trained = train_clearance(held_out, fine, scenario.surrogate, scenario.mechanism.applied().loose)
-    results.write_all({"fit_errors": trained.errors(), "clearance_fit": trained.weights()}, "clearance")
+    trained = train_clearance(
+        held_out, fine, scenario.surrogate, scenario.mechanism.applied().loose
+    )
+    results.write_all(
+        {"fit_errors": trained.errors(), "clearance_fit": trained.weights()}, "clearance"
+    )
 
 
 _TRAINED = SCENARIO_STAGES.written_by("simulate", "surrogate", "clearance")
@@ -143,7 +167,8 @@ _TRAINED = SCENARIO_STAGES.written_by("simulate", "surrogate", "clearance")
     does="kinematics from networks and simulation",
 )
 def kinematics(results: "ScenarioResults") -> None:
-    """Evaluate the paper's kinematic equations with networks and simulated clearances; compare with the simulation."""
+    """Evaluate the paper's kinematic equations with networks and simulated clearances; compare with
+    the simulation."""
     from jointgap.scenario.kinematics import kinematics as compared
     from jointgap.scenario.trained import trained_surrogates
 
@@ -165,7 +190,9 @@ def optimise(results: "ScenarioResults") -> None:
 
     scenario, points = results.scenario, results.scenario.surrogate.training_points
     given = results.read("trajectory"), trained_surrogates(results)
-    found = optimised(scenario.mechanism.applied(), scenario.simulate, scenario.optimise, points, *given)
+    found = optimised(
+        scenario.mechanism.applied(), scenario.simulate, scenario.optimise, points, *given
+    )
     for table in SCENARIO_STAGES["optimise"].writes:
         results.write(table, getattr(found, table.name.removeprefix("optimise_")))
 
@@ -178,7 +205,11 @@ def figures(
     results: "ScenarioResults",
     names: Annotated[
         Sequence[str],
-        Option("--figure", multiple=True, help="Name of a figure, repeatable; all still figures when absent."),
+        Option(
+            "--figure",
+            multiple=True,
+            help="Name of a figure, repeatable; all still figures when absent.",
+        ),
     ] = (),
 ) -> None:
     """Draw the figures, the paper's and others: SVG, PNG and the plotted data."""
@@ -209,7 +240,9 @@ def animate(results: "ScenarioResults") -> None:
     explore(results)
 
 
-@SCENARIO_STAGES.stage(reads=(schema.TRAJECTORY, schema.EVENTS), files=(IMPACTS_PAGE,), sections=_MOTION)
+@SCENARIO_STAGES.stage(
+    reads=(schema.TRAJECTORY, schema.EVENTS), files=(IMPACTS_PAGE,), sections=_MOTION
+)
 def explore(results: "ScenarioResults") -> None:
     """Write figures/impacts.html: gaps, contact forces and modes over the crank angle, with zoom.
 
@@ -217,7 +250,9 @@ def explore(results: "ScenarioResults") -> None:
     """
     from jointgap.scenario.impacts_page import impacts_page
 
-    page = impacts_page(results.read("trajectory"), results.read("events"), results.scenario, results.name)
+    page = impacts_page(
+        results.read("trajectory"), results.read("events"), results.scenario, results.name
+    )
     write_text(results.path / IMPACTS_PAGE, page)
 
 
@@ -236,8 +271,11 @@ def compare(
             "--beside",
             nargs=2,
             multiple=True,
-            help="Name and options of a scenario that differs only in its loose joints; its results are in the folder "
-            "next to --results. Repeatable.",
+            help=(
+                "Name and options of a scenario that differs only in its loose joints; its results"
+                " are in the folder "
+                "next to --results. Repeatable."
+            ),
         ),
     ],
 ) -> None:
@@ -276,7 +314,9 @@ def summarise(results: "ScenarioResults") -> str:
     remarked, name = remarks(found), results.path.name
     known = document(found, name, remarked)
     write_page(results.path / "summary", page(found, name, remarked), "figures")
-    write_text(results.path / "summary.json", json.dumps(known, indent=2, ensure_ascii=False) + "\n")
+    write_text(
+        results.path / "summary.json", json.dumps(known, indent=2, ensure_ascii=False) + "\n"
+    )
     return "\n".join([known["headline"], *(f"- {remark}" for remark in remarked)])
 
 
@@ -292,7 +332,10 @@ def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
     from jointgap.core.parquet import write
     from jointgap.scenario import overview as pages
 
-    needed = {name: (results.read_all(pages.NEEDED), results.scenario) for name, results in scenarios.items()}
+    needed = {
+        name: (results.read_all(pages.NEEDED), results.scenario)
+        for name, results in scenarios.items()
+    }
     result = pages.overview(needed)
     write_page(folder / "overview", pages.overview_page(result))
     write(schema.OVERVIEW, result, folder / schema.OVERVIEW.path)
@@ -314,8 +357,13 @@ def track(results: "ScenarioResults") -> None:
     from jointgap.scenario.mlflow_runs import scenario_records
 
     if not (files := results.files(SCENARIO_STAGES["track"].reads)):
-        raise InputError(f"{results.path}: no tables to publish; give the results folder of a scenario")
+        raise InputError(
+            f"{results.path}: no tables to publish; give the results folder of a scenario"
+        )
     sections = {stage.name: stage.sections for stage in SCENARIO_STAGES.values()}
-    content, folder = scenario_records(results.scenario, sections, files, results.path), results.path.resolve().parent
+    content, folder = (
+        scenario_records(results.scenario, sections, files, results.path),
+        results.path.resolve().parent,
+    )
     summary = publish_records(results.name, results.scenario.description, content, None, folder)
     write_text(results.path / PUBLISHED, json.dumps(summary, indent=2) + "\n")

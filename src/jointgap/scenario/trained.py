@@ -13,21 +13,27 @@ from jointgap.scenario.results import ScenarioResults, outputs_of
 
 
 def trained_surrogates(results: ScenarioResults) -> dict[str, dict[str, Fit]]:
-    """The surrogates ``networks`` (default seed) and ``clearance`` by output; empty without networks."""
+    """The surrogates ``networks`` (default seed) and ``clearance`` by output; empty without
+    networks."""
     if not results.scenario.networks:
         return {}
     fits, fit = results.read("fit").groupby("output", sort=False), results.read("clearance_fit")
     speed = crank_speed(results.read("trajectory")) if fit["speed"].isna().any() else None
-    joints = {number: ClearanceNetwork.from_frame(fit, number, speed) for number in fit["joint"].unique()}
+    joints = {
+        number: ClearanceNetwork.from_frame(fit, number, speed) for number in fit["joint"].unique()
+    }
     outputs = outputs_of(results.scenario.mechanism)
     return {
         "networks": {output: Network.from_frame(own).values_and_slopes for output, own in fits},
-        "clearance": {output: partial(joints[number_of(output)].output, output) for output in outputs},
+        "clearance": {
+            output: partial(joints[number_of(output)].output, output) for output in outputs
+        },
     }
 
 
 def predictions(surrogates: Mapping[str, Mapping[str, Fit]], first: pd.DataFrame) -> pd.DataFrame:
-    """The frame ``predictions``: values and rates of the surrogates at the samples of the first revolution."""
+    """The frame ``predictions``: values and rates of the surrogates at the samples of the first
+    revolution."""
     angle, speed = first["crank_angle"].to_numpy(), first["crank_speed"].to_numpy()
     frames = []
     for surrogate, fits in surrogates.items():

@@ -1,0 +1,102 @@
+"""Results as facts: one list, made once, that every output of a result shows."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from jointgap.core.page import TableBlock
+from jointgap.core.words import format_range, number
+
+
+@dataclass(frozen=True)
+class Fact:
+    """One number or word of a result.
+
+    Attributes
+    ----------
+    name : str
+        Stable identifier, in groups separated by slashes, such as ``lengths/crank_length_mm``:
+        the key in JSON and the metric in MLflow.
+    value : float, int, bool, str or None
+        In `unit`; None where it is unknown.
+    unit : str
+        Unit of `value`, `low` and `high`; empty for pure numbers and text.
+    label : str
+        Words for people; the name with spaces by default.
+    low, high : float, optional
+        Ends of the interval.
+    sentence : str
+        The fact as a sentence, where a table is not enough.
+    """
+
+    name: str
+    value: Any
+    unit: str = ""
+    label: str = ""
+    low: float | None = None
+    high: float | None = None
+    sentence: str = ""
+
+    @property
+    def text(self) -> str:
+        """Value and interval in digits, with the unit."""
+        if self.value is None:
+            return "–"
+        shown = str(self.value) if isinstance(self.value, str | int) else number(self.value)
+        if self.low is not None and self.high is not None:
+            shown += f" ({format_range(number(self.low), number(self.high))})"
+        return f"{shown} {self.unit}".rstrip()
+
+    @property
+    def words(self) -> str:
+        """The label, or the last part of the name with spaces."""
+        return self.label or self.name.rpartition("/")[2].replace("_", " ")
+
+
+def document(facts: Iterable[Fact]) -> dict[str, Any]:
+    """The facts as a document for JSON, nested at the slashes of the names."""
+    nested: dict[str, Any] = {}
+    for fact in facts:
+        *groups, key = fact.name.split("/")
+        place = nested
+        for group in groups:
+            place = place.setdefault(group, {})
+        place[key] = fact.value
+        if fact.low is not None:
+            place[f"{key}_low"], place[f"{key}_high"] = fact.low, fact.high
+    return nested
+
+
+def metrics(facts: Iterable[Fact]) -> dict[str, float]:
+    """The finite numbers by name, for MLflow."""
+    return {
+        fact.name: float(fact.value)
+        for fact in facts
+        if isinstance(fact.value, int | float) and math.isfinite(fact.value)
+    }
+
+
+def frame(facts: Iterable[Fact]) -> pd.DataFrame:
+    """A table with the columns quantity, value and unit, for Python and notebooks."""
+    rows = [(fact.words, fact.value, fact.unit) for fact in facts]
+    return pd.DataFrame(rows, columns=["quantity", "value", "unit"])
+
+
+def table(facts: Iterable[Fact]) -> TableBlock:
+    """The facts as a table of a page."""
+    return TableBlock.of(({"": fact.words, "value": fact.text} for fact in facts), "lr")
+
+
+def lines(facts: Iterable[Fact]) -> list[str]:
+    """The facts as aligned lines, for the terminal."""
+    facts = list(facts)
+    width = max((len(fact.words) for fact in facts), default=0)
+    return [f"{fact.words:<{width}}  {fact.text}" for fact in facts]
+
+
+def sentences(facts: Iterable[Fact]) -> list[str]:
+    """The sentences of the facts that have one."""
+    return [fact.sentence for fact in facts if fact.sentence]

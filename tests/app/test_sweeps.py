@@ -1,0 +1,103 @@
+"""`jg.sweep`: designs on disk, read as one table, drawn over their parameters."""
+
+import pandas as pd
+import pytest
+
+import jointgap as jg
+from tests.catalogue import refused
+
+OPTIONS = jg.Simulate(revolutions=1, samples_per_revolution=360, tolerance="1e-8 m")
+RANGES = {
+    "clearance": {"from": "0.2 mm", "to": "1 mm"},
+    "mechanism.joints.crank_pin.journal": ["crank", "rod"],
+}
+
+
+@pytest.fixture(scope="module")
+def mechanism():
+    return jg.load_mechanism("erkaya2009")
+
+
+@pytest.fixture(scope="module")
+def sweep(mechanism, tmp_path_factory):
+    """Asks for a sweep in one folder."""
+    folder = tmp_path_factory.mktemp("sweep")
+    asked = {
+        "folder": folder,
+        "parameters": RANGES,
+        "number": 8,
+        "designs_per_job": 5,
+        "workers": 1,
+    }
+    return lambda **other: jg.sweep(mechanism, OPTIONS, **asked | other)
+
+
+@pytest.fixture(scope="module")
+def swept(sweep):
+    return sweep()
+
+
+def test_a_sweep_is_a_dataset_on_disk_with_units_and_a_design_is_measured_as_simulated_alone(
+    mechanism, swept
+):
+    assert [path.name for path in sorted(swept.dataset.iterdir())] == [
+        "part_000000.parquet",
+        "part_000001.parquet",
+    ]
+    pd.testing.assert_frame_equal(swept.designs, pd.read_parquet(swept.dataset))
+    assert (
+        swept.designs.attrs["units"]["clearance"] == "m"
+        and swept.designs["clearance"].between(2e-4, 1e-3).all()
+    )
+    assert "8 designs" in (swept.folder / "summary.md").read_text()
+    row = swept.designs.iloc[3]
+    alone = jg.change(
+        mechanism, {"joints.crank_pin.journal": row["mechanism.joints.crank_pin.journal"]}
+    )
+    for pin in ("crank_pin", "piston_pin"):
+        radius = alone.joint(pin).journal_radius + row["clearance"]
+        alone = jg.change(alone, {f"joints.{pin}.bearing_radius": radius})
+    assert jg.simulate(alone, OPTIONS).steps == row["steps"]
+
+
+def test_a_sweep_shows_itself_in_columns_numbers_and_figures(swept):
+    forces = swept.read("clearance", "crank_pin_peak_force")
+    assert forces.shape == (8, 2) and forces.attrs["units"] == {
+        "clearance": "m",
+        "crank_pin_peak_force": "N",
+    }
+    rows = swept.summary().set_index("quantity")
+    assert (rows.loc["designs", "value"], rows.loc["stroke", "unit"]) == (8, "mm")
+    assert "<td style='text-align:left'>stroke</td>" in swept._repr_html_()
+    drawn = swept.plot("crank_pin_peak_force").data
+    assert set(drawn["x_quantity"]) == {"clearance", "crank pin journal"}
+    assert sorted(drawn.query("series == 'design'")["y"].unique()) == sorted(
+        swept.designs["crank_pin_peak_force"]
+    )
+
+
+def test_a_sweep_that_is_asked_for_again_is_read_and_a_wrong_key_or_a_failure_is_reported(
+    sweep, swept, monkeypatch, tmp_path
+):
+    cases = [
+        ({"number": 0}, "sweep: number = 0: must be greater than or equal to 1"),
+        (
+            {"parameters": {"clearence": [1e-3]}},
+            "parameters.clearence: no such word; did you mean 'clearance'",
+        ),
+        *(
+            ({"parameters": given, "folder": tmp_path}, "sweep ~ parameters")
+            for given in (["friction"], None)
+        ),
+    ]
+    refused(lambda given: sweep(**given), cases)
+    with pytest.raises(
+        jg.InputError, match="read: no column 'clearence'; did you mean 'clearance'"
+    ):
+        swept.read("clearence")
+    failed = sweep(folder=tmp_path, parameters={"simulate.tolerance": [1e-30, 2e-30]}, number=2)
+    assert failed.remarks
+    with pytest.raises(jg.InputError, match="no figures"):
+        failed.plot()
+    monkeypatch.setattr("jointgap.designs.run.simulate_designs", None)
+    pd.testing.assert_frame_equal(sweep().designs, swept.designs)

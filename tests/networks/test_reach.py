@@ -1,0 +1,56 @@
+"""Networks on the simulated motion: the paper's eight errors are reached, those of regularised ones
+hold."""
+
+import pandas as pd
+import pytest
+
+from jointgap.config import Simulate, Surrogate, read_yaml, resolve
+from jointgap.config.yaml_files import merge
+from jointgap.core.joints import OUTPUTS
+from jointgap.dynamics.simulation import simulate
+from jointgap.networks.clearance import train_clearance
+from jointgap.networks.train import SAMPLING, train, train_regularised
+
+pytestmark = pytest.mark.slow
+
+
+def scenario(root, name):
+    folder = root / "config"
+    whole = merge(read_yaml(folder / "config.yaml"), read_yaml(folder / "variants.yaml"))
+    return resolve(whole, (root, folder))[name]
+
+
+def motion(pytestconfig, name, samples):
+    chosen = scenario(pytestconfig.rootpath, name)
+    options = Simulate.model_validate(
+        chosen.simulate.model_dump() | {"revolutions": 1, "samples_per_revolution": samples}
+    )
+    return simulate(chosen.mechanism, options).samples
+
+
+@pytest.mark.parametrize("output", OUTPUTS)
+def test_networks_reach_the_papers_training_error_from_the_default_seed(pytestconfig, output):
+    options = Surrogate(iterations=2000, seeds=(0,))
+    errors = train(motion(pytestconfig, "paper", 3600), output, options)[0].errors()
+    assert errors["training_mse"].iloc[0] <= errors["paper_mse"].iloc[0]
+
+
+@pytest.mark.parametrize("name", ["paper", "frictionless", "printed_optimum", "journals_on_rod"])
+def test_the_second_surrogate_reaches_the_papers_errors_at_samples_held_out(pytestconfig, name):
+    coarse, fine = (motion(pytestconfig, name, samples) for samples in (3600, 360_000))
+    errors = train_clearance(coarse, fine, Surrogate(), ("crank_pin", "piston_pin")).errors()
+    assert (errors["held_out_mse"] <= errors["paper_mse"]).all(), errors[
+        ["output", "held_out_mse", "paper_mse"]
+    ]
+
+
+@pytest.mark.parametrize("name", ["paper", "nearest_settings"])
+def test_all_regularised_networks_err_at_most_twice_as_much_at_samples_held_out(pytestconfig, name):
+    coarse, fine = (motion(pytestconfig, name, samples) for samples in (3600, 3600 * SAMPLING))
+    errors = pd.concat(
+        [train_regularised(coarse, fine, output, Surrogate()).errors() for output in OUTPUTS]
+    )
+    errors = errors[errors["region"] == "all"]
+    assert len(errors) == 8
+    shown = errors[["output", "training_mse", "held_out_mse", "smoothing_spline_held_out_mse"]]
+    assert (errors["held_out_mse"] <= 2 * errors["training_mse"]).all(), shown

@@ -1,0 +1,344 @@
+"""Known loads of a campaign: tables of single runs, pressures in the record, a brake, and their
+uncertain sizes."""
+
+from math import pi
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from jointgap.campaign.analyse import analyse
+from jointgap.config.load import load_campaign
+from jointgap.core.errors import InputError
+from jointgap.rig.model import SliderCrankModel
+from jointgap.rig.read_files import read_measurements
+from tests.catalogue import refused
+from tests.rig.campaigns import MECHANISM, model_of, samples, written
+from tests.rig.rigs import read, seen
+
+BORE = "60 mm"
+RPM = {"slow": 200.0, "mid": 350.0, "fast": 500.0}
+PER_TURN, TURNS = 100, 6
+COULOMB = {"name": "slider_coulomb_friction", "parameters": {"force_N": 4.0}}
+
+
+def compressor(degrees: np.ndarray, level: float = 1.0) -> np.ndarray:
+    """Gauge pressure [bar]; 0 deg: the slider is farthest out."""
+    return level * np.exp(-(((np.mod(degrees + 150.0, 360.0) - 150.0) / 40.0) ** 2)) + 0.2
+
+
+def engine(degrees: np.ndarray, level: float = 1.0) -> np.ndarray:
+    """Gauge pressure [bar] of a four-stroke engine, fired at 0 deg of every second turn."""
+    after = np.mod(degrees + 360.0, 720.0) - 375.0
+    return 0.1 + level * (
+        np.exp(-((after / 35.0) ** 2)) + 0.3 * np.exp(-(((after + 10.0) / 80.0) ** 2))
+    )
+
+
+def table(folder: Path, name: str, pressure, span: float = 360.0, **keys) -> dict:
+    """The entry of a table of a gauge `pressure` [bar] over one period."""
+    degrees = np.arange(0.0, span, 1.0)
+    pd.DataFrame({"deg": degrees, "bar": pressure(degrees)}).to_csv(
+        folder / f"{name}_table.csv", index=False
+    )
+    columns = {
+        "angle": {"column": "deg", "unit": "deg"},
+        "pressure": {"column": "bar", "unit": "bar"},
+    }
+    of = (
+        {"file": str(folder / f"{name}_table.csv"), "bore": BORE, "ambient_pressure": 0.0}
+        | columns
+        | keys
+    )
+    return {"name": "slider_force_table", "parameters": of}
+
+
+def brake(torque: float, speed: float) -> dict:
+    """The entry of a water brake."""
+    own = {"torque_N_m": torque, "reference_speed_rad_s": speed, "exponent": 2.0}
+    return {"name": "crank_brake", "parameters": own}
+
+
+def rig(
+    folder: Path,
+    effects: dict,
+    pressure=None,
+    hidden=(COULOMB,),
+    noise=0.01,
+    motors=None,
+    true=MECHANISM,
+    **keys,
+):
+    """A campaign file of three runs with true `effects` by run, `hidden` ones, and a column of the
+    `pressure` [bar] over the angle [deg] of each run. `motors` by run drive the crank until it has
+    settled.
+    """
+    rng, runs = np.random.default_rng(3), {}
+    read = ("crank_speed",) if motors and keys["drive"] == "motor" else ("crank_torque",)
+    for run, rpm in RPM.items():
+        turns = TURNS + (2 if motors is None else 200)
+        asked = {"speed": rpm * pi / 30, "revolutions": turns, "samples_per_revolution": PER_TURN}
+        asked |= {"drive": motors[run]} if motors else {}
+        shown = samples(*hidden, *effects[run], mechanism=true, **asked).iloc[-TURNS * PER_TURN :]
+        record = shown[["time", "crank_angle", *read]].copy()
+        for name in read:
+            record[name] += noise * record[name].std() * rng.standard_normal(len(record))
+        if pressure is not None:
+            bar = pressure[run](np.degrees(shown["crank_angle"]))
+            record["cylinder_pressure"] = 1e5 * (
+                bar + noise * bar.std() * rng.standard_normal(len(bar))
+            )
+        read_angle = np.degrees(record["crank_angle"]) + noise * rng.standard_normal(len(record))
+        record["crank_angle"] = np.radians(np.round(read_angle, 2))
+        runs[run] = shown["crank_speed"].mean(), record
+    path = written(folder, runs, **{"nuisance": {}} | keys)
+    text = path.read_text()
+    path.write_text(
+        text.replace("unit: Pa", f"unit: Pa\n    bore: {BORE}\n    ambient_pressure: 0 bar")
+    )
+    return path
+
+
+def changed(path: Path, keys: dict, without: str = "") -> Path:
+    """The campaign file with the `keys` of its runs, `without` a channel."""
+    content = yaml.safe_load(path.read_text())
+    content["runs"] = [run | keys[run["id"]] for run in content["runs"]]
+    content["channels"].pop(without, None)
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def with_loads(path: Path, loads: dict) -> Path:
+    """The campaign file with the `loads` of its runs."""
+    return changed(path, {run: {"effects": own} for run, own in loads.items()})
+
+
+LEVELS = {"slow": 1.0, "mid": 2.0, "fast": 3.0}
+
+
+def furthest(model: SliderCrankModel) -> float:
+    """Largest difference between read and simulated torque of all runs, over its standard
+    deviation."""
+    pairs = [
+        (read(model, run=run)["crank_torque"], seen(model, run)["crank_torque"]) for run in RPM
+    ]
+    return max(float(np.abs(one - other).max() / np.std(other)) for one, other in pairs)
+
+
+@pytest.mark.parametrize("cycle, span", [(compressor, 360.0), (engine, 720.0)])
+def test_every_run_has_the_pressure_of_its_own_table_or_of_its_record(tmp_path, cycle, span):
+    of = {run: lambda degrees, level=level: cycle(degrees, level) for run, level in LEVELS.items()}
+    loads = {run: [table(tmp_path, f"p_{run}", of[run], span)] for run in RPM}
+    path = rig(tmp_path, loads, hidden=(), noise=0.0)
+    assert furthest(model_of(path)) > 0.2
+    assert furthest(model_of(with_loads(path, loads))) < 1e-3
+    path = rig(tmp_path, loads, of, hidden=(), noise=0.0)
+    assert furthest(model_of(path)) < 1e-2
+    for run in RPM:  # seen from behind
+        record = pd.read_csv(tmp_path / f"{run}.csv")
+        record[["crank_angle", "crank_torque"]] *= -1.0
+        record.to_csv(tmp_path / f"{run}.csv", index=False)
+        loads[run][0]["parameters"]["reversed"] = True
+    clockwise = {run: {"direction": "clockwise"} for run in RPM}
+    assert furthest(model_of(changed(path, clockwise))) < 1e-2
+    own = {run: keys | {"effects": loads[run]} for run, keys in clockwise.items()}
+    assert furthest(model_of(changed(path, own, without="cylinder_pressure"))) < 1e-3
+
+
+def test_loads_that_no_run_can_have_are_refused_and_idle_nuisances_are_remarked(tmp_path):
+    spring = {"name": "slider_spring", "parameters": {"stiffness_N_m": 1.0, "rest_position_m": 0.1}}
+    one = table(tmp_path, "gas", compressor)
+    path = rig(tmp_path, {run: [one] for run in RPM}, dict.fromkeys(RPM, compressor), hidden=())
+    content = yaml.safe_load(path.read_text())
+
+    def load(changes: dict) -> None:
+        path.write_text(yaml.safe_dump(content | changes))
+        load_campaign(path)
+
+    first, *others = content["runs"]
+    both = {**MECHANISM, "effects": [brake(1.0, 20.0)]}
+    unknown = {
+        "effects": [
+            {"name": "slider_force_table", "parameters": one["parameters"] | {"file": "none.csv"}}
+        ]
+    }
+    gauge = content["channels"]["cylinder_pressure"]
+    cases = [
+        (
+            {"runs": [first | {"effects": [spring]}, *others]},
+            "runs.slow ~ slider_spring is no load of a single run",
+        ),
+        (
+            {"runs": [first | {"effects": [brake(1.0, 9.0)]}, *others], "mechanism": both},
+            "crank_brake ~ more than once",
+        ),
+        (
+            {"runs": [first | unknown, *others]},
+            "runs.slow: effects.slider_force_table ~ no file 'none.csv'",
+        ),
+        (
+            {"channels": content["channels"] | {"cylinder_pressure": gauge | {"bore": None}}},
+            "requires bore",
+        ),
+        (
+            {"channels": content["channels"] | {"cylinder_pressure": gauge | {"noise": 1}}},
+            "a pressure is a known load",
+        ),
+        (
+            {"nuisance": {"pressure_zero": "5 %"}},
+            "pressure_zero is 0, so a percentage is not a range",
+        ),
+    ]
+    refused(load, cases)
+    load({"channels": content["channels"] | {"cylinder_pressure": gauge | {"unit": "mPa"}}})
+    assert any(
+        "largest pressure is only" in text
+        for text in read_measurements(load_campaign(path)).remarks
+    )
+    record = pd.read_csv(tmp_path / "slow.csv")
+    record.assign(cylinder_pressure=record["cylinder_pressure"] - 5e4).to_csv(
+        tmp_path / "slow.csv", index=False
+    )
+    load(
+        {
+            "channels": (
+                content["channels"] | {"cylinder_pressure": gauge | {"ambient_pressure": "1 bar"}}
+            )
+        }
+    )
+    with pytest.raises(
+        InputError,
+        match=r"slow\.csv, column cylinder_pressure, row \d+: negative absolute pressure",
+    ):
+        read_measurements(load_campaign(path))
+    load({"nuisance": {"crank_inertia": "20 %"}})
+    assert load_campaign(path).model_copy(update={"drive": "measured_angle"}).idle_nuisances == ()
+    (remark,) = [
+        text for text in read_measurements(load_campaign(path)).remarks if "crank_inertia" in text
+    ]
+    assert "requires drive: motor or measured_angle and is ignored" in remark
+
+
+def test_an_engine_without_a_motor_settles_where_its_brake_takes_the_work_of_its_gas(tmp_path):
+    gas = table(tmp_path, "gas", lambda degrees: engine(degrees, 4.0), 720.0)
+    steady = {"revolutions": 2, "samples_per_revolution": PER_TURN}
+    work = -samples(gas, speed=30.0, **steady)["crank_torque"].iloc[1:].mean()
+    flywheel = {"kind": "motor", "stall_torque": 0.0, "no_load_speed": 80.0, "inertia": 0.3}
+    settled = samples(
+        gas, brake(8.0, 40.0), speed=40.0, drive=flywheel, **steady | {"revolutions": 80}
+    )
+    taken = 8.0 * (settled["crank_speed"].tail(2 * PER_TURN) / 40.0) ** 2
+    assert taken.mean() == pytest.approx(work, rel=5e-3)
+
+
+def coulomb_alone(found: dict, force: float = 4.0) -> None:
+    """Only the hidden friction is named, with its size, and the held-out run is followed within its
+    noise."""
+    assert (found["verdict"], [one["name"] for one in found["effects"]]) == (
+        "named",
+        ["slider_coulomb_friction"],
+    )
+    size = found["effects"][0]["parameters"]["force_N"]
+    low, high = size["interval_90"]
+    assert size["value"] == pytest.approx(force, rel=0.05)
+    assert abs(size["value"] - force) < 1.6 * 0.5 * (
+        high - low
+    )  # the interval of 99 %: one draw of the noise
+    assert found["gap"]["confirm"]["after"] == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.slow
+def test_friction_is_found_beside_a_double_acting_piston(tmp_path):
+    both = [
+        table(tmp_path, "head", compressor),
+        table(
+            tmp_path,
+            "crank",
+            lambda degrees: compressor(degrees + 180.0, 0.7),
+            side="crank",
+            bore="54 mm",
+        ),
+    ]
+    path = rig(tmp_path, dict.fromkeys(RPM, both), mechanism={**MECHANISM, "effects": both})
+    coulomb_alone(analyse(path, tmp_path / "results"))
+
+
+@pytest.mark.slow
+def test_friction_is_found_beside_tables_of_single_runs(tmp_path):
+    loads = {
+        run: [table(tmp_path, run, lambda at, level=level: engine(at, level), 720.0)]
+        for run, level in LEVELS.items()
+    }
+    coulomb_alone(analyse(with_loads(rig(tmp_path, loads), loads), tmp_path / "results"))
+    text = (tmp_path / "results/mechanism.yaml").read_text()
+    assert "#   run slow: slider_force_table, slow_table.csv" in text
+
+
+@pytest.mark.slow
+def test_friction_is_found_beside_a_pressure_of_the_record_whose_sensor_has_no_zero(tmp_path):
+    """The sensor's gain is wrong too; its zero is another one in each run."""
+    of = {
+        run: lambda degrees, level=level: compressor(degrees, level)
+        for run, level in LEVELS.items()
+    }
+    loads = {run: [table(tmp_path, run, of[run])] for run in RPM}
+    zeros = {"slow": 0.2, "mid": -0.1, "fast": 0.3}
+    seen_as = {run: lambda at, run=run: (of[run](at) - zeros[run]) / 1.06 for run in RPM}
+    path = rig(
+        tmp_path, loads, seen_as, nuisance={"pressure_zero": "0.5 bar", "pressure_gain": "10 %"}
+    )
+    found = analyse(path, tmp_path / "results")
+    coulomb_alone(found)
+    low, high = found["nuisances"]["pressure_gain"]["interval_90"]
+    assert low - 0.005 < 1.06 < high + 0.005
+    for run in ("slow", "mid"):
+        assert found["nuisances"][f"pressure_zero@{run}"]["value"] == pytest.approx(
+            1e5 * zeros[run], abs=2e3
+        )
+
+
+@pytest.mark.slow  # the motor's settling makes a simulation last
+def test_friction_and_the_inertia_of_a_flywheel_are_found_under_a_motor(tmp_path):
+    """A brake sets the speed of each run, which varies within a turn by the load of a
+    compressor."""
+    true = {**MECHANISM, "crank": MECHANISM["crank"] | {"inertia": 0.04}}
+    gas = table(tmp_path, "gas", lambda degrees: compressor(degrees, 0.3))
+    stated = {**MECHANISM, "crank": MECHANISM["crank"] | {"inertia": 0.03}, "effects": [gas]}
+    motor = {"stall_torque": 60.0, "no_load_speed": 55.0}
+    brakes = {
+        run: brake(torque, 40.0) for run, torque in {"slow": 60.0, "mid": 20.0, "fast": 2.0}.items()
+    }
+    loads = {run: [gas, brakes[run]] for run in RPM}
+    keys = {
+        "drive": "motor",
+        "motor": motor,
+        "mechanism": stated,
+        "nuisance": {"crank_inertia": "50 %"},
+    }
+    path = rig(
+        tmp_path, loads, motors=dict.fromkeys(RPM, {"kind": "motor"} | motor), true=true, **keys
+    )
+    found = analyse(with_loads(path, {run: [brakes[run]] for run in RPM}), tmp_path / "results")
+    coulomb_alone(found)
+    size = found["nuisances"]["crank_inertia"]
+    assert size["value"] == pytest.approx(0.04, rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_campaign_simulates_an_engine_whose_flywheel_settles_slowly(tmp_path):
+    """Its gas drives it against a brake, which is another one in each run."""
+    gas = table(tmp_path, "gas", lambda at: engine(at, 4.0), 720.0)
+    brakes = {
+        run: brake(torque, 40.0) for run, torque in {"slow": 12.0, "mid": 8.0, "fast": 6.0}.items()
+    }
+    flywheel = {"stall_torque": 0.0, "no_load_speed": 80.0, "inertia": 0.3}
+    keys = {"drive": "motor", "motor": flywheel, "mechanism": {**MECHANISM, "effects": [gas]}}
+    loads = {run: [gas, brakes[run]] for run in RPM}
+    motors = dict.fromkeys(RPM, {"kind": "motor"} | flywheel)
+    path = rig(tmp_path, loads, hidden=(), noise=0.0, motors=motors, **keys)
+    model = model_of(with_loads(path, {run: [brakes[run]] for run in RPM}))
+    for run in RPM:
+        away = read(model, run=run)["crank_angle"] - seen(model, run)["crank_angle"]
+        assert np.abs(away).max() < 1e-3  # half a step of the encoder is 1e-4

@@ -1,0 +1,110 @@
+"""A law that is on nobody's list is named as the family of those that are, with its shape."""
+
+import json
+import math
+from pathlib import Path
+
+import jsonschema
+import pytest
+import yaml
+
+from jointgap.campaign.analyse import analyse
+from jointgap.campaign.sentences import answer
+from tests.rig.campaigns import law, with_hidden
+
+pytestmark = pytest.mark.integration
+
+SCHEMA = json.loads(Path("workflow/schemas/verdict.schema.json").read_text(encoding="utf-8"))
+STRIBECK = law("-f*tanh(v/0.01)*(0.3 + 0.7*exp(-|v|/0.8))", f=40.0)
+PLACED = law(f"-f*tanh(v/0.01)*(0.4 + 0.6*(1 + cos({math.pi / 0.15}*(x - 0.67)))/2)", f=10.0)
+CRANK = {"torque_N_m": 0.5, "tightest_angle_rad": 2.0, "varying_share": 0.6}
+ON_CRANK = {"name": "crank_angle_friction", "parameters": CRANK}
+
+
+def analysed(folder: Path, effect: dict) -> tuple[dict, dict, dict]:
+    """The verdict, the one effect in it and the parameters of the one in the mechanism file."""
+    verdict = analyse(with_hidden(folder, effect), folder / "results")
+    jsonschema.validate(
+        json.loads((folder / "results" / "verdict.json").read_text(encoding="utf-8")), SCHEMA
+    )
+    (written,) = yaml.safe_load((folder / "results" / "mechanism.yaml").read_text())["effects"]
+    (found,) = verdict["effects"]
+    assert (verdict["verdict"], written["name"]) == ("named", found["name"])
+    return verdict, found, written["parameters"]
+
+
+@pytest.mark.parametrize(
+    ("effect", "name", "shape", "words", "size", "true", "off"),
+    [
+        (
+            law("-c*v^3", c=0.5),
+            "slider_power_drag",
+            (2, 3, 99),
+            "drag of the slider (exponent",
+            "exponent",
+            3,
+            0.2,
+        ),
+        (
+            law("-s*(x-0.5)^3", s=5e3),
+            "slider_nonlinear_spring",
+            (0.5, 1, 2),
+            "a spring on the slider (cubic share",
+            "rest_position_m",
+            0.5,
+            0.01,
+        ),
+        (
+            STRIBECK,
+            "slider_stribeck_friction",
+            (0, 0.7, 1),
+            "dry friction of the slider (stribeck share",
+            "stribeck_speed_m_s",
+            0.8,
+            0.24,
+        ),
+        (
+            PLACED,
+            "slider_position_friction",
+            (0, 0.6, 2),
+            "position-dependent dry friction of the slider (varying share",
+            "tightest_position_m",
+            0.67,
+            0.02,
+        ),
+        (ON_CRANK, "crank_angle_friction", (0, 0.6, 1), "", "tightest_angle_rad", 2.0, 0.1),
+    ],
+)
+def test_a_law_is_named_as_its_family_with_its_shape(
+    tmp_path, effect, name, shape, words, size, true, off
+):
+    verdict, found, written = analysed(tmp_path, effect)
+    (family,) = found["families"]
+    (low, high), (least, exact, most) = family["interval_99"], shape
+    assert found["name"] == name and family["named"]
+    assert least < low <= exact <= high < most
+    assert (
+        words in answer(verdict)
+        and "quadratic" not in answer(verdict)
+        and "linear" not in answer(verdict)
+    )
+    period = 0.3 if size == "tightest_position_m" else math.inf  # m
+    assert abs(math.remainder(written[size] - true, period)) < off
+
+
+def test_a_law_of_the_list_that_shows_well_keeps_its_name(tmp_path):
+    # of 5 N a half that falls within a tenth of the usual speed would still be possible
+    verdict, found, _ = analysed(
+        tmp_path, {"name": "slider_coulomb_friction", "parameters": {"force_N": 10.0}}
+    )
+    assert found["name"] == "slider_coulomb_friction"
+    families = {family["law"]: family for family in found["families"]}
+    assert families.keys() == {
+        "slider_power_drag",
+        "slider_stribeck_friction",
+        "slider_position_friction",
+    }
+    for family in families.values():
+        low, high = family["interval_99"]
+        assert not family["named"] and low <= 0.0 <= high
+    assert "(" not in answer(verdict).partition(".")[0]

@@ -1,0 +1,107 @@
+"""What is written into a mechanism, value for value and without a simulation."""
+
+import pytest
+
+from jointgap.config import EFFECTS, Mechanism
+from jointgap.core.joints import PINS
+from jointgap.rig.model import build_model
+from jointgap.rig.simulate_run import (
+    augmented_mechanism,
+    simulated_effects,
+    with_effects,
+    with_nuisances,
+)
+from tests.catalogue import each as of_all
+from tests.rig.rigs import campaign, mechanism
+
+JOINTS = ("crank_pivot", *PINS)
+
+
+def made(loose=JOINTS, **content):
+    return Mechanism.model_validate(mechanism(loose, **content))
+
+
+@pytest.fixture(scope="module")
+def candidates():
+    """What a fit can vary, by label."""
+    own = campaign(mechanism(PINS), speeds=(30.0, 31.0), nuisance={"joint_friction": [0.0, 0.3]})
+    return {one.label: one for one in build_model(own).candidates}
+
+
+@pytest.mark.parametrize(
+    "name, value, read",
+    [
+        ("rod_mass", 0.8, lambda m: m.rod.mass),
+        ("rod_inertia", 0.03, lambda m: m.rod.inertia),
+        ("slider_mass", 0.5, lambda m: m.slider.mass),
+        ("crank_pivot_clearance", 2e-4, lambda m: m.clearance("crank_pivot")),
+        ("crank_pin_clearance", 3e-4, lambda m: m.clearance("crank_pin")),
+        ("joint_friction_piston_pin", 0.2, lambda m: m.joint("piston_pin").contact.friction),
+        ("restitution_crank_pin", 0.7, lambda m: m.joint("crank_pin").contact.restitution),
+    ],
+)
+def test_a_nuisance_changes_the_datum_of_its_name_alone(name, value, read):
+    changed, own = with_nuisances(made(), {name: value}), made()
+    assert read(changed) == pytest.approx(value, rel=1e-12) != read(own)
+    parts = ("crank", "rod", "slider", "joints", "effects")
+    assert len([part for part in parts if getattr(changed, part) != getattr(own, part)]) == 1
+    assert with_nuisances(own, {"speed": 3.0, "first_angle": 1.0, "crank_pivot": 2.0}) == own
+
+
+def test_an_effect_of_no_size_is_left_out_unless_it_stands_for_something_there(candidates):
+    def stays(label, values, *expected):
+        found = with_effects(made(), [(candidates[label], values)]).effects
+        assert (
+            [getattr(found[0].parameters, expected[0])] == [pytest.approx(expected[1])]
+            if expected
+            else not found
+        )
+
+    force = {"frequency_Hz": 7.0}
+    cases = [
+        ("slider_coulomb_friction", {"force_N": 0.0}),
+        (
+            "sensor_bias:crank_torque",
+            {"bias": 1.0},
+        ),  # a fault of a sensor is no part of the mechanism
+        ("crank_unbalance", {"cosine": 0.0, "sine": 0.0}),
+        ("crank_unbalance", {"cosine": 0.0, "sine": 0.02}, "unbalance_kg_m", 0.02),
+        ("pin_friction:crank_pin", {"change": 0.0}, "coefficient", 0.1),
+        ("harmonic_force", force | {"cosine": 0.0, "sine": 0.0}),  # a shape alone is no size
+        ("harmonic_force", force | {"cosine@slow": 3.0, "sine@slow": 4.0}, "force_N", 5.0),
+        ("harmonic_force", force | {"cosine": 3.0, "sine": 4.0}, "force_N", 5.0),
+    ]
+    of_all(stays, cases)
+
+
+def test_a_rod_that_is_too_stiff_to_simulate_is_simulated_at_the_limit_with_its_share(candidates):
+    rod, stiff = candidates["rod_flexibility"], {"compliance_s2": 1e-12}
+    nearest, share = EFFECTS["rod_flexibility"].simulated(stiff)
+    others = [(candidates["slider_coulomb_friction"], {"force_N": 5.0})]
+    limited, exact, part = simulated_effects([(rod, stiff), *others, (rod, stiff)])
+    assert limited == [(rod, nearest), *others, (rod, nearest)]
+    assert exact == others and part == share**2 and 0.0 < share < 1.0
+    assert simulated_effects(others) == (others, others, 1.0)
+
+
+def test_a_fit_writes_its_nuisances_its_effects_and_what_they_replaced_and_nothing_of_single_runs(
+    candidates,
+):
+    values = {
+        "slider_mass": 0.5,
+        "speed@slow": 29.0,
+        "rod_mass@slow": 2.0,
+        "pin_friction:crank_pin.change": 0.1,
+        "pin_friction:crank_pin.joint_friction": 0.15,
+        "slider_coulomb_friction.force_N": 5.0,
+        "sensor_bias:crank_torque.bias": 1.0,
+    }
+    assert augmented_mechanism(made(), (), values) == with_nuisances(made(), {"slider_mass": 0.5})
+    labels = ("pin_friction:crank_pin", "slider_coulomb_friction", "sensor_bias:crank_torque")
+    changed = augmented_mechanism(made(PINS), tuple(map(candidates.get, labels)), values)
+    assert (changed.slider.mass, changed.rod.mass) == (0.5, made().rod.mass)
+    assert changed.joint("piston_pin").contact.friction == 0.15
+    assert [one.name for one in changed.effects] == ["pin_friction", "slider_coulomb_friction"]
+    assert changed.effect("pin_friction").coefficient == pytest.approx(0.2)
+    assert changed.effect("slider_coulomb_friction").force_N == 5.0
+    assert Mechanism.model_validate(changed.model_dump()) == changed

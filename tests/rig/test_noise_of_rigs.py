@@ -1,0 +1,91 @@
+"""The noise of a rig's sensors is found where its model misses a lot: a loose pin, the weight, and
+joined loggers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from jointgap.config import Simulate
+from jointgap.core.candidates import Series
+from jointgap.dynamics.simulation import simulate
+from jointgap.identification.noise import estimate_noise, noise_of_model
+from jointgap.identification.problem import Problem
+from jointgap.rig.model import build_model
+from tests.identification.toy import toy
+from tests.rig.rigs import campaign, mechanism, recorded
+
+SHARE = 0.01  # of a channel's standard deviation: noise
+
+
+@pytest.fixture(scope="module")
+def loose_pin():
+    """Settled revolutions of a rig with a loose piston pin, and those of its model without."""
+    motions = []
+    for loose in (("piston_pin",), ()):
+        content = mechanism(loose)
+        for joint in content["joints"].values():
+            joint["bearing_radius"] = joint["journal_radius"] + 0.3e-3
+        content["contacts"]["steel"]["restitution"] = 0.3
+        options = Simulate(speed=40.0, revolutions=12, samples_per_revolution=1373, tolerance=4e-9)
+        motions.append(simulate(campaign(content).mechanism, options).samples.iloc[4 * 1373 :])
+    return motions
+
+
+def rung(motions, channel: str, every: int, seed: int, stated: bool = False):
+    """Noise found in a channel of the rig, read at every so many samples, over the true one."""
+    rig, model = (motion.iloc[::every] for motion in motions)
+    sd = SHARE * rig[channel].std()
+    value = rig[channel].to_numpy() + sd * np.random.default_rng(seed).standard_normal(len(rig))
+    time, angle = rig["time"].to_numpy(), rig["crank_angle"].to_numpy()
+    known = np.full(value.size, sd) if stated else None
+    one = Series("run", channel, "SI", value, time, angle, np.zeros(value.size, bool), known)
+    noise = estimate_noise(
+        replace(toy(), series=[one]), {one.key: value - model[channel].to_numpy()}
+    )[one.key]
+    return noise.estimated_sd / sd, noise.remarks
+
+
+@pytest.mark.parametrize("channel", ["crank_torque", "slider_acceleration"])
+def test_ringing_between_the_samples_of_a_loose_pin_is_no_noise(loose_pin, channel):
+    for every in (5, 10):  # 274.6 and 137.3 samples a turn: phases do not repeat
+        found = [rung(loose_pin, channel, every, seed)[0] for seed in range(3)]
+        assert np.mean(found) == pytest.approx(1.0, abs=0.05)
+    assert not rung(loose_pin, channel, 10, 0, stated=True)[
+        1
+    ]  # a true stated noise is not called too small
+
+
+def test_each_channel_of_loggers_that_were_joined_has_its_own_rate_noise_and_memory():
+    own = campaign(mechanism(), ("time", "crank_angle", "slider_acceleration", "crank_torque"))
+    rng, measurements = np.random.default_rng(5), recorded(own, kept=8, per_turn=180)
+    loggers = {  # every so many rows, sd and memory of the noise
+        "crank_torque": (4, 0.2, 0.7),
+        "slider_acceleration": (1, 1.0, 0.0),
+        "crank_angle": (2, np.deg2rad(0.05), 0.0),
+    }
+    for one in measurements.runs.values():
+        for name, (rows, sd, memory) in loggers.items():
+            values, noise = (
+                (one.channels | {"crank_angle": one.crank_angle})[name],
+                rng.standard_normal(one.time.size),
+            )
+            values += (
+                sd
+                * np.repeat(lfilter([np.sqrt(1 - memory**2)], [1, -memory], noise[::rows]), rows)[
+                    : noise.size
+                ]
+            )
+            values[np.arange(noise.size) % rows > 0] = np.nan
+    model = build_model(own, measurements)
+    noise = noise_of_model(model)
+    for (_, channel), found in noise.items():
+        rows, sd, memory = loggers[channel]
+        assert found.sd.size == (8 * 180 + rows) // rows
+        assert found.sd[0] == pytest.approx(sd, rel=0.15)
+        assert (found.autocorrelation or (0.0,))[0] == pytest.approx(memory, abs=0.15)
+    problem = Problem(model, noise)
+    assert problem.gap(
+        problem.residual({p.key: p.nominal for p in problem.nuisances})
+    ) == pytest.approx(1.0, abs=0.06)

@@ -1,0 +1,78 @@
+"""Other numerics are as good as the usual ones: another smooth form of the same friction, and a
+tighter tolerance."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from jointgap.config.friction_laws import FRICTION_LAWS
+from jointgap.core.joints import JOINTS
+from jointgap.dynamics.friction import coulomb, threlfall
+from jointgap.rig.simulate_run import NUMERICS, channels_read, numerics_for, other_numerics
+from tests.rig.rigs import campaign, mechanism, rig
+
+SPEED = 1e-3  # m/s, of the usual law
+
+
+def joints(law: str) -> SimpleNamespace:
+    """What a simulation holds of the joints, all with the same friction law."""
+    made = {
+        name: SimpleNamespace(friction_law=FRICTION_LAWS[law].code, friction_speed=SPEED)
+        for name in JOINTS
+    }
+    return SimpleNamespace(**made)
+
+
+def test_the_other_friction_law_has_the_same_slope_at_zero_speed_and_the_same_end():
+    other = joints("coulomb")
+    tolerance, change = other_numerics(1)
+    change(other)
+    assert tolerance == 1.0
+    for name in JOINTS:
+        joint = getattr(other, name)
+        assert joint.friction_law == FRICTION_LAWS["threlfall"].code
+        assert joint.friction_speed == pytest.approx(3.0 * SPEED, rel=1e-12)
+        slow = 1e-6 * SPEED
+        assert threlfall(slow, 0.1, joint.friction_speed) == pytest.approx(
+            coulomb(slow, 0.1, SPEED), rel=1e-5
+        )
+        assert threlfall(100.0 * SPEED, 0.1, joint.friction_speed) == coulomb(
+            100.0 * SPEED, 0.1, SPEED
+        )
+
+
+@pytest.mark.parametrize(
+    "loose, start, count",
+    [((), "settled", 2), (("piston_pin",), "settled", 3), (("piston_pin",), "dead_centre", 2)],
+)
+def test_another_start_counts_where_joints_are_loose_and_nobody_knows_it(loose, start, count):
+    own = campaign(mechanism(loose), run={"start": start})
+    assert numerics_for(own) == NUMERICS[:count]
+
+
+def test_other_numerics_and_another_start_change_a_settled_motion_by_less_than_noise():
+    model, name = rig(mechanism(("piston_pin",))), "slider_acceleration"
+    usual, *others = (
+        channels_read(model.campaign, model.plans["slow"], {}, numerics=i)[name] for i in range(4)
+    )
+    changes = [np.sqrt(np.mean((other - usual) ** 2)) / np.std(usual) for other in others]
+    assert min(changes) > 0.0 and max(changes) < 0.02
+
+
+def test_a_start_that_is_stated_is_where_the_motion_begins():
+    """Those that are the same are simulated alike, and a start just before the record shows how the
+    motion settles."""
+
+    def begun(**start):
+        model = rig(mechanism(("piston_pin",)), run={"start": start or "dead_centre"})
+        plan = model.plans["slow"]
+        exact = replace(plan, samples=replace(plan.samples, first_angle=0.0, speed=20.0))
+        return channels_read(model.campaign, exact, {})["slider_acceleration"]
+
+    two_turns, dead_centre = begun(turned="2 turn"), begun()
+    assert begun(angle="0 deg") == pytest.approx(dead_centre, rel=1e-9)
+    assert two_turns == pytest.approx(begun(ran=2 * 2 * np.pi / 20.0), rel=1e-9)
+    assert two_turns == pytest.approx(begun(angle="0 deg", turned="1.9 turn"), rel=1e-9)
+    assert np.abs(two_turns - dead_centre)[:20].max() > 0.05 * np.std(two_turns)

@@ -1,0 +1,132 @@
+"""A measured run of loose joints reads in windows what it does as one settled simulation, whatever
+its sensors do."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from jointgap.rig.model import SliderCrankModel, build_model
+from tests.rig.rigs import campaign, chosen, mechanism, read
+
+PINS = ("crank_pin", "piston_pin")
+CHANNELS = (
+    "time",
+    "crank_angle",
+    "slider_position",
+    "slider_acceleration",
+    "crank_torque",
+    "guide_force",
+)
+FILM = {
+    "name": "lubricated_joint",
+    "site": "crank_pin",
+    "parameters": {"viscosity_Pa_s": 0.05, "length_m": 0.014},
+}
+MOTOR = {"kind": "motor", "stall_torque": 30.0, "no_load_speed": 40.0, "inertia": 0.02}
+FILTER = {"slider_acceleration": {"bandwidth": "500 Hz"}}
+CLOCKWISE = {"direction": "clockwise"}
+GAIN = ("sensor_gain:crank_torque", {"gain_error": 0.1})
+LAG = ("sensor_lag:guide_force", {"lag_s": 2e-4})
+DELAY = ("sensor_delay:crank_torque", {"delay_s": 2e-4})
+
+
+def rig(loose=PINS, effects=(), channels=CHANNELS, **keys) -> SliderCrankModel:
+    return build_model(
+        campaign(mechanism(loose, effects=effects), channels, speeds=(20.0, 30.0), **keys)
+    )
+
+
+def windows_of(model, *effects):
+    effects = [(chosen(model, label), values) for label, values in effects]
+    return model.windows("slow", model.nominal("slow"), effects)
+
+
+def filtered(windows, values):
+    """What the filter finds in readings whose noise is 1 % of what they vary by."""
+    noise = {name: np.full(value.size, 0.01 * np.std(value)) for name, value in values.items()}
+    return windows.find(values, noise, 16, 0.01, math.inf)
+
+
+def assert_alike(found, expected):
+    for name, value in expected.items():
+        bound = {"slider_position": 1e-5, "crank_angle": 1e-9}.get(name, 5e-3)
+        assert np.sqrt(np.mean((found[name] - value) ** 2)) / np.std(value) < bound, name
+
+
+@pytest.fixture(scope="module")
+def found():
+    """A model, the windows of a run, what is read of it and the states that a filter finds in
+    that."""
+    model = rig()
+    windows, true = windows_of(model), read(model)
+    return model, windows, true, filtered(windows, true)
+
+
+@pytest.mark.parametrize(
+    "keys, faults",
+    [
+        ({}, ()),
+        ({"run": CLOCKWISE, "sensors": FILTER}, (GAIN, LAG)),
+        ({"run": CLOCKWISE}, (DELAY,)),
+    ],
+)
+def test_a_run_reads_in_windows_what_it_does_as_one_simulation(keys, faults):
+    model = rig(**keys)
+    # lags and delays are nothing that the filter of states knows
+    states = filtered(windows_of(model), read(model)).states
+    faulty = windows_of(model, *faults)
+    again, ends, handed, done = faulty.simulate(states)
+    assert done.all() and ends.shape == states.slow.shape == (len(handed.modes), faulty.size)
+    assert_alike(again, read(model, *faults))
+
+
+def test_the_motion_that_began_long_before_the_record_is_that_of_one_simulation_and_jumps_nowhere(
+    found,
+):
+    _, windows, true, own = found
+    states = windows.settled(replace(own.states, slow=own.states.slow + 1.0))
+    again, ends, _, done = windows.simulate(states)
+    jumps = ends[:-1] - states.slow[1:]
+    jumps[:, 0::2] -= math.tau * np.round(jumps[:, 0::2] / math.tau)
+    assert done.all() and np.abs(jumps).max() < 5e-3
+    assert_alike(again, true)
+
+
+def test_of_noisy_readings_a_filter_finds_the_states_from_directions_alone(found):
+    _, windows, true, own = found
+    rng = np.random.default_rng(0)
+    noisy = {
+        name: value + 0.02 * np.std(value) * rng.standard_normal(value.size)
+        for name, value in true.items()
+    }
+    away = (filtered(windows, noisy).states.slow - windows.settled(own.states).slow)[16:, 0::2]
+    away -= math.tau * np.round(away / math.tau)
+    assert np.median(np.abs(away), axis=0).max() < 0.02
+
+
+def test_a_window_that_cannot_be_simulated_is_reported_and_its_samples_are_missing(found):
+    model, windows, _, own = found
+    slow = own.states.slow.copy()
+    slow[5, 1] = 1e4  # so fast that steps run out
+    read_again, ends, _, done = windows.simulate(replace(own.states, slow=slow))
+    assert np.flatnonzero(~done).tolist() == [5] and np.isnan(ends[5]).all()
+    series = next(one for one in model.series if one.channel == "crank_torque")
+    missing = windows.window_of(series.time, own.states) == 5
+    assert np.array_equal(np.isnan(read_again["crank_torque"]), missing)
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"loose": ()},
+        {"effects": (FILM,)},
+        {"drive": "motor", "motor": MOTOR},
+        {"channels": ("time", "crank_angle")},
+    ],
+)
+def test_what_has_no_state_on_a_clearance_circle_of_its_own_or_reads_the_angle_alone_has_no_windows(
+    keys,
+):
+    assert windows_of(rig(**keys)) is None

@@ -1,0 +1,163 @@
+"""Publishing: nothing twice, what changed is replaced, what was interrupted is made again, one
+error for a store."""
+
+import os
+import socket
+from pathlib import Path
+
+import pytest
+
+from jointgap.core import parquet, schema
+from jointgap.core.errors import InputError
+from jointgap.core.publish import check_store, opened, store_address
+from tests.catalogue import refused
+from tests.scenario import published_tables as synthetic
+from tests.scenario.mlflow_store import client_of, publish, runs_of
+from tests.scenario.published_tables import numbers, scenario
+
+
+@pytest.fixture
+def simulated(results):
+    """The tables of a scenario of which only the simulation is done."""
+    return synthetic.simulated(results / "made_up")
+
+
+@pytest.fixture
+def published(results):
+    """Publishes, and returns what became of each run, how many were deleted and their ids."""
+
+    def states(files, *given, **more):
+        done = publish(results, files, *given, **more)
+        runs = done["runs"]
+        return (
+            {name: run["state"] for name, run in runs.items()},
+            done["deleted"],
+            {n: runs[n]["run_id"] for n in runs},
+        )
+
+    return states
+
+
+def number_of_runs(client) -> int:
+    """Deleted ones too."""
+    from mlflow.entities import ViewType
+
+    experiments = [found.experiment_id for found in client.search_experiments()]
+    return len(client.search_runs(experiments, run_view_type=ViewType.ALL))
+
+
+def test_a_run_says_what_it_is_and_publishing_it_twice_or_beside_another_changes_nothing(
+    published, simulated, client
+):
+    states, _, ids = published(simulated)
+    assert states == {"simulate": "written", "figures": "written"}
+    run = runs_of(client)["jointgap-simulate/made_up"]
+    assert (run.info.status, run.info.run_id) == ("FINISHED", ids["simulate"])
+    tags = run.data.tags
+    assert (tags["jointgap.scenario"], tags["jointgap.stage"]) == ("made_up", "simulate")
+    assert tags["mlflow.source.git.commit"] and tags["mlflow.note.content"] == "made up"
+    assert published(simulated) == ({"simulate": "kept", "figures": "kept"}, 0, ids)
+    assert number_of_runs(client) == 2
+    states, deleted, _ = published(simulated, "other")
+    assert set(states.values()) == {"written"} and deleted == 0 and len(runs_of(client)) == 4
+
+
+def test_a_changed_option_or_table_or_an_interruption_replaces_the_runs_that_it_concerns(
+    published, simulated, client
+):
+    _, _, old = published(simulated)
+    other = scenario(optimise={"ratio_limit": 0.28})
+    states, deleted, new = published(simulated, options=other)
+    assert states == {"simulate": "kept", "figures": "written"} and deleted == 1
+    assert (
+        client.get_run(old["figures"]).info.lifecycle_stage == "deleted"
+        and len(runs_of(client)) == 2
+    )
+    again = {"simulate": "written", "figures": "kept"}
+    parquet.write(
+        schema.TRAJECTORY, numbers(schema.TRAJECTORY, 50, salt=3), simulated["trajectory"]
+    )
+    states, _, new = published(simulated, options=other)
+    assert states == again and new["simulate"] not in (old["simulate"], None)
+    client.update_run(new["simulate"], "RUNNING")  # as an interrupted one is
+    states, deleted, new = published(simulated, options=other)
+    assert states == again and deleted == 1
+    assert {run.info.status for run in runs_of(client).values()} == {"FINISHED"}
+    client.delete_experiment(client.get_run(new["simulate"]).info.experiment_id)
+    published(simulated, options=other)
+    assert len(runs_of(client)) == 2  # the experiment comes back
+
+
+def test_nested_runs_follow_a_new_parent_and_an_output_that_is_no_longer_there_leaves(
+    results, published, client
+):
+    files = synthetic.learned(results / "made_up")
+    client.delete_run(published(files)[2]["surrogate"])
+    states, _, ids = published(files)
+    assert states["surrogate"] == "written" and states["surrogate/r2"] == "kept"
+    assert client.get_run(ids["surrogate/r2"]).data.tags["mlflow.parentRunId"] == ids["surrogate"]
+    states, _, _ = published(
+        {name: path for name, path in files.items() if not name.endswith("/r3")}
+    )
+    assert "surrogate/r3" not in states and "jointgap-surrogate/made_up r3" not in runs_of(client)
+
+
+def test_a_store_that_was_moved_or_that_is_none_is_refused(results, simulated, tmp_path):
+    publish(results, simulated)
+    moved = results.rename(tmp_path / "moved")
+    files = {name: moved / "made_up" / path.name for name, path in simulated.items()}
+    with pytest.raises(
+        InputError, match=r"mlflow\.db was created elsewhere.*move it back, or move the file away"
+    ):
+        publish(moved, files)
+    (moved / "mlflow.db").write_bytes(b"a letter to somebody" * 100)
+    with pytest.raises(
+        InputError, match=r"mlflow\.db cannot be reached or used .*move the file away"
+    ):
+        publish(moved, files)
+    assert (moved / "mlflow.db").read_bytes().startswith(b"a letter")
+
+
+def test_a_store_whose_making_was_interrupted_is_not_there(tmp_path, monkeypatch):
+    def killed(*given, **more):
+        Path(*tmp_path.glob(".mlflow-*"), "mlflow.db").write_bytes(b"half a store")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("mlflow.tracking.MlflowClient.search_experiments", killed)
+    with pytest.raises(KeyboardInterrupt), opened(store_address(tmp_path)):
+        pass
+    assert not (tmp_path / "mlflow.db").exists()
+
+
+def test_a_store_that_does_not_answer_is_one_error_without_its_password(tmp_path):
+    with socket.socket() as closed:
+        closed.bind(("127.0.0.1", 0))
+        addresses = [
+            f"http://joe:secret@127.0.0.1:{closed.getsockname()[1]}",
+            "postgres://host/runs",
+            "nowhere://x",
+        ]
+        words = "MLflow store  ~ start the server, correct its address"
+        refused(check_store, [(address, words) for address in addresses])
+        with pytest.raises(InputError, match=r"http://joe:\*\*\*@") as told:
+            check_store(addresses[0])
+    assert "secret" not in str(told.value) and len(told.value.args) == 1
+    check_store(f"sqlite:///{tmp_path / 'new.db'}")  # need not be there before the first job
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_environment_names_the_store_and_publishing_needs_no_network(
+    new_results, results, simulated, monkeypatch, tmp_path
+):
+    def refuse(*given):
+        raise AssertionError(f"network: {given}")
+
+    monkeypatch.setattr(socket.socket, "connect", refuse)
+    monkeypatch.setattr(socket, "getaddrinfo", refuse)
+    (new_results() / "mlflow.db").rename(tmp_path / "shared.db")
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{os.path.relpath(tmp_path)}/shared.db")
+    assert store_address(results) == f"sqlite:///{tmp_path}/shared.db"
+    publish(results, simulated)
+    assert (
+        len(runs_of(client_of(results))) == 2 and (tmp_path / "mlflow-artifacts/simulate").is_dir()
+    )
