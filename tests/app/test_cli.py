@@ -159,7 +159,6 @@ def learned(folder, *more):
     """Commands that learn from a motion, and write to a folder."""
     trajectory = ("--trajectory", folder / "simulate/trajectory.parquet")
     fit = (*trajectory, "--fit", folder / "fit", "--errors", folder / "errors")
-    yield ("clearance", *fit)
     yield ("surrogate", *fit, "--history", folder / "history", "--output-name", "r2")
 
 

@@ -191,7 +191,7 @@ ensemble: {vary: {speed: {from: "0,1 rpm", to: 9, number: 3}}} => has a decimal 
 ensemble: {vary: {speed: {from: 1, to: 1e999, number: 3}}} => to = '1e999' must be
 surrogate: {hidden: [100, 100]} => surrogate ~ hidden [100, 100] has 10401 weights, more than 5000
 surrogate: {seeds: [1, 1]} => seeds = [1, 1] ~ give each value once
-surrogate: {clearance_sampling: 1000000} => surrogate.clearance_sampling 1000000 times ~ 2e+07 samples
+surrogate: {clearance_sampling: 20} => surrogate.clearance_sampling ~ was removed; delete it
 """
 PARTED = {"speed": {"from": 1, "to": 2, "number": 501}, "friction": [i / 100 for i in range(20)]}
 WIDER = [

@@ -17,7 +17,7 @@ COVERED = {
     "kinematics": SURROGATES,
     "optimise": SURROGATES,
     "figures": SURROGATES | {"scenario.figures", "scenario.animation"},  # imported by name
-    "clearance": {"dynamics.simulation"},  # a finer one of its own
+    "surrogate": {"dynamics.simulation"},  # a finer one of its own
     "noise": {"campaign.state", "rig.model"},  # named in an annotation alone
     "conclude": {"campaign.figures"},
     "track-sweep": {"designs.sweep", "designs.sensitivity", "designs.optimise_robust"},
@@ -27,7 +27,7 @@ COVERED = {
 def test_a_stage_depends_on_all_code_that_its_work_imports_and_on_none_of_its_neighbours():
     for stage, modules in COVERED.items():
         assert modules <= code_of(ALL[stage].function)[1], stage
-    assert "clearance_sampling" in code_of(SCENARIO_STAGES["clearance"].function)[0]
+    assert "samples_per_revolution" in code_of(SCENARIO_STAGES["surrogate"].function)[0]
     assert "identification.problem" in closure("campaign.state")  # imports inside functions count
     own, modules = code_of(SCENARIO_STAGES["simulate"].function)
     assert "def simulate" in own and "def optimise" not in own and "_MOTION = " in own

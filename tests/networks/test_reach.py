@@ -8,7 +8,6 @@ from jointgap.config import Simulate, Surrogate, read_yaml, resolve
 from jointgap.config.yaml_files import merge
 from jointgap.core.joints import OUTPUTS
 from jointgap.dynamics.simulation import simulate
-from jointgap.networks.clearance import train_clearance
 from jointgap.networks.train import SAMPLING, train, train_regularised
 
 pytestmark = pytest.mark.slow
@@ -33,15 +32,6 @@ def test_networks_reach_the_papers_training_error_from_the_default_seed(pytestco
     options = Surrogate(iterations=2000, seeds=(0,))
     errors = train(motion(pytestconfig, "paper", 3600), output, options)[0].errors()
     assert errors["training_mse"].iloc[0] <= errors["paper_mse"].iloc[0]
-
-
-@pytest.mark.parametrize("name", ["paper", "frictionless", "printed_optimum", "journals_on_rod"])
-def test_the_second_surrogate_reaches_the_papers_errors_at_samples_held_out(pytestconfig, name):
-    coarse, fine = (motion(pytestconfig, name, samples) for samples in (3600, 360_000))
-    errors = train_clearance(coarse, fine, Surrogate(), ("crank_pin", "piston_pin")).errors()
-    assert (errors["held_out_mse"] <= errors["paper_mse"]).all(), errors[
-        ["output", "held_out_mse", "paper_mse"]
-    ]
 
 
 @pytest.mark.parametrize("name", ["paper", "nearest_settings"])

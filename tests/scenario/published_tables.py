@@ -124,33 +124,11 @@ def finished(folder: Path, salt: int = 0) -> dict[str, Path]:
         ),
     }
     verdicts = {"kind": ["number", "claim", "claim"], "verdict": ["agrees", "holds", "holds"]}
-    frames |= _clearance(salt)
     items = {"item": ["rod's gain: real, at 5 %", "second", "third"]}
     frames["comparison"] = numbers(schema.COMPARISON, 3, salt, **verdicts, **items)
     files = learned(folder, salt, OUTPUTS) | _write(folder, frames | _optimised(salt))
     (folder / "comparison.md").write_text("in words")
     return files
-
-
-def _clearance(salt: int) -> dict[str, pd.DataFrame]:
-    """The second surrogate: two joints of three neurons and a bias."""
-    errors = {
-        "output": [*OUTPUTS] * 2,
-        "model": ["clearance"] * 16,
-        "seed": pd.array([None] * 16, dtype="Int64"),
-    }
-    errors["region"] = ["all"] * 8 + ["past_60_deg"] * 8
-    neurons = {
-        "joint": [2] * 4 + [3] * 4,
-        "neuron": [0, 1, 2, -1] * 2,
-        "centre": [0.5, 1.5, 3.0, None] * 2,
-    }
-    neurons |= {"width": [0.4, 0.6, 0.9, None] * 2, "start_angle": 0.0, "speed": 60.0, "turns": 0}
-    neurons["settling"] = [0.1] * 4 + [None] * 4
-    return {
-        "fit_errors/clearance": numbers(schema.FIT_ERRORS, 16, salt, **errors),
-        "clearance_fit": numbers(schema.CLEARANCE_FIT, 8, salt, **neurons),
-    }
 
 
 def _optimised(salt: int) -> dict[str, pd.DataFrame]:

@@ -12,7 +12,6 @@ import pytest
 from jointgap.core import parquet, schema
 from jointgap.core.joints import OUTPUTS
 from jointgap.core.publish import thinned
-from jointgap.networks.clearance import ClearanceNetwork
 from jointgap.scenario.mlflow_runs import scenario_records
 from tests.scenario.mlflow_store import client_of, publish, runs_of
 from tests.scenario.published_tables import ITERATIONS, SECTIONS, fit, numbers, scenario
@@ -81,7 +80,7 @@ def test_a_network_is_nested_in_the_run_of_its_scenario_with_its_errors_the_pape
         assert nested.data.tags["mlflow.parentRunId"] == whole.info.run_id
         assert nested.info.run_name == f"paper {output}"
     metrics, second = (
-        published[f"surrogate/{name}"].data.metrics for name in ("r2", "clearance r2")
+        published[f"surrogate/{name}"].data.metrics for name in ("r2", "regularised r2")
     )
     for name in ("training_mse", "held_out_mse", "paper_mse", "spline_held_out_mse"):
         assert metrics[f"log10_{name}"] == pytest.approx(np.log10(metrics[name])) and name in second
@@ -93,7 +92,7 @@ def test_a_network_is_nested_in_the_run_of_its_scenario_with_its_errors_the_pape
     assert metrics["seeds_mse_median"] == pytest.approx(
         0.1 / 101
     )  # all seeds after as many iterations
-    for kind in ("clearance", "network", "regularised"):
+    for kind in ("network", "regularised"):
         assert whole.data.metrics[f"{kind}_outputs"] == 8
 
 
@@ -172,22 +171,6 @@ def test_torch_loads_published_weights_and_their_description_says_how_to_use_the
     chain, _ = loaded(artifact("surrogate/gamma2", "network"))
     values = 8.0 * chain(angle / (2 * np.pi))[:, 0] - 3.0
     np.testing.assert_allclose(values, _by_hand(fit(OUTPUTS.index("gamma2")), 7, angle), rtol=1e-12)
-    angle = np.linspace(0.01, 2 * np.pi, 200)
-    table = parquet.read(schema.CLEARANCE_FIT, finished / "paper/clearance_fit.parquet")
-    for joint in (2, 3):  # of the second surrogate
-        chain, about = loaded(artifact(f"surrogate/clearance gamma{joint}", "network"))
-        x, y = chain(angle).T
-        s = (
-            1.0
-            if about["settling"] is None
-            else np.tanh((angle - about["start_angle"]) / about["settling"]) ** 2
-        )
-        theirs = ClearanceNetwork.from_frame(table, joint)
-        np.testing.assert_allclose(
-            s * np.hypot(x, y), theirs.output(f"r{joint}", angle)[0], rtol=1e-9
-        )
-        turn = np.exp(1j * theirs.output(f"gamma{joint}", angle)[0])
-        np.testing.assert_allclose((x + 1j * y) / np.hypot(x, y), turn, atol=1e-9)
 
 
 def test_dataset_inputs_carry_the_digest_of_their_file(published, finished):
@@ -202,9 +185,9 @@ def test_dataset_inputs_carry_the_digest_of_their_file(published, finished):
         assert tags["jointgap.sha256"] == digest and digest.startswith(found.dataset.digest)
         assert tags["mlflow.data.context"] == ("input" if name == "trajectory" else "result")
         assert json.loads(found.dataset.source)["uri"] == str(path)
-    for stage in ("kinematics", "optimise"):  # which read both surrogates
+    for stage in ("kinematics", "optimise"):  # which read the networks
         inputs = {found.dataset.name for found in published[stage].inputs.dataset_inputs}
-        assert {"trajectory", "clearance_fit", *(f"fit/{output}" for output in OUTPUTS)} <= inputs
+        assert {"trajectory", *(f"fit/{output}" for output in OUTPUTS)} <= inputs
 
 
 def test_the_optimum_of_the_papers_way_is_that_of_the_scenario_and_verdicts_on_the_paper_are_counted(

@@ -14,7 +14,7 @@ from jointgap.lengths.region import regions
 from jointgap.scenario.outcome import details, document, headline, outcome, page, remarks
 from tests.catalogue import each
 
-SOURCES = ("networks", "clearance", "simulation", "simulation_settled")
+SOURCES = ("networks", "simulation", "simulation_settled")
 
 
 def scenario(**optimise):

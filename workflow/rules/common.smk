@@ -52,7 +52,6 @@ FIGURES = {"figures": drawn(False), "conclude": CAMPAIGN_FIGURES}
 # Names of logs and measured costs of jobs of which there are several, or that would be mixed up.
 PLACES = {
     "surrogate": "surrogate/{output}",
-    "clearance": "surrogate/clearance",
     "fit": "fit_{part}",
     "pair": "pair_{part}",
 }

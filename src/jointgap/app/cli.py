@@ -145,6 +145,7 @@ cli.removed = {
         ("design-networks", "compare-searches"),
         "use sweep.best_lengths: the frozen motion is as good (docs/how_to/sweep.md)",
     ),
+    "clearance": "use `jointgap surrogate`, which trains a regularised network for each output",
     "rechain": "use `jointgap reoptimise` with the same arguments",
 }
 OF_SCENARIO, OF_CAMPAIGN = (f"Workflow: stages of a {part}" for part in ("scenario", "campaign"))

@@ -39,7 +39,7 @@ from jointgap.dynamics.simulation import simulate
 _COLOURS = (
     "simulation",
     "network",
-    "second surrogate",
+    "optimised",
     "spline",
     "paper",
     "limit",

@@ -453,7 +453,7 @@ FORCES = {
     "slider_force": Quantity("force on the slider", "N"),
     "crank_torque": Quantity("torque on the crank", "N m"),
 }
-_COLOURS = ("paper", "after", "network", "second surrogate", "spline", "other", "ideal")
+_COLOURS = ("paper", "after", "network", "optimised", "spline", "other", "ideal")
 
 
 @figure(

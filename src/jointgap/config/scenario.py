@@ -176,8 +176,11 @@ def check_drive(mechanism: Mechanism, options: Simulate) -> None:
 
 
 class Surrogate(ConfigModel):
-    """The paper's networks (four per loose joint), regularised networks, and the second
-    surrogate."""
+    """The paper's networks and regularised networks, four of each per loose joint."""
+
+    removed: ClassVar = {
+        "clearance_sampling": "delete it: regularised networks choose their samples themselves"
+    }
 
     hidden: tuple[whole_number(ge=1, le=MOST_WEIGHTS), ...] = Field((10, 10, 10, 10), min_length=1)
     training_points: whole_number(ge=3, le=10_001) = Field(
@@ -197,9 +200,6 @@ class Surrogate(ConfigModel):
     )
     regularised_iterations: Iterations = Field(
         100, description="largest number of iterations of regularised networks"
-    )
-    clearance_sampling: whole_number(ge=4, le=MOST_SAMPLES) = Field(
-        100, description="samples for the second surrogate, as a multiple of the simulation's"
     )
 
     def errors(self) -> Iterator[str]:
@@ -532,13 +532,6 @@ class Scenario(DrivenMechanism):
                 f"a multiple of surrogate.training_points - 1 = {intervals}, at least five times it"
             )
             yield f"simulate.samples_per_revolution {samples} must be {product}"
-        multiple = self.surrogate.clearance_sampling
-        if samples * multiple > MOST_SAMPLES:
-            product = (
-                f"surrogate.clearance_sampling {multiple} times simulate.samples_per_revolution"
-                f" {samples}"
-            )
-            yield f"{product} is more than {MOST_SAMPLES:g} samples; lower one of them"
 
     def _errors_of_lengths(self) -> Iterator[str]:
         applied, boxes, width = (

@@ -31,7 +31,6 @@ COLOURS = {
     "ideal": "#000000",
     "simulation": "#0072B2",
     "network": "#D55E00",
-    "second surrogate": "#009E73",
     "spline": "#CC79A7",
     "optimised": "#009E73",
     "genetic": "#D55E00",

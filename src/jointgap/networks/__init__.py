@@ -1,6 +1,6 @@
 """Networks that learn the motion in the loose joints, trained with Levenberg-Marquardt."""
 
-from jointgap.core.schema import CLEARANCE_FIT, FIT, FIT_ERRORS, FIT_HISTORY
+from jointgap.core.schema import FIT, FIT_ERRORS, FIT_HISTORY
 
-OF_NETWORKS = (FIT, FIT_HISTORY, FIT_ERRORS, CLEARANCE_FIT)
+OF_NETWORKS = (FIT, FIT_HISTORY, FIT_ERRORS)
 """Tables of a scenario with networks."""

@@ -104,7 +104,7 @@ def error_rows(
     """
     scale = Scaling.of(grid.training.values).range
     spline = CubicSpline(training.crank_angle, training.values)
-    smoothing = None if trained["seed"] is None else smoothing_spline(training)
+    smoothing = smoothing_spline(training)
     rows = []
     for region, first in REGIONS.items():
         within, outside = training, grid.held_out

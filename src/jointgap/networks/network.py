@@ -10,7 +10,6 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -191,56 +190,19 @@ class Network:
 
 def to_files(network: Network, output: str) -> dict[str, bytes]:
     """The contents of `network.json` and `weights.npz` for the `network` of one `output`."""
-    matrices = network.layout.split(network.parameters)
-    return _pack(
-        [(matrix[:, :-1], matrix[:, -1]) for matrix in matrices],
-        input="crank_angle [rad]",
-        output=output,
-        input_range=(network.input.low, network.input.high),
-        output_range=(network.output.low, network.output.high),
-        scaling="scaled = (value - range[0]) / (range[1] - range[0]), for input and output",
-    )
-
-
-def clearance_to_files(fit: pd.DataFrame, joint: int) -> dict[str, bytes]:
-    """The same for the network of a joint's clearance vector."""
-    rows = fit[fit["joint"] == joint]
-    neurons, bias = rows[rows["neuron"] != BIAS], rows[rows["neuron"] == BIAS].iloc[0]
-    slope = 1.0 / neurons["width"].to_numpy()
-    numbers = {
-        name: None if pd.isna(bias[name]) else float(bias[name]) for name in ("settling", "speed")
-    }
-    return _pack(
-        [
-            (slope[:, None], -neurons["centre"].to_numpy() * slope),
-            (
-                neurons[["weight_x", "weight_y"]].to_numpy().T,
-                bias[["weight_x", "weight_y"]].to_numpy(dtype=float),
-            ),
-        ],
-        input="crank_angle [rad]",
-        output="clearance vector of the joint, less the factor s: w_x, w_y [m]",
-        joint=joint,
-        start_angle=float(bias["start_angle"]),
-        **numbers,
-        turns=int(bias["turns"]),
-        use=(
-            "s = tanh^2((crank_angle - start_angle) / settling), 1 where settling is null; r = s"
-            " |w|; gamma = direction of w, unwrapped, plus turns; rates by calculus, times speed;"
-            " null: the speed of the crank is not constant"
-        ),
-    )
-
-
-def _pack(layers: list[tuple[np.ndarray, np.ndarray]], **description: Any) -> dict[str, bytes]:
-    """Both files: weights and biases by their names in torch, and their description."""
     arrays = {}
-    for layer, (weight, bias) in enumerate(layers):
-        arrays |= {f"{2 * layer}.weight": weight, f"{2 * layer}.bias": bias}  # odd numbers: Tanh
-    packed = io.BytesIO()
-    np.savez(packed, **arrays)
-    description |= {
-        "neurons": [layers[0][0].shape[1], *(len(bias) for _, bias in layers)],
+    for layer, matrix in enumerate(network.layout.split(network.parameters)):
+        # odd numbers: Tanh
+        arrays |= {f"{2 * layer}.weight": matrix[:, :-1], f"{2 * layer}.bias": matrix[:, -1]}
+    weights = io.BytesIO()
+    np.savez(weights, **arrays)
+    description = {
+        "input": "crank_angle [rad]",
+        "output": output,
+        "input_range": (network.input.low, network.input.high),
+        "output_range": (network.output.low, network.output.high),
+        "scaling": "scaled = (value - range[0]) / (range[1] - range[0]), for input and output",
+        "neurons": [1, *network.layout.hidden, 1],
         "hidden_activation": "tanh",
         "output_activation": "linear",
         "weights": (
@@ -249,5 +211,5 @@ def _pack(layers: list[tuple[np.ndarray, np.ndarray]], **description: Any) -> di
     }
     return {
         "network.json": (json.dumps(description, indent=2) + "\n").encode(),
-        "weights.npz": packed.getvalue(),
+        "weights.npz": weights.getvalue(),
     }

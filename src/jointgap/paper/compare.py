@@ -114,7 +114,6 @@ def compare(
     errors = frames["fit_errors"].query("region == 'all'")
     numbers = [
         *training_errors(errors, default),
-        *second_surrogate(errors),
         *(optimum(OPTIMA[0], found.loc["genetic"]) if has_optimum else ()),
         *(optimum(OPTIMA[1], found.loc["local"]) if has_optimum else ()),
         *(another_end(OPTIMA[2], ends) if has_optimum else ()),
@@ -152,14 +151,6 @@ def training_errors(errors: pd.DataFrame, default: int) -> Iterator[Row]:
             said["starts"] = f" Median (range) of {len(every)} starts: {', '.join(shown)}."
         why = REMARKS["training"].format(**{**ours, "stop": ours["stop"].partition(";")[0]}, **said)
         yield limit(f"training MSE of {output}", printed, ours["training_mse"], why)
-
-
-def second_surrogate(errors: pd.DataFrame) -> Iterator[Row]:
-    """Held-out errors of the second surrogate against the paper's training errors."""
-    ours = errors[errors["model"] == "clearance"].set_index("output")
-    for output, printed in TRAINING_MSE.items():
-        row, item = ours.loc[output], f"held-out MSE of {output}, second surrogate"
-        yield limit(item, printed, row["held_out_mse"], REMARKS["second_surrogate"].format(**row))
 
 
 def _lengths_and_reduction(printed: PrintedOptimum, ours: pd.Series, *why: str) -> Iterator[Row]:

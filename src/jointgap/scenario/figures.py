@@ -549,16 +549,14 @@ _MARKS = (  # series, model and column of the table fit_errors, shift, colour, m
         "spline",
         "v",
     ),
-    ("second surrogate, held out", "clearance", "held_out_mse", 0.22, "second surrogate", "o"),
-    ("spline through its points, held out", "clearance", "spline_held_out_mse", 0.32, "other", "^"),
 )
 
 
 @figure("held_out", "Errors between the training points", "Networks", ("fit_errors",))
 def held_out(tables: Tables, scenario: Scenario) -> Drawing:
     """Mean square error over the squared range of each output, for the first revolution and for its
-    part past 60 deg. Training points and held-out samples of the paper's networks, the regularised
-    networks and the second surrogate, with splines through the same points.[paper: Horizontal
+    part past 60 deg. Training points and held-out samples of the paper's networks and the
+    regularised networks, with splines through the same points.[paper: Horizontal
     marks: training errors printed in the paper.] Marks: default start; bars: range over all starts.
     A circle far above its square shows overfitting. A triangle below a circle means that a spline
     is more accurate than the network."""
@@ -601,11 +599,7 @@ def _error_marks(panel: Panel, errors: pd.DataFrame, default: int, learned: list
             lowest, highest = (
                 rows.groupby("output")[column].agg(["min", "max"]).reindex(learned).to_numpy().T
             )
-        shown = (
-            rows[rows["seed"].isna() | (rows["seed"] == default)]
-            .set_index("output")[column]
-            .reindex(learned)
-        )
+        shown = rows[rows["seed"] == default].set_index("output")[column].reindex(learned)
         panel.marks(
             series, place + shift, shown.to_numpy(), colour, lowest, highest, learned, marker=marker
         )
@@ -681,7 +675,7 @@ CRANK, ROD = Quantity("crank length", "mm", "$L_2$"), Quantity("rod length", "mm
 REDUCTION = Quantity("reduction of the error", "%")
 MEASURES = {  # label and colour
     "rms": ("RMS", "simulation"),
-    "mean_absolute": ("mean absolute", "second surrogate"),
+    "mean_absolute": ("mean absolute", "optimised"),
     "peak": ("peak", "spline"),
     "sum_of_squares": ("sum of squares", "limit"),
 }
@@ -691,7 +685,6 @@ LENGTHS = {  # labels of printed points, and of the sources searched by the gene
     "printed_local": "paper, best local",
     "printed_local_other": "paper, another local",
     "networks": "networks",
-    "clearance": "second surrogate",
     "simulation": "simulation",
     "simulation_settled": "simulation, settled",
     "ideal_joints": "ideal joints",
@@ -874,9 +867,7 @@ def _map(sheet: Sheet, shown: dict[str, pd.DataFrame], scenario: Scenario, box: 
         panel.line(f"$L_2$ = {ratio:g} $L_3$", ratio * limit, limit, "ideal", linestyle=":")
     floor = shown["floor"][shown["floor"]["measure"] == goal.measure]
     floor_words = "valley's floor" if is_angle else "best crank for each rod"
-    panel.line(
-        floor_words, floor["crank_length"], floor["rod_length"], "second surrogate", linewidth=2.2
-    )
+    panel.line(floor_words, floor["crank_length"], floor["rod_length"], "optimised", linewidth=2.2)
     for number, path in shown["paths"].groupby("start"):
         x, y = path["crank_length"], path["rod_length"]
         panel.line("local paths", x, y, "local")

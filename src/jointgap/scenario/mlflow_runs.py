@@ -13,11 +13,11 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
-from jointgap.core import joints, parquet, schema
+from jointgap.core import parquet, schema
 from jointgap.core.publish import Dataset, Record, configuration, costs, numbers
 from jointgap.core.schema import OPTIMISE_OPTIMA, OPTIMISE_WORTH
 from jointgap.lengths.region import LEAST_FORCE
-from jointgap.networks.network import Network, clearance_to_files, to_files
+from jointgap.networks.network import Network, to_files
 from jointgap.scenario import outcome
 from jointgap.scenario.figure_data import MODES
 
@@ -167,7 +167,7 @@ def _simulate(finished: _Finished) -> list[Record]:
 
 def _surrogate(finished: _Finished) -> list[Record]:
     errors, seed = finished.read("fit_errors"), finished.options.surrogate.seeds[0]
-    errors = errors[errors["seed"].isna() | (errors["seed"] == seed)]
+    errors = errors[errors["seed"] == seed]
     metrics, curves = {}, {}
     for model, rows in errors[errors["region"] == "all"].groupby("model", sort=False):
         metrics |= {
@@ -222,15 +222,11 @@ def _network(finished: _Finished, model: str, output: str, rows: pd.DataFrame) -
         f"fit/{output}",
     )
     written = [f"fit_errors/{output}", fit, history]
-    if model == "clearance":
-        written = [f"fit_errors/{output}", f"fit_errors/{model}", *finished.names("clearance_fit")]
-        if finished.names("clearance_fit"):
-            files = clearance_to_files(finished.read("clearance_fit"), joints.number_of(output))
-    elif fit in finished.files:
+    if fit in finished.files:
         files = to_files(
             Network.from_frame(parquet.read(schema.FIT, finished.files[fit]), seed, model), output
         )
-    if model != "clearance" and history in finished.files:
+    if history in finished.files:
         training = parquet.read(schema.FIT_HISTORY, finished.files[history])
         own = training[(training["model"] == model) & (training["seed"] == seed)].set_index(
             "iteration"
@@ -247,7 +243,7 @@ def _network(finished: _Finished, model: str, output: str, rows: pd.DataFrame) -
         read=["trajectory"],
         written=written,
         files={f"network/{name}": content for name, content in files.items()},
-        job=f"surrogate/{model if model == 'clearance' else output}",
+        job=f"surrogate/{output}",
         notes={"model": model, "stop": rows["stop"].iloc[0]},
     )
 
@@ -276,7 +272,7 @@ def _kinematics(finished: _Finished) -> list[Record]:
     first = pd.concat(both).query("region == 'first_revolution'")
     names = first["source"] + "/" + first["quantity"] + "_rms_over_range"
     metrics = dict(zip(names, first["rms_over_range"], strict=True))
-    read = ["trajectory", *finished.names("fit", "clearance_fit")]
+    read = ["trajectory", *finished.names("fit")]
     written = ["kinematics", "kinematics_errors", "kinematics_contradictions"]
     return [finished.record("kinematics", metrics=metrics, read=read, written=written)]
 
@@ -297,7 +293,7 @@ def _optimise(finished: _Finished) -> list[Record]:
         & (optima["box"] == box)
         & (optima["method"] == "genetic")
     )
-    read = ["trajectory", *finished.names("fit", "clearance_fit")]
+    read = ["trajectory", *finished.names("fit")]
     written = [name for name in finished.files if name.startswith("optimise_")]
     own = finished.record("optimise", read=read, written=written)
     nested = [_optimum(finished, row, own.params) for row in optima.to_dict("records")]

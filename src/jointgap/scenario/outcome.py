@@ -44,7 +44,6 @@ NEEDED = tuple(f"optimise_{name}" for name in ("optima", "floor", "resimulated",
 MOTIONS = {  # sources of the frozen joint motion; the closest to steady operation first
     "simulation_settled": "simulation, a settled revolution",
     "simulation": "simulation, the first revolution",
-    "clearance": "second surrogate, the first revolution",
     "networks": "networks, the first revolution",
     "with_clearance": "simulations with clearance",
     "ideal_joints": "simulations with ideal joints",

@@ -52,7 +52,6 @@ def _row(name: str, frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> d
     networks = judged[
         (judged["model"] == "network") & (judged["seed"] == scenario.surrogate.seeds[0])
     ]
-    second = judged[judged["model"] == "clearance"]
     verdicts = frames["comparison"].query("kind == 'number'")["verdict"]
     point = f"networks_{next(iter(scenario.optimise.boxes))}_genetic"
     best = frames["optimise_optima"].set_index("point").loc[point]
@@ -71,7 +70,6 @@ def _row(name: str, frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> d
         "judged": len(networks),
         "training_reached": int((networks["training_mse"] <= networks["paper_mse"]).sum()),
         "held_out_reached": int((networks["held_out_mse"] <= networks["paper_mse"]).sum()),
-        "second_reached": int((second["held_out_mse"] <= second["paper_mse"]).sum()),
         "printed": int(verdicts.isin(("agrees", "differs")).sum()),
         "printed_agree": int((verdicts == "agrees").sum()),
         "crank_length": best["crank_length"],
@@ -115,7 +113,7 @@ def side_by_side(table: pd.DataFrame) -> list[Block]:
     if table.empty:
         return []
     rows = map(_cells, table.itertuples(index=False))
-    return [Paragraph(_TEXT), TableBlock.of(rows, "lrrllrrrrrrrrrr"), *_by_count(table)]
+    return [Paragraph(_TEXT), TableBlock.of(rows, "lrrllrrrrrrrrr"), *_by_count(table)]
 
 
 def _cells(row) -> dict[str, str | Link]:
@@ -134,7 +132,6 @@ def _cells(row) -> dict[str, str | Link]:
         "simulation, frozen [%]": f"{100 * row.simulation_reduction:.2f}",
         "training MSE reached": f"{row.training_reached} {learned}" if row.judged else "–",
         "held-out MSE reached": f"{row.held_out_reached} {learned}" if row.judged else "–",
-        "second surrogate, held out": f"{row.second_reached} {learned}" if row.judged else "–",
         "other printed numbers that agree": (
             f"{row.printed_agree} of {row.printed}" if row.printed else "–"
         ),

@@ -35,7 +35,7 @@ class ScenarioResults(ResultsFolder):
         if part or "{output}" not in table.path:
             return super().read(table, part)
         frames = []
-        for output in parts_of(table, self.scenario.mechanism):
+        for output in outputs_of(self.scenario.mechanism):
             frame = super().read(table, output)
             frames.append(frame if "output" in frame else frame.assign(output=output))
         return pd.concat(frames, ignore_index=True)
@@ -48,7 +48,7 @@ class ScenarioResults(ResultsFolder):
             if "{output}" not in table.path:
                 files[table.name] = self.place(table)
             elif loose:
-                outputs = parts_of(table, self.scenario.mechanism)
+                outputs = outputs_of(self.scenario.mechanism)
                 files |= {f"{table.name}/{output}": self.place(table, output) for output in outputs}
         return {name: path for name, path in files.items() if path.is_file()}
 
@@ -62,12 +62,6 @@ def outputs_of(mechanism: Mechanism) -> tuple[str, ...]:
             " comparison have no data; make a joint loose, or run only the stage simulate"
         )
     return outputs
-
-
-def parts_of(table: Table, mechanism: Mechanism) -> tuple[str, ...]:
-    """Values of ``{output}`` in the path of a `table`; errors as `outputs_of`."""
-    outputs = outputs_of(mechanism)
-    return (*outputs, "clearance") if table.name == "fit_errors" else outputs
 
 
 def read_trajectory(path: Path, scenario: Scenario) -> pd.DataFrame:

@@ -25,7 +25,7 @@ def stages_of(scenario: "Scenario") -> list[str]:
     ask for them."""
     if not scenario.mechanism.applied().loose:
         return ["simulate", "animate"]
-    left_out = set() if scenario.networks else {"surrogate", "clearance"}
+    left_out = set() if scenario.networks else {"surrogate"}
     left_out |= set() if scenario.paper else {"compare"}
     return [name for name in SCENARIO_STAGES.jobs() if name not in left_out]
 
@@ -110,7 +110,7 @@ def surrogate(
     if output not in outputs:
         raise InputError(f"--output-name {output}: no such output; {did_you_mean(output, outputs)}")
     trajectory, options = results.read("trajectory"), results.scenario.surrogate
-    fine = _first_revolution(results.scenario, min(SAMPLING, options.clearance_sampling))
+    fine = _first_revolution(results.scenario, SAMPLING)
     fits = [
         *train(trajectory, output, options),
         train_regularised(trajectory, fine, output, options),
@@ -132,32 +132,7 @@ def _first_revolution(scenario: "Scenario", multiple: int) -> "pd.DataFrame":
     return simulated(scenario.mechanism, finer).samples
 
 
-@SCENARIO_STAGES.stage(
-    reads=(schema.TRAJECTORY,),
-    writes=(schema.CLEARANCE_FIT, schema.FIT_ERRORS.at("clearance")),
-    sections=_LEARNING,
-    does="train the second surrogate",
-    memory=3000,
-    minutes=20,
-)
-def clearance(results: "ScenarioResults") -> None:
-    """Train the second surrogate: one network per loose joint for the clearance vector, all outputs
-    from it."""
-    from jointgap.networks.clearance import train_clearance
-    from jointgap.scenario.results import outputs_of
-
-    outputs_of(results.scenario.mechanism)  # raises where no joint is loose
-    held_out, scenario = results.read("trajectory"), results.scenario
-    fine = _first_revolution(scenario, scenario.surrogate.clearance_sampling)
-    trained = train_clearance(
-        held_out, fine, scenario.surrogate, scenario.mechanism.applied().loose
-    )
-    results.write_all(
-        {"fit_errors": trained.errors(), "clearance_fit": trained.weights()}, "clearance"
-    )
-
-
-_TRAINED = SCENARIO_STAGES.written_by("simulate", "surrogate", "clearance")
+_TRAINED = SCENARIO_STAGES.written_by("simulate", "surrogate")
 
 
 @SCENARIO_STAGES.stage(
