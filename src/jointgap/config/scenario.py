@@ -358,6 +358,9 @@ class Optimise(ConfigModel):
     local_tolerance: quantity("", gt=0) = Field(
         1e-8, description="stopping tolerance of the local optimiser"
     )
+    further_tolerances: Annotated[tuple[quantity("", gt=0), ...], AfterValidator(distinct)] = Field(
+        (), description="at which the local search is repeated, to compare where it ends"
+    )
     genetic: Genetic = Genetic()
     ensemble: Ensemble = Ensemble()
 

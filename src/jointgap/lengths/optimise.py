@@ -135,7 +135,7 @@ def optimise(
         optima=optima(by_source, searches, fixed, options.rod_tolerance),
         population=labelled("population", searches, lambda search: search.genetic.population),
         paths=labelled("paths", searches, paths),
-        tolerance=labelled("tolerance", searches, tolerances),
+        tolerance=labelled("tolerance", searches, lambda search: tolerances(search, options)),
         valley=labelled("valley", searches, lambda search: grid(search.objective, search.region)),
         floor=labelled(
             "floor", searches, lambda search: best_cranks(search.objective, search.region)

@@ -188,11 +188,6 @@ def evaluations_until(values: np.ndarray, best: float, tolerance: float) -> int 
     return int(close_enough[0]) + 1 if len(close_enough) else None
 
 
-TOLERANCES = tuple(
-    10.0**-exponent for exponent in range(1, 13)
-)  # to show the effect of early stopping
-
-
 def starting_points(region: Region) -> np.ndarray:
     """Six points, shape (6, 2) [m]: L2 at 1/4, 3/4 of its range with L3 at 1/6, 1/2, 5/6, projected
     onto the region."""
@@ -394,8 +389,11 @@ def paths(search: Search) -> pd.DataFrame:
     return pd.concat(frames, names=["start", "iteration"]).reset_index().assign(**values)
 
 
-def tolerances(search: Search) -> pd.DataFrame:
+def tolerances(search: Search, options: Optimise) -> pd.DataFrame:
     """Rows of the table optimise_tolerance."""
+    ends = {options.local_tolerance: search.local}
+    for tolerance in options.further_tolerances:
+        ends[tolerance] = search_from_all(search.objective, search.region, tolerance)
     rows = [
         {
             "tolerance": tolerance,
@@ -409,7 +407,7 @@ def tolerances(search: Search) -> pd.DataFrame:
             "converged": result.converged,
             "active_bounds": search.region.active(result.lengths),
         }
-        for tolerance in TOLERANCES
-        for number, result in enumerate(search_from_all(search.objective, search.region, tolerance))
+        for tolerance in sorted(ends, reverse=True)
+        for number, result in enumerate(ends[tolerance])
     ]
     return pd.DataFrame(rows)

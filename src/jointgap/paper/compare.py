@@ -99,9 +99,11 @@ def compare(
     )
     found = found.set_index("method")
     has_optimum = "genetic" in found.index  # not where no lengths satisfy the constraints
+    several_tolerances = has_optimum and ends["tolerance"].nunique() > 1
     rows = [
         *([superposition_claim(first, ideal, loose)] if len(loose) > 1 else []),
-        *(optimiser_claims(found, ends) if has_optimum else ()),
+        *([genetic_claim(found)] if has_optimum else []),
+        *([minima_claim(ends)] if several_tolerances else []),
         joints_claim(pd.DataFrame([each for each in variants if each is not None])),
         *(
             gain_claims(frames["optimise_resimulated"], frames["optimise_worth"], scenario)
@@ -116,7 +118,7 @@ def compare(
         *training_errors(errors, default),
         *(optimum(OPTIMA[0], found.loc["genetic"]) if has_optimum else ()),
         *(optimum(OPTIMA[1], found.loc["local"]) if has_optimum else ()),
-        *(another_end(OPTIMA[2], ends) if has_optimum else ()),
+        *(another_end(OPTIMA[2], ends) if several_tolerances else ()),
         *printed_points(frames["optimise_optima"]),
     ]
     claims = [
@@ -334,8 +336,8 @@ def evaluations_claim(found: pd.DataFrame) -> Row:
     return claim("evaluations", genetic, enough, genetic=_after(genetic), local=_after(local))
 
 
-def optimiser_claims(found: pd.DataFrame, ends: pd.DataFrame) -> Iterator[Row]:
-    """Genetic against local optimiser, and the number of end points of the local one."""
+def genetic_claim(found: pd.DataFrame) -> Row:
+    """Genetic against local optimiser."""
     (genetic, local), (calls, local_calls) = (
         found.loc[["genetic", "local"], column] for column in ("rms_reduction", "evaluations")
     )
@@ -347,7 +349,11 @@ def optimiser_claims(found: pd.DataFrame, ends: pd.DataFrame) -> Iterator[Row]:
         "local_calls": local_calls,
         "tie": TIE,
     }
-    yield claim("genetic", lead, lead > TIE, **shown)
+    return claim("genetic", lead, lead > TIE, **shown)
+
+
+def minima_claim(ends: pd.DataFrame) -> Row:
+    """Number of end points of the local searches, at the tightest and the loosest tolerance."""
     counts = {
         tolerance: distinct(part[["crank_length", "rod_length"]].to_numpy())
         for tolerance, part in ends.groupby("tolerance")
@@ -361,7 +367,7 @@ def optimiser_claims(found: pd.DataFrame, ends: pd.DataFrame) -> Iterator[Row]:
         "tightest": tightest,
         "loosest": loosest,
     }
-    yield claim("minima", few, few > 1, **shown)
+    return claim("minima", few, few > 1, **shown)
 
 
 def distinct(points: np.ndarray) -> int:
