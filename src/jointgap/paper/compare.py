@@ -1,5 +1,6 @@
 """The paper's numbers and claims compared with the simulation: table `comparison` and its page.
-Texts: printed.yaml."""
+
+Numbers, claims, limits and texts are in printed.yaml; here stands where our values come from."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -13,8 +14,10 @@ from jointgap.core.page import Block, Cell, Heading, Page, Paragraph, TableBlock
 from jointgap.core.words import format_name
 from jointgap.paper.printed import (
     CLAIMS,
+    CONCLUSIONS,
+    NUMBERS,
     OPTIMA,
-    REMARKS,
+    OTHER_END,
     TRAINING_ITERATIONS,
     TRAINING_MSE,
     PrintedOptimum,
@@ -26,54 +29,57 @@ NEEDED = ("trajectory", "kinematics", "fit_errors") + tuple(
 )
 """Tables required for the comparison."""
 
-AGREES, LENGTH_AGREES = 0.01, 0.001
-"""Relative tolerance of a number, and of an optimum length."""
-
-ABOUT = 1.2  # tolerance factor of a number that the paper calls "about" or shows in a figure
-ALIKE = 0.05  # relative difference below which two sizes are equal
-TIE = 0.001  # [percentage points] difference of two optimisers below which they are equal
-IN_CONTACT = 0.999  # distance of the centres, over the clearance, above which a joint is in contact
-FOLLOWS = 30.0  # [deg] RMS deviation below which a direction follows the crank
-ONE_POINT = 1e-6  # [m] distance below which two end points are equal
-_TONES = dict.fromkeys(("agrees", "reached", "holds"), "good")
-_TONES |= dict.fromkeys(("differs", "missed", "does not hold"), "bad")
+SAME_POINT = 1e-6  # [m] distance below which two end points are equal
+TONES = {"agrees": "good", "reached": "good", "holds": "good"}
+TONES |= {"differs": "bad", "missed": "bad", "does not hold": "bad"}
 
 Row = dict[str, Any]
 
 
+def number(key: str, paper: float, ours: float, **evidence: Any) -> Row:
+    """A row of the table for a printed number (`key` in printed.yaml)."""
+    tolerance = NUMBERS[key].get("within")
+    if tolerance is None:
+        verdict = "reached" if ours <= paper else "missed"
+    else:
+        verdict = "agrees" if abs(ours / paper - 1.0) <= tolerance else "differs"
+    return _row("number", NUMBERS[key], paper, ours, verdict, evidence)
+
+
+def claim(key: str, ours: float | None, interval: Sequence[float] = (), **evidence: Any) -> Row:
+    """A row of the table for a claim (`key` in printed.yaml).
+
+    The `interval`, by default of the value itself, decides: a claim is undecided where the limit
+    is inside, or without a value.
+    """
+    expected = CLAIMS[key]
+    low, high = interval or (ours, ours)
+    verdict = "undecided"
+    if ours is not None and "at_most" in expected:
+        verdict = _decided(high <= expected["at_most"], low > expected["at_most"])
+    elif ours is not None:
+        verdict = _decided(low > expected["above"], high <= expected["above"])
+    return _row("claim", expected, expected.get("paper"), ours, verdict, evidence)
+
+
+def _decided(holds: bool, fails: bool) -> str:
+    return "holds" if holds else "does not hold" if fails else "undecided"
+
+
 def _row(
-    kind: str, item: str, unit: str, paper: float | None, ours: float | None, verdict: str, why: str
+    kind: str, expected: Row, paper: float | None, ours: float | None, verdict: str, evidence: Row
 ) -> Row:
-    ours = None if ours is None or pd.isna(ours) else float(ours)
-    ratio = ours / paper if paper and ours is not None else None
-    row = {"kind": kind, "item": item, "unit": unit, "paper": paper, "ours": ours, "ratio": ratio}
-    return row | {"verdict": verdict, "sentence": why}
-
-
-def number(
-    item: str, unit: str, paper: float, ours: float, why: str, within: float = AGREES
-) -> Row:
-    """A printed number and its simulated value."""
-    verdict = "agrees" if abs(ours / paper - 1.0) <= within else "differs"
-    return _row("number", item, unit, paper, ours, verdict, why)
-
-
-def limit(item: str, paper: float, ours: float, why: str) -> Row:
-    """A printed error as an upper limit, and its simulated value."""
-    return _row("number", item, "1", paper, ours, "reached" if ours <= paper else "missed", why)
-
-
-def claim(key: str, ours: float | None, holds: bool | None, **evidence: Any) -> Row:
-    """A claim of the paper (key of `CLAIMS`) with evidence; `holds` is None where it is
-    undecided."""
-    known = CLAIMS[key]
-    paper = known.get("paper")
-    verdict = "undecided" if holds is None else "holds" if holds else "does not hold"
-    unit = "" if paper is None and ours is None else known["unit"]
-    why = known["evidence"].format(**evidence)
-    return _row(
-        "claim", known["item"], unit, None if paper is None else float(paper), ours, verdict, why
-    )
+    texts = expected | evidence
+    return {
+        "kind": kind,
+        "item": expected["item"].format(**texts),
+        "unit": "" if paper is None and ours is None else expected["unit"],
+        "paper": None if paper is None else float(paper),
+        "ours": ours,
+        "ratio": ours / paper if paper and ours is not None else None,
+        "verdict": verdict,
+        "sentence": texts["evidence"].format(**texts),
+    }
 
 
 def compare(
@@ -84,317 +90,250 @@ def compare(
     `variants` are rows of `variant_optimum`. Another mechanism is compared only with claims without
     a size.
     """
-    first = (
-        frames["trajectory"]
-        .iloc[: scenario.simulate.samples_per_revolution + 1]
-        .reset_index(drop=True)
-    )
-    turned = np.degrees(first["crank_angle"] - first["crank_angle"].iloc[0]).to_numpy()
+    samples = scenario.simulate.samples_per_revolution
+    motion = frames["trajectory"].iloc[: samples + 1].reset_index(drop=True)
+    motion["turned"] = np.degrees(motion["crank_angle"] - motion["crank_angle"].iloc[0])
     ideal = frames["kinematics"].query("source == 'ideal'").reset_index(drop=True)
-    loose, default = scenario.mechanism.applied().loose, scenario.surrogate.seeds[0]
-    searched = {"source": "networks", "box": next(iter(scenario.optimise.boxes))}
-    found, ends = (
-        table[(table[list(searched)] == pd.Series(searched)).all(axis=1)]
-        for table in (frames["optimise_optima"], frames["optimise_tolerance"])
-    )
-    found = found.set_index("method")
-    has_optimum = "genetic" in found.index  # not where no lengths satisfy the constraints
-    several_tolerances = has_optimum and ends["tolerance"].nunique() > 1
-    rows = [
-        *([superposition_claim(first, ideal, loose)] if len(loose) > 1 else []),
-        *([genetic_claim(found)] if has_optimum else []),
-        *([minima_claim(ends)] if several_tolerances else []),
-        joints_claim(pd.DataFrame([each for each in variants if each is not None])),
-        *(
-            gain_claims(frames["optimise_resimulated"], frames["optimise_worth"], scenario)
-            if has_optimum
-            else ()
-        ),
-    ]
-    if departures(scenario.mechanism, scenario.simulate):
-        return pd.DataFrame([row | {"paper": None, "ratio": None} for row in rows])
-    errors = frames["fit_errors"].query("region == 'all'")
-    numbers = [
-        *training_errors(errors, default),
-        *(optimum(OPTIMA[0], found.loc["genetic"]) if has_optimum else ()),
-        *(optimum(OPTIMA[1], found.loc["local"]) if has_optimum else ()),
-        *(another_end(OPTIMA[2], ends) if several_tolerances else ()),
-        *printed_points(frames["optimise_optima"]),
-    ]
-    claims = [
-        *contact_claims(first, turned, scenario),
-        *deviation_claims(first, turned, ideal),
-        networks_claim(errors, default),
-        *([evaluations_claim(found)] if has_optimum else []),
-    ]
-    return pd.DataFrame([*numbers, *claims, *rows])
+    box = next(iter(scenario.optimise.boxes))
+    search = f"source == 'networks' and box == {box!r}"
+    end_points = frames["optimise_tolerance"].query(search)
+    optima = frames["optimise_optima"].query(search).set_index("method")
+    has_optimum = "genetic" in optima.index  # not where no lengths satisfy the constraints
+    is_paper = not departures(scenario.mechanism, scenario.simulate)
+
+    rows = []
+    if is_paper:
+        errors = frames["fit_errors"].query("region == 'all' and model == 'network'")
+        default = errors[errors["seed"] == scenario.surrogate.seeds[0]].set_index("output")
+        rows += training_errors(errors, default)
+        if has_optimum:
+            rows += optimum(OPTIMA[0], optima.loc["genetic"])
+            rows += optimum(OPTIMA[1], optima.loc["local"])
+            rows += other_end(OPTIMA[2], end_points)
+        rows += printed_points(frames["optimise_optima"])
+        rows += contact_claims(motion, scenario)
+        rows += deviation_claims(motion, ideal)
+        rows.append(networks_claim(default))
+        if has_optimum:
+            rows.append(evaluations_claim(optima))
+    loose = scenario.mechanism.applied().loose
+    if len(loose) > 1:
+        rows.append(superposition_claim(motion, ideal, loose))
+    if has_optimum:
+        rows += optimiser_claims(optima, end_points)
+    rows.append(joints_claim(pd.DataFrame(filter(None, variants))))
+    if has_optimum:
+        rows += gain_claims(frames["optimise_resimulated"], frames["optimise_worth"], box)
+    table = pd.DataFrame(rows)
+    return table if is_paper else table.assign(paper=None, ratio=None)
 
 
 # -- numbers
 
 
-def training_errors(errors: pd.DataFrame, default: int) -> Iterator[Row]:
-    """Training errors of the networks, default start."""
-    networks = errors[errors["model"] == "network"]
+def training_errors(errors: pd.DataFrame, default: pd.DataFrame) -> Iterator[Row]:
+    """Training errors of the networks, default start; the range of all starts as evidence."""
     for output, printed in TRAINING_MSE.items():
-        every = networks[networks["output"] == output]
-        ours = every[every["seed"] == default].iloc[0]
-        said = {"allowed": TRAINING_ITERATIONS, "reached": "", "starts": ""}
-        if not pd.isna(ours["iterations_to_paper"]):
-            said["reached"] = (
-                f" Reached the paper's error after {ours['iterations_to_paper']:.0f} iterations."
-            )
-        if len(every) > 1:
-            shown = (
-                f"{name} {every[column].median():.2g} ({every[column].min():.2g} to"
-                f" {every[column].max():.2g})"
-                for name, column in (("training", "training_mse"), ("held-out", "held_out_mse"))
-            )
-            said["starts"] = f" Median (range) of {len(every)} starts: {', '.join(shown)}."
-        why = REMARKS["training"].format(**{**ours, "stop": ours["stop"].partition(";")[0]}, **said)
-        yield limit(f"training MSE of {output}", printed, ours["training_mse"], why)
-
-
-def _lengths_and_reduction(printed: PrintedOptimum, ours: pd.Series, *why: str) -> Iterator[Row]:
-    name = printed.name
-    crank, rod, fall = 1e3 * printed.crank_length, 1e3 * printed.rod_length, 100 * printed.reduction
-    yield number(
-        f"{name}: crank length L2", "mm", crank, 1e3 * ours["crank_length"], why[0], LENGTH_AGREES
-    )
-    yield number(
-        f"{name}: rod length L3", "mm", rod, 1e3 * ours["rod_length"], why[1], LENGTH_AGREES
-    )
-    yield number(f"{name}: error decreases by", "%", fall, 100 * ours["rms_reduction"], why[2])
-
-
-def optimum(printed: PrintedOptimum, ours: pd.Series) -> Iterator[Row]:
-    """The paper's optimum of an optimiser, compared with a row of optimise_optima."""
-    after, bounds = np.degrees(ours["rms"]), ours["active_bounds"]
-    said = {"printed": printed.crank_length / printed.rod_length, "after": after}
-    said["before"] = after / (1 - ours["rms_reduction"])
-    said["active"] = (
-        "No bound is active: the search stopped earlier."
-        if bounds == "none"
-        else f"Active: {bounds}."
-    )
-    why = (
-        REMARKS[key].format(**ours, **said) for key in ("crank_length", "rod_length", "reduction")
-    )
-    yield from _lengths_and_reduction(printed, ours, *why)
-    if printed.evaluations is not None:
-        reached = _after(ours["evaluations_within_1_percent"])
-        why = REMARKS["calls"].format(status=str(ours["status"]).capitalize(), reached=reached)
+        network, starts = default.loc[output], errors[errors["output"] == output]["training_mse"]
         yield number(
-            f"{printed.name}: function evaluations",
-            "1",
-            printed.evaluations,
-            ours["evaluations"],
-            why,
+            "training",
+            printed,
+            network["training_mse"],
+            output=output,
+            allowed=TRAINING_ITERATIONS,
+            reached=_after(network["iterations_to_paper"], "iterations"),
+            starts=len(starts),
+            lowest=starts.min(),
+            highest=starts.max(),
+            **network,
         )
 
 
-def _after(calls: float) -> str:
-    return "never" if pd.isna(calls) else f"after {calls:.0f} evaluations"
+def optimum(printed: PrintedOptimum, ours: pd.Series, **evidence: Any) -> Iterator[Row]:
+    """The paper's optimum, compared with a row of the table optimise_optima."""
+    error = np.degrees(ours["rms"])
+    evidence = {
+        **ours,
+        "name": printed.name,
+        "printed_ratio": printed.crank_length / printed.rod_length,
+        "before": error / (1 - ours["rms_reduction"]),
+        "after": error,
+        "near": _after(ours["evaluations_within_1_percent"]),
+        **evidence,
+    }
+    for key in ("crank_length", "rod_length"):
+        yield number(key, 1e3 * getattr(printed, key), 1e3 * ours[key], **evidence)
+    yield number("reduction", 100 * printed.reduction, 100 * ours["rms_reduction"], **evidence)
+    if printed.evaluations is not None:
+        yield number("evaluations", printed.evaluations, float(ours["evaluations"]), **evidence)
 
 
-def another_end(printed: PrintedOptimum, ends: pd.DataFrame) -> Iterator[Row]:
+def _after(count: float, things: str = "evaluations") -> str:
+    return "never" if pd.isna(count) else f"after {count:.0f} {things}"
+
+
+def other_end(printed: PrintedOptimum, end_points: pd.DataFrame) -> Iterator[Row]:
     """The paper's poorer end point, compared with the poorest one at the loosest stopping
     tolerance."""
-    by_tolerance = dict(list(ends.groupby("tolerance")))
-    tightest, loosest = min(by_tolerance), max(by_tolerance)
-    own, apart = by_tolerance[loosest], 100 * np.ptp(by_tolerance[tightest]["rms_reduction"])
-    why = REMARKS["another_end"].format(
-        number=len(own), loosest=loosest, tightest=tightest, apart=apart
+    tightest, loosest = end_points["tolerance"].agg(["min", "max"])
+    loose = end_points[end_points["tolerance"] == loosest]
+    tight = end_points[end_points["tolerance"] == tightest]
+    text = OTHER_END.format(
+        number=len(loose),
+        loosest=loosest,
+        tightest=tightest,
+        spread=100 * np.ptp(tight["rms_reduction"]),
     )
-    yield from _lengths_and_reduction(
-        printed, own.loc[own["rms_reduction"].idxmin()], why, why, why
-    )
+    poorest = loose.loc[loose["rms_reduction"].idxmin()]
+    for key in ("crank_length", "rod_length"):
+        ours = 1e3 * poorest[key]
+        yield number(key, 1e3 * getattr(printed, key), ours, name=printed.name, evidence=text)
+    ours = 100 * poorest["rms_reduction"]
+    yield number("reduction", 100 * printed.reduction, ours, name=printed.name, evidence=text)
 
 
 def printed_points(optima: pd.DataFrame) -> Iterator[Row]:
     """The error at the paper's lengths with the simulated motion."""
-    points = optima[(optima["source"] == "networks") & (optima["method"] == "printed")].set_index(
-        "point"
-    )
+    points = optima.query("source == 'networks' and method == 'printed'").set_index("point")
     for printed in OPTIMA:
-        ours, theirs = points.loc[printed.key], 1e3 * (1 - printed.reduction) * printed.rod_length
-        why = REMARKS["printed_point"].format(ours=1e3 * ours["invariant"], theirs=theirs)
-        item = f"at the printed lengths of: {printed.name}, error decreases by"
-        yield number(item, "%", 100 * printed.reduction, 100 * ours["rms_reduction"], why)
+        ours = points.loc[printed.key]
+        yield number(
+            "printed_point",
+            100 * printed.reduction,
+            100 * ours["rms_reduction"],
+            name=printed.name,
+            invariant=1e3 * ours["invariant"],
+            printed_invariant=1e3 * (1 - printed.reduction) * printed.rod_length,
+        )
 
 
 # -- claims
 
 
-def contact_claims(first: pd.DataFrame, turned: np.ndarray, scenario: Scenario) -> Iterator[Row]:
-    """Angles `turned` (n,) [deg] of lost contact in the first revolution, and whether gamma2
-    follows the crank."""
-    mechanism, last, shares = scenario.mechanism.applied(), 0.0, []
-    until = CLAIMS["unstable"]["paper"]
+def contact_claims(motion: pd.DataFrame, scenario: Scenario) -> Iterator[Row]:
+    """Where contact is last lost in the first revolution, and whether gamma2 follows the crank."""
+    mechanism, turned = scenario.mechanism.applied(), motion["turned"].to_numpy()
+    lost_at = {}
     for joint in mechanism.loose:
-        lost = first[f"r{JOINT_NUMBERS[joint]}"].to_numpy() < IN_CONTACT * mechanism.clearance(
-            joint
-        )
-        at, rest = float(turned[lost].max(initial=0.0)), lost[turned > until].mean()
-        shares.append(
-            f"{format_name(joint)} at {at:.1f} deg (then {rest:.1%} of the samples without contact)"
-        )
-        last = max(last, at)
-    yield claim(
-        "unstable", last, last <= ABOUT * until, touching=IN_CONTACT, lost="; ".join(shares)
-    )
+        distance = motion[f"r{JOINT_NUMBERS[joint]}"] / mechanism.clearance(joint)
+        is_lost = distance.to_numpy() < CLAIMS["unstable"]["in_contact"]
+        lost_at[format_name(joint)] = float(turned[is_lost].max(initial=0.0))
+    texts = (f"{joint} at {angle:.1f} deg" for joint, angle in lost_at.items())
+    yield claim("unstable", max(lost_at.values()), lost="; ".join(texts))
+
     past = turned >= 60.0
-    gamma, angle = np.degrees(first["gamma2"].to_numpy())[past], turned[past]
-    turns = (gamma[-1] - gamma[0]) / (angle[-1] - angle[0])
-    deviation = gamma - angle
-    deviation -= deviation.mean()
-    rms = np.sqrt(np.mean(deviation**2))
-    yield claim(
-        "gamma2", turns, rms < FOLLOWS, rms=rms, most=np.abs(deviation).max(), limit=FOLLOWS
-    )
+    angle, gamma = turned[past], np.degrees(motion["gamma2"].to_numpy())[past]
+    deviation = gamma - angle - np.mean(gamma - angle)
+    rms, turns = np.sqrt(np.mean(deviation**2)), np.ptp(gamma[[0, -1]]) / np.ptp(angle[[0, -1]])
+    yield claim("gamma2", turns, (rms, rms), rms=rms, peak=np.abs(deviation).max())
 
 
-def deviation_claims(first: pd.DataFrame, turned: np.ndarray, ideal: pd.DataFrame) -> Iterator[Row]:
-    """Deviations from the `ideal` motion over the first revolution, `turned` (n,) [deg]."""
+def deviation_claims(motion: pd.DataFrame, ideal: pd.DataFrame) -> Iterator[Row]:
+    """Deviations from the `ideal` motion over the revolution `motion`."""
+    columns = [name for name in ideal if name.startswith(("rod_", "slider_"))]
+    deviation = (motion[columns] - ideal[columns]).abs()
+    rms, peak = np.sqrt((deviation**2).mean()), deviation.max()
 
-    def sizes(column: str) -> tuple[float, float, float]:
-        """RMS, peak, and the angle of the peak [deg]."""
-        size = (first[column] - ideal[column]).abs().to_numpy()
-        return np.sqrt(np.nanmean(size**2)), np.nanmax(size), turned[np.nanargmax(size)]
-
-    x, y, piston = (
-        1e3 * sizes(name)[1] for name in ("rod_position_x", "rod_position_y", "slider_position")
-    )
-    for key, largest, shown in (
-        ("rod", max(x, y), {"x": x, "y": y}),
-        ("piston", piston, {"x": piston}),
-    ):
-        yield claim(key, largest, largest <= ABOUT * CLAIMS[key]["paper"], about=ABOUT - 1, **shown)
+    x, y, piston = 1e3 * peak[["rod_position_x", "rod_position_y", "slider_position"]]
+    yield claim("rod", max(x, y), x=x, y=y)
+    yield claim("piston", piston)
     for key in ("rod_velocity", "rod_acceleration"):
-        (x, peak_x, _), (y, peak_y, _) = (sizes(f"{key}_{axis}") for axis in "xy")
-        holds = None if abs(y / x - 1) < ALIKE else y > x
-        yield claim(key, y / x, holds, x=x, y=y, peak_x=peak_x, peak_y=peak_y, alike=ALIKE)
-    peaks = {
-        "rod in X": "rod_acceleration_x",
-        "rod in Y": "rod_acceleration_y",
-        "piston": "slider_acceleration",
-    }
-    peaks = {words: sizes(column) for words, column in peaks.items()}
-    latest = max(angle for _, _, angle in peaks.values())
-    where = ", ".join(
-        f"{words} at {angle:.1f} deg by {peak:.4g} m/s^2"
-        for words, (_, peak, angle) in peaks.items()
+        x, y = rms[[f"{key}_x", f"{key}_y"]]
+        peak_x, peak_y = peak[[f"{key}_x", f"{key}_y"]]
+        alike = CLAIMS[key]["alike"]
+        interval = y / x - alike, y / x + alike
+        yield claim(key, y / x, interval, x=x, y=y, peak_x=peak_x, peak_y=peak_y)
+
+    bodies = {"rod in X": "rod_acceleration_x", "rod in Y": "rod_acceleration_y"}
+    bodies["piston"] = "slider_acceleration"
+    places = {body: motion["turned"][deviation[column].idxmax()] for body, column in bodies.items()}
+    texts = (
+        f"{body} at {places[body]:.1f} deg by {peak[column]:.4g} m/s^2"
+        for body, column in bodies.items()
     )
-    yield claim("peaks", latest, latest <= ABOUT * CLAIMS["peaks"]["paper"], where=where)
+    yield claim("peaks", max(places.values()), peaks=", ".join(texts))
 
 
-def superposition_claim(first: pd.DataFrame, ideal: pd.DataFrame, loose: Sequence[str]) -> Row:
+def superposition_claim(motion: pd.DataFrame, ideal: pd.DataFrame, loose: Sequence[str]) -> Row:
     """Share of the piston's deviation explained by the clearances of the `loose` joints along the
     slide."""
-    signs = {
-        number: -1 if number == 3 else 1
-        for number in sorted(JOINT_NUMBERS[joint] for joint in loose)
+    numbers = sorted(JOINT_NUMBERS[joint] for joint in loose)
+    sides = {
+        f"{'-' if number == 3 else '+'} r{number} cos gamma{number}": (
+            (-1 if number == 3 else 1) * motion[f"r{number}"] * np.cos(motion[f"gamma{number}"])
+        )
+        for number in numbers
     }
-    defined = first[[f"gamma{number}" for number in signs]].notna().all(axis=1).to_numpy()
-    deviation = (first["slider_position"] - ideal["slider_position"]).to_numpy()[defined]
-    parts = [
-        sign * (first[f"r{number}"] * np.cos(first[f"gamma{number}"])).to_numpy()[defined]
-        for number, sign in signs.items()
-    ]
-    explained, *alone = (
-        1.0 - np.var(deviation - part) / np.var(deviation) for part in (sum(parts), *parts)
-    )
-    terms = "".join(
-        f" {'-' if sign < 0 else '+'} r{number} cos gamma{number}" for number, sign in signs.items()
-    )
-    shown = {"terms": terms.removeprefix(" + "), "explained": explained, "alone": max(alone)}
-    return claim("superposed", explained, explained > 0.95, **shown)
+    terms = pd.DataFrame(sides).dropna()
+    deviation = (motion["slider_position"] - ideal["slider_position"])[terms.index]
+
+    def explained(part: pd.Series) -> float:
+        return 1.0 - np.var(deviation - part) / np.var(deviation)
+
+    share, best_joint = explained(terms.sum(axis=1)), terms.apply(explained).max()
+    text = " ".join(terms).removeprefix("+ ")
+    return claim("superposed", share, terms=text, explained=share, best_joint=best_joint)
 
 
-def networks_claim(errors: pd.DataFrame, default: int) -> Row:
+def networks_claim(default: pd.DataFrame) -> Row:
     """Held-out errors of the networks against the paper's training errors."""
-    own = errors[(errors["model"] == "network") & (errors["seed"] == default)].set_index("output")
-    ratios = (own["held_out_mse"] / own["paper_mse"]).dropna()
-    worst, why = ratios.idxmax(), ""
-    held_out, training = own.loc[worst, ["held_out_mse", "training_mse"]]
-    if ratios.max() > 1:
-        overfit = " Overfitting: contacts oscillate faster than the training points resolve."
-        why = " The training stopped short." if held_out < 2.0 * training else overfit
-    shown = {"reached": int((ratios <= 1).sum()), "number": len(ratios), "worst": worst, "why": why}
+    ratios = (default["held_out_mse"] / default["paper_mse"]).dropna()
+    output, reached = ratios.idxmax(), int((ratios <= 1).sum())
+    errors = default.loc[output, ["held_out_mse", "training_mse"]]
     return claim(
-        "networks", ratios.max(), ratios.max() <= 1.0, held_out=held_out, training=training, **shown
+        "networks", ratios.max(), reached=reached, number=len(ratios), output=output, **errors
     )
 
 
-def evaluations_claim(found: pd.DataFrame) -> Row:
+def evaluations_claim(optima: pd.DataFrame) -> Row:
     """Evaluations until both optimisers are near the optimum."""
-    genetic, local = (
-        found.loc[method, "evaluations_within_1_percent"] for method in ("genetic", "local")
-    )
-    pairs = zip((genetic, local), OPTIMA[:2], strict=True)
-    enough = all(not pd.isna(own) and own <= printed.evaluations for own, printed in pairs)
-    return claim("evaluations", genetic, enough, genetic=_after(genetic), local=_after(local))
+    genetic, local = optima.loc[["genetic", "local"], "evaluations_within_1_percent"].astype(float)
+    share = np.max([genetic / OPTIMA[0].evaluations, local / OPTIMA[1].evaluations])
+    share = np.inf if np.isnan(share) else share
+    texts = {"genetic": _after(genetic), "local": _after(local)}
+    return claim("evaluations", None if np.isnan(genetic) else genetic, (share, share), **texts)
 
 
-def genetic_claim(found: pd.DataFrame) -> Row:
-    """Genetic against local optimiser."""
-    (genetic, local), (calls, local_calls) = (
-        found.loc[["genetic", "local"], column] for column in ("rms_reduction", "evaluations")
-    )
-    lead = 100 * (genetic - local)
-    shown = {
-        "genetic": genetic,
-        "local": local,
-        "calls": calls,
-        "local_calls": local_calls,
-        "tie": TIE,
-    }
-    return claim("genetic", lead, lead > TIE, **shown)
+def optimiser_claims(optima: pd.DataFrame, end_points: pd.DataFrame) -> Iterator[Row]:
+    """Genetic against local optimiser, and the number of end points of the local one."""
+    genetic, local = optima.loc[["genetic", "local"], "rms_reduction"]
+    evaluations, local_evaluations = optima.loc[["genetic", "local"], "evaluations"]
+    counts = {"evaluations": evaluations, "local_evaluations": local_evaluations}
+    yield claim("genetic", 100 * (genetic - local), genetic=genetic, local=local, **counts)
 
-
-def minima_claim(ends: pd.DataFrame) -> Row:
-    """Number of end points of the local searches, at the tightest and the loosest tolerance."""
-    counts = {
-        tolerance: distinct(part[["crank_length", "rod_length"]].to_numpy())
-        for tolerance, part in ends.groupby("tolerance")
-    }
-    tightest, loosest = min(counts), max(counts)
-    few, many = counts[tightest], counts[loosest]
-    shown = {
-        "apart": 1e6 * ONE_POINT,
-        "few": few,
-        "many": many,
-        "tightest": tightest,
-        "loosest": loosest,
-    }
-    return claim("minima", few, few > 1, **shown)
+    lengths = end_points.groupby("tolerance")[["crank_length", "rod_length"]]
+    counts = {tolerance: distinct(points.to_numpy()) for tolerance, points in lengths}
+    if len(counts) > 1:  # the variants search with several tolerances
+        tightest, loosest = min(counts), max(counts)
+        few, many = counts[tightest], counts[loosest]
+        yield claim("minima", few, few=few, many=many, tightest=tightest, loosest=loosest)
 
 
 def distinct(points: np.ndarray) -> int:
-    """Number of points, shape (n, 2) [m], that are farther than `ONE_POINT` from every earlier
+    """Number of points, shape (n, 2) [m], that are farther than `SAME_POINT` from every earlier
     one."""
-    kept: list[np.ndarray] = []
-    for point in points:
-        if all(np.hypot(*(point - other)) > ONE_POINT for other in kept):
-            kept.append(point)
-    return len(kept)
+    count = 0
+    while len(points):
+        points = points[np.hypot(*(points - points[0]).T) > SAME_POINT]
+        count += 1
+    return count
 
 
-def gain_claims(again: pd.DataFrame, worth: pd.DataFrame, scenario: Scenario) -> Iterator[Row]:
+def gain_claims(resimulated: pd.DataFrame, worth: pd.DataFrame, box: str) -> Iterator[Row]:
     """Whether the gain of the genetic algorithm's lengths remains when simulated again."""
-    point = f"networks_{next(iter(scenario.optimise.boxes))}_genetic"
-    rows = again[(again["point"] == point) & (again["measure"] == "rms")].set_index("stretch")
-    machine = worth[(worth["point"] == point) & (worth["cycle"] == "simulated")].iloc[0]
-    stroke, angle = (
-        1e3 * machine["stroke_change"],
-        np.degrees(machine["smallest_transmission_angle_change"]),
-    )
+    point = f"networks_{box}_genetic"
+    gains = resimulated.query(f"point == {point!r} and measure == 'rms'").set_index("stretch")
+    change = worth.query(f"point == {point!r} and cycle == 'simulated'").iloc[0]
+    side_effects = {
+        "stroke": 1e3 * change["stroke_change"],
+        "angle": np.degrees(change["smallest_transmission_angle_change"]),
+    }
     for stretch in ("window", "settled"):
-        row = rows.loc[stretch]
-        holds = True if row["reduction_low"] > 0 else False if row["reduction_high"] < 0 else None
-        before, after = np.degrees([row["original_error"], row["error"]])
-        shown = {"before": before, "after": after, "stroke": stroke, "angle": angle}
-        yield claim(f"gain_{stretch}", 100 * row["reduction"], holds, **row, **shown)
+        gain = gains.loc[stretch]
+        original, optimised = np.degrees([gain["original_error"], gain["error"]])
+        interval = gain["reduction_low"], gain["reduction_high"]
+        texts = {**gain, **side_effects, "before": original, "after": optimised}
+        yield claim(f"gain_{stretch}", 100 * gain["reduction"], interval, **texts)
 
 
 # -- scenarios that differ only in their loose joints
@@ -407,11 +346,11 @@ def looseness_variants(name: str, scenarios: Mapping[str, Scenario]) -> tuple[st
     The training of networks may differ. Scenarios without a loose joint have no optimum and are
     excluded.
     """
-    wanted = _apart_from_looseness(scenarios[name])
+    scope = _apart_from_looseness(scenarios[name])
     return tuple(
-        other
-        for other, scenario in scenarios.items()
-        if scenario.mechanism.applied().loose and _apart_from_looseness(scenario) == wanted
+        variant
+        for variant, scenario in scenarios.items()
+        if scenario.mechanism.applied().loose and _apart_from_looseness(scenario) == scope
     )
 
 
@@ -431,66 +370,44 @@ def variant_optimum(name: str, scenario: Scenario, resimulated: pd.DataFrame) ->
     Optima found with networks would depend on their training, which may differ between scenarios.
     """
     point = f"simulation_{next(iter(scenario.optimise.boxes))}_genetic"
-    rows = resimulated[
-        (resimulated["point"] == point) & (resimulated["measure"] == "rms")
-    ].set_index("stretch")
-    if rows.empty:
+    gains = resimulated.query(f"point == {point!r} and measure == 'rms'").set_index("stretch")
+    if gains.empty:
         return None
-    window, applied = rows.loc["window"], scenario.mechanism.applied()
-    columns = {"reduction": "reduction", "low": "reduction_low", "high": "reduction_high"}
-    columns |= {name: name for name in ("original_error", "error")}
+    applied, window = scenario.mechanism.applied(), gains.loc["window"]
+    journals = (f"{format_name(joint)} ({applied.joint(joint).journal})" for joint in applied.loose)
     return {
         "scenario": name,
-        "loose": ", ".join(
-            f"{format_name(joint)} ({applied.joint(joint).journal})" for joint in applied.loose
-        ),
+        "loose": ", ".join(journals),
         "loose_joints": len(applied.loose),
-        "found_settled": float(rows.loc["settled", "reduction"]),
-    } | {f"found_{name}": float(window[column]) for name, column in columns.items()}
-
-
-def more_is_better(variants: pd.DataFrame) -> bool | None:
-    """Whether the reduction grows with the number of loose joints, spreads included; None where
-    undecided.
-
-    `variants` are rows of `variant_optimum`.
-    """
-    pairs = variants.merge(variants, how="cross", suffixes=("_few", "_many"))
-    pairs = pairs.query("loose_joints_few < loose_joints_many")
-    if (pairs["found_high_many"] < pairs["found_low_few"]).any():
-        return False
-    return (
-        True if len(pairs) and (pairs["found_low_many"] > pairs["found_high_few"]).all() else None
-    )
+        "found_reduction": float(window["reduction"]),
+        "found_low": float(window["reduction_low"]),
+        "found_high": float(window["reduction_high"]),
+        "found_settled": float(gains.loc["settled", "reduction"]),
+        "found_original_error": float(window["original_error"]),
+        "found_error": float(window["error"]),
+    }
 
 
 def joints_claim(variants: pd.DataFrame) -> Row:
-    """The claim that more loose joints gain more, from scenarios that differ only in their loose
-    joints."""
+    """The claim that more loose joints gain more, from rows of `variant_optimum`."""
     if variants.empty or variants["loose_joints"].nunique() < 2:
-        return claim("joints", None, None, why=REMARKS["too_few"])
+        return claim("joints", None, variants=CONCLUSIONS["too few"])
     means = variants.groupby("loose_joints")["found_reduction"].mean()
-    numbers = "; ".join(
-        f"{row.loose_joints} loose ({row.scenario}): {row.found_reduction:.2%} ({row.found_low:.2%}"
-        f" to {row.found_high:.2%})"
-        for row in variants.sort_values("loose_joints", kind="stable").itertuples()
+    pairs = variants.merge(variants, how="cross", suffixes=("_few", "_many"))
+    pairs = pairs.query("loose_joints_few < loose_joints_many")
+    leads = (
+        (pairs["found_low_many"] - pairs["found_high_few"]).min(),
+        (pairs["found_high_many"] - pairs["found_low_few"]).min(),
     )
-    why = REMARKS["measured"].format(numbers=numbers, conclusion=conclusion(variants))
-    return claim(
-        "joints", 100 * (means.iloc[-1] - means.iloc[0]), more_is_better(variants), why=why
-    )
-
-
-def conclusion(variants: pd.DataFrame) -> str:
-    """Conclusion on the number of loose joints."""
-    verdict = more_is_better(variants)
-    if verdict is not False:
-        return REMARKS["undecided" if verdict is None else "more"]
+    row = claim("joints", 100 * (means.iloc[-1] - means.iloc[0]), leads, variants="")
     ranked = variants.sort_values("found_reduction")
-    (least, most), (in_least, in_most) = (
-        ranked[name].iloc[[0, -1]] for name in ("scenario", "loose_joints")
+    (least, most), (least_joints, most_joints) = (
+        ranked[column].iloc[[0, -1]] for column in ("scenario", "loose_joints")
     )
-    return REMARKS["other"].format(most=most, least=least, in_most=in_most, in_least=in_least)
+    row["sentence"] = CONCLUSIONS[row["verdict"]].format(
+        most=most, least=least, most_joints=most_joints, least_joints=least_joints
+    )
+    return row
 
 
 # -- page
@@ -498,11 +415,6 @@ def conclusion(variants: pd.DataFrame) -> str:
 
 def comparison_page(comparison: pd.DataFrame, scenario: Scenario) -> Page:
     """The page of the table `comparison`."""
-    counts = (
-        f"{kind.capitalize()}s:"
-        f" {', '.join(f'{verdict} {n}' for verdict, n in rows['verdict'].value_counts().items())}."
-        for kind, rows in comparison.groupby("kind", sort=False)
-    )
     if differences := departures(scenario.mechanism, scenario.simulate):
         basis = (
             f"This mechanism is not the paper's ({'; '.join(differences)}), so only claims without"
@@ -510,34 +422,34 @@ def comparison_page(comparison: pd.DataFrame, scenario: Scenario) -> Page:
         )
     else:
         basis = (
-            f"A number agrees within {AGREES:.0%} of the paper's, an optimum length within"
-            f" {LENGTH_AGREES:.1%}. No parameter is tuned to match: contact parameters, bounds and"
-            " window are those of the configuration."
+            f"A number agrees within {NUMBERS['reduction']['within']:.0%} of the paper's, an"
+            f" optimum length within {NUMBERS['crank_length']['within']:.1%}. No parameter is tuned"
+            " to match: contact parameters, bounds and window are those of the configuration."
         )
-    texts = (scenario.description, f"{' '.join(counts)} {basis}")
-    blocks: list[Block] = [Paragraph(text) for text in texts if text]
-    for kind, title, why in (
-        ("number", "Printed numbers", "remark"),
-        ("claim", "Claims", "evidence"),
+    blocks: list[Block] = [Paragraph(scenario.description)] if scenario.description else []
+    counts, tables = [], []
+    for title, rows in comparison.groupby(
+        comparison["kind"].map({"number": "Printed numbers", "claim": "Claims"}), sort=False
     ):
-        rows = comparison[comparison["kind"] == kind]
-        if len(rows):
-            heads = (kind, "unit", "paper", "simulation", "simulation / paper", "verdict", why)
-            blocks += [
-                Heading(title),
-                TableBlock(heads, tuple(map(_cells, rows.itertuples())), "llrrrll"),
-            ]
-    return Page("Comparison with the paper", tuple(blocks))
+        verdicts = (f"{name} {count}" for name, count in rows["verdict"].value_counts().items())
+        counts.append(f"{title}: {', '.join(verdicts)}.")
+        tables += [Heading(title), TableBlock.of(map(_cells, rows.itertuples()), "llrrrll")]
+    return Page(
+        "Comparison with the paper",
+        (*blocks, Paragraph(" ".join([*counts, basis])), *tables),
+    )
 
 
-def _cells(row) -> tuple[str | Cell, ...]:
-    numbers = (
+def _cells(row) -> dict[str, str | Cell]:
+    paper, ours, ratio = (
         "–" if pd.isna(value) else f"{value:.6g}" for value in (row.paper, row.ours, row.ratio)
     )
-    return (
-        row.item,
-        row.unit,
-        *numbers,
-        Cell(row.verdict, _TONES.get(row.verdict, "open")),
-        row.sentence,
-    )
+    return {
+        row.kind: row.item,
+        "unit": row.unit,
+        "paper": paper,
+        "simulation": ours,
+        "simulation / paper": ratio,
+        "verdict": Cell(row.verdict, TONES.get(row.verdict, "open")),
+        "remark" if row.kind == "number" else "evidence": row.sentence,
+    }

@@ -31,7 +31,9 @@ TRAINING_MSE: dict[str, float] = _PRINTED["training_mse"]
 TRAINING_ITERATIONS: int = _PRINTED["training_iterations"]
 OPTIMA = tuple(PrintedOptimum(**optimum) for optimum in _PRINTED["optima"])
 CLAIMS: dict[str, dict[str, Any]] = _PRINTED["claims"]
-REMARKS: dict[str, str] = _PRINTED["remarks"] | _PRINTED["joints"]
+NUMBERS: dict[str, dict[str, Any]] = _PRINTED["numbers"]
+OTHER_END: str = _PRINTED["other_end"]
+CONCLUSIONS: dict[str, str] = _PRINTED["joints"]
 CLEARANCE_M, CRANK_M, ROD_M, SPEED_RPM = (
     _PRINTED["mechanism"][key] for key in ("clearance", "crank", "rod", "speed_rpm")
 )

@@ -18,7 +18,7 @@ from jointgap.core.page import (
 )
 from jointgap.core.schema import OVERVIEW
 from jointgap.core.words import format_falls, format_range
-from jointgap.paper.compare import conclusion, looseness_variants, variant_optimum
+from jointgap.paper.compare import joints_claim, looseness_variants, variant_optimum
 from jointgap.scenario.figures import FIGURES
 
 NEEDED = ("fit_errors", "optimise_optima", "optimise_resimulated", "comparison")
@@ -167,6 +167,6 @@ def _by_count(table: pd.DataFrame) -> Iterator[Block]:
         yield Paragraph(
             "These scenarios differ only in their loose joints. RMS reductions, simulated again,"
             " at the lengths that the genetic algorithm finds with the motion of the same"
-            f" simulation. {conclusion(rows)}"
+            f" simulation. {joints_claim(rows)['sentence']}"
         )
         yield TableBlock.of(cells, "rllrrrr")
