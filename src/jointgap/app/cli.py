@@ -241,7 +241,7 @@ def analyse(campaign: Path, folder: Path | None, anyway: bool) -> None:
     `make campaign` does the same with parallel stages, resumes interrupted runs, and optimises
     again.
     """
-    from jointgap.app.report import verdict_lines
+    from jointgap.app.run_summary import verdict_lines
     from jointgap.campaign.analyse import analyse as analyse_campaign
     from jointgap.campaign.page import show
     from jointgap.campaign.state import CampaignState
