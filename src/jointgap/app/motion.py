@@ -88,31 +88,28 @@ class Motion(Result):
     def figures(self) -> Mapping[str, str]:
         """Names for `plot`, with the titles of the figures; the first is the default."""
         loose = self.mechanism.applied().loose
-        first = "orbits" if loose else "drive_and_guide"
-        names = sorted(_MOTION_FIGURES, key=lambda name: name != first)
-        titles = {
-            name: FIGURES[_MOTION_FIGURES[name]].title.partition(" (")[0] for name in names
-        }  # without the paper's figure numbers
-        return {
-            name: title for name, title in titles.items() if loose or name not in _OF_LOOSE_JOINTS
+        default = "orbits" if loose else "drive_and_guide"
+        names = sorted(_MOTION_FIGURES, key=lambda name: name != default)
+        return {  # titles without the paper's figure numbers
+            name: FIGURES[_MOTION_FIGURES[name]].title.partition(" (")[0]
+            for name in names
+            if loose or name not in _OF_LOOSE_JOINTS
         }
 
     def _draw(self, name: str) -> "Drawing":
         from jointgap.scenario.kinematics import linkage_frames, motion_table
 
-        mechanism, spec = self.mechanism.applied(), FIGURES[_MOTION_FIGURES[name]]
-        frames = {"trajectory": self.samples, "events": self.events}
-        if "kinematics" in spec.tables:
-            first = self.samples.iloc[: self.options.samples_per_revolution + 1]
-            frames["kinematics"] = motion_table(
-                linkage_frames(mechanism, first), first["crank_angle"].to_numpy()
+        mechanism, figure = self.mechanism.applied(), _MOTION_FIGURES[name]
+        tables = {"trajectory": self.samples, "events": self.events}
+        if "kinematics" in FIGURES[figure].tables:
+            revolution = self.samples.iloc[: self.options.samples_per_revolution + 1]
+            tables["kinematics"] = motion_table(
+                linkage_frames(mechanism, revolution), revolution["crank_angle"].to_numpy()
             )
         # the figures expect a scenario: the last revolution is the settled one
-        last = Optimise(ensemble={"settled_revolution": self.options.revolutions})
-        scenario = Scenario(mechanism=mechanism, simulate=self.options).model_copy(
-            update={"optimise": last}
-        )
-        return FIGURES.draw(_MOTION_FIGURES[name], frames, scenario)
+        settled = Optimise(ensemble={"settled_revolution": self.options.revolutions})
+        scenario = Scenario(mechanism=mechanism, simulate=self.options)
+        return FIGURES.draw(figure, tables, scenario.model_copy(update={"optimise": settled}))
 
     @property
     def facts(self) -> list[Fact]:
@@ -192,13 +189,10 @@ def simulate(
     """
     options = simulate_options(options, keys)
     run = simulated(checked_mechanism(mechanism), options, perturbation)
-    samples, events = (
-        with_units(schema.TRAJECTORY, run.samples),
-        with_units(schema.EVENTS, run.events),
-    )
-    return Motion(
-        mechanism, options, samples, events, run.steps, sentences(mechanism, options.highest_speed)
-    )
+    samples = with_units(schema.TRAJECTORY, run.samples)
+    events = with_units(schema.EVENTS, run.events)
+    warnings = sentences(mechanism, options.highest_speed)
+    return Motion(mechanism, options, samples, events, run.steps, warnings)
 
 
 def checked_mechanism(mechanism: Any) -> Mechanism:
@@ -219,8 +213,8 @@ def simulate_options(options: Any, keys: Mapping[str, Any]) -> Simulate:
 def _of_kind(value: Any, kind: type, name: str, fix: str) -> Any:
     if isinstance(value, kind):
         return value
-    given = "text" if isinstance(value, str) else f"of type {type(value).__name__}"
-    raise InputError(f"{name}: is {given}, not a {kind.__name__}; {fix}")
+    wrong = "text" if isinstance(value, str) else f"of type {type(value).__name__}"
+    raise InputError(f"{name}: is {wrong}, not a {kind.__name__}; {fix}")
 
 
 def without_none(**keys: Any) -> dict[str, Any]:

@@ -95,20 +95,20 @@ class Optimum(Result):
     @property
     def facts(self) -> list[Fact]:
         """Lengths, objective, reduction, dead centres and forces, before and after."""
-        found, gain = self._outcome, self._outcome.gain
-        (old_crank, old_rod), (crank, rod) = found.original, found.lengths
-        before, after = (row for _, row in found.pair("optimise_worth", "simulated").iterrows())
-        words = f"RMS {found.goal.words}" if found.is_of_angle else found.goal.words
-        size = f"{words} over {found.stretch_label(found.stretch)}"
+        outcome, gain = self._outcome, self._outcome.gain
+        (old_crank, old_rod), (crank, rod) = outcome.original, outcome.lengths
+        before, after = (row for _, row in outcome.pair("optimise_worth", "simulated").iterrows())
+        words = f"RMS {outcome.goal.words}" if outcome.is_of_angle else outcome.goal.words
+        size = f"{words} over {outcome.stretch_label(outcome.stretch)}"
         facts = [
             Fact("crank_length", 1e3 * crank, "mm"),
             Fact("change_of_the_crank_length", 1e3 * (crank - old_crank), "mm"),
             Fact("rod_length", 1e3 * rod, "mm"),
             Fact("change_of_the_rod_length", 1e3 * (rod - old_rod), "mm"),
-            Fact("active_bounds", joined(found.bounds) or "none"),
+            Fact("active_bounds", joined(outcome.bounds) or "none"),
         ]
-        for when, value in zip(("before", "after"), found.sizes, strict=True):
-            facts.append(Fact(f"objective/{when}", value, found.goal.unit, f"{size}, {when}"))
+        for when, value in zip(("before", "after"), outcome.sizes, strict=True):
+            facts.append(Fact(f"objective/{when}", value, outcome.goal.unit, f"{size}, {when}"))
         for key, label in _REDUCTIONS.items():
             facts.append(Fact(key, 100.0 * float(gain[key]), "%", label))
         for name in ("stroke", "outer_dead_centre", "inner_dead_centre"):
@@ -116,7 +116,7 @@ class Optimum(Result):
             facts.append(
                 Fact(f"{name}/change", 1e3 * float(after[name] - before[name]), "mm", label)
             )
-        for when, force in zip(("before", "after"), found.peak_force, strict=True):
+        for when, force in zip(("before", "after"), outcome.peak_force, strict=True):
             label = f"largest force in a pin, {when}"
             facts.append(Fact(f"largest_pin_force/{when}", float(force), "N", label))
         return facts
@@ -178,13 +178,12 @@ def optimise(
     >>> best = jg.optimise(mechanism, speed="600 rpm", boxes={"near": box})
     >>> best.plot("valley").save("valley.png")
     """
-    from jointgap.lengths.optimise import optimise as optimised
+    from jointgap.lengths.optimise import optimise as find_optima
 
-    driven = {key: keys.pop(key) for key in Simulate.model_fields if key in keys}
-    simulated_so = simulate_options(options, driven)
-    sections = {
+    drive = {key: keys.pop(key) for key in Simulate.model_fields if key in keys}
+    sections: dict[str, Any] = {
         "mechanism": checked_mechanism(mechanism),
-        "simulate": simulated_so,
+        "simulate": simulate_options(options, drive),
         "optimise": Optimise(**keys),
     }
     if networks or surrogate:
@@ -197,32 +196,30 @@ def optimise(
             " a joint loose"
         )
     motion = simulate(mechanism, scenario.simulate)
-    trained = {}
-    if "surrogate" in sections:
+    fits, errors = {}, pd.DataFrame(columns=schema.FIT_ERRORS.names)
+    training_points = 2  # without networks all samples are used: only both ends are training points
+    if scenario.networks:
         from jointgap.networks.train import train  # slow import: PyTorch
 
-        for name in outputs(applied.loose):
-            if "_" not in name:  # the search requires the clearance vectors only
-                trained[name] = train(motion.samples, name, scenario.surrogate)
-    fits = (
-        {"networks": {name: own[0].network.values_and_slopes for name, own in trained.items()}}
-        if trained
-        else {}
+        # the search requires the clearance vectors only
+        names = [name for name in outputs(applied.loose) if "_" not in name]
+        trained = {name: train(motion.samples, name, scenario.surrogate) for name in names}
+        functions = {name: seeds[0].network.values_and_slopes for name, seeds in trained.items()}
+        fits = {"networks": functions}
+        errors = pd.concat([fit.errors() for seeds in trained.values() for fit in seeds])
+        training_points = scenario.surrogate.training_points
+    search = find_optima(
+        applied, scenario.simulate, scenario.optimise, training_points, motion.samples, fits
     )
-    # without networks all samples are used: only the two ends are training points
-    points = scenario.surrogate.training_points if trained else 2
-    found = optimised(applied, scenario.simulate, scenario.optimise, points, motion.samples, fits)
     tables = {
-        table.name: getattr(found, table.name.removeprefix("optimise_")) for table in _WRITTEN
+        table.name: getattr(search, table.name.removeprefix("optimise_")) for table in _WRITTEN
     }
-    errors = [one.errors() for own in trained.values() for one in own]
-    errors = pd.concat(errors) if errors else pd.DataFrame(columns=schema.FIT_ERRORS.names)
     result = outcome(tables | {"fit_errors": errors}, scenario)
     if result.status == "infeasible":
         advice = remarks(result)[0].rstrip(".")
         raise InputError(f"optimise: {headline(result)}; {advice[0].lower()}{advice[1:]}")
-    shown = {
+    with_their_units = {
         table.name.removeprefix("optimise_"): with_units(table, tables[table.name])
         for table in _WRITTEN
     }
-    return Optimum(applied.with_lengths(*result.lengths), motion, shown, result)
+    return Optimum(applied.with_lengths(*result.lengths), motion, with_their_units, result)

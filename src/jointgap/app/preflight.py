@@ -117,8 +117,9 @@ def preflight(campaign: Path | str, advice: bool = True) -> Preflight:
     >>> plan = jg.preflight("config/campaigns/demonstration.yaml", advice=False)
     >>> plan.plot("detectable").save("detectable.png")
     """
-    planned = load.load_campaign(campaign_file(campaign))
-    frames = plan.preflight_tables(planned, FALSE_ALARM_RATE, advice=advice)
-    return Preflight(
-        planned.name, **{name: with_units(schema.TABLES[name], own) for name, own in frames.items()}
-    )
+    loaded = load.load_campaign(campaign_file(campaign))
+    tables = plan.preflight_tables(loaded, FALSE_ALARM_RATE, advice=advice)
+    with_their_units = {
+        name: with_units(schema.TABLES[name], table) for name, table in tables.items()
+    }
+    return Preflight(loaded.name, **with_their_units)

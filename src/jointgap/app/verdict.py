@@ -83,18 +83,23 @@ class Verdict(Result):
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """The named effects, one entry per parameter."""
-        found = []
+        findings = []
         for effect in self.document["effects"]:
-            words, name, site = say.format_effect(effect), effect["name"], effect["site"]
-            for parameter, own in effect["parameters"].items():
-                size, interval = (
-                    (own["value"], say.estimate_unit(effect, parameter), own.get("sd")),
-                    own.get("interval_90"),
+            for parameter, estimate in effect["parameters"].items():
+                interval = estimate.get("interval_90")
+                findings.append(
+                    Finding(
+                        effect=say.format_effect(effect),
+                        name=effect["name"],
+                        site=effect["site"],
+                        parameter=parameter,
+                        size=estimate["value"],
+                        unit=say.estimate_unit(effect, parameter),
+                        sd=estimate.get("sd"),
+                        interval=interval and tuple(interval),
+                    )
                 )
-                found.append(
-                    Finding(words, name, site, parameter, *size, interval and tuple(interval))
-                )
-        return tuple(found)
+        return tuple(findings)
 
     @property
     def effect(self) -> str | None:
@@ -246,9 +251,6 @@ def campaign_file(path: Path | str) -> Path:
     )
     if len(files) != 1:
         names = ", ".join(file.name for file in files)
-        what = (
-            f"contains {f'several campaign files ({names})' if files else 'no campaign file'}; give"
-            " the path of one"
-        )
-        raise InputError(f"{path}: {what}")
+        what = f"several campaign files ({names})" if files else "no campaign file"
+        raise InputError(f"{path}: contains {what}; give the path of one")
     return files[0]
