@@ -16,21 +16,31 @@ TYPE_CHECKING = False  # as checkers know it; typing would take longer to load t
 __version__ = "0.1.0"
 
 _PUBLIC = {
-    "jointgap.app.api": (
-        "Finding",
-        "Motion",
+    "jointgap.app.ensemble": (
         "Motions",
+        "ensemble",
+    ),
+    "jointgap.app.motion": (
+        "Motion",
+        "simulate",
+    ),
+    "jointgap.app.optimum": (
         "Optimum",
+        "optimise",
+    ),
+    "jointgap.app.preflight": (
         "Preflight",
+        "preflight",
+    ),
+    "jointgap.app.sweep": (
         "SweptDesigns",
+        "sweep",
+    ),
+    "jointgap.app.verdict": (
+        "Finding",
         "Verdict",
         "analyse",
-        "ensemble",
-        "optimise",
-        "preflight",
         "read_verdict",
-        "simulate",
-        "sweep",
     ),
     "jointgap.config": (
         "Box",
@@ -92,22 +102,12 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:  # what __getattr__ gives, for editors and type checkers
-    from jointgap.app.api import (
-        Finding,
-        Motion,
-        Motions,
-        Optimum,
-        Preflight,
-        SweptDesigns,
-        Verdict,
-        analyse,
-        ensemble,
-        optimise,
-        preflight,
-        read_verdict,
-        simulate,
-        sweep,
-    )
+    from jointgap.app.ensemble import Motions, ensemble
+    from jointgap.app.motion import Motion, simulate
+    from jointgap.app.optimum import Optimum, optimise
+    from jointgap.app.preflight import Preflight, preflight
+    from jointgap.app.sweep import SweptDesigns, sweep
+    from jointgap.app.verdict import Finding, Verdict, analyse, read_verdict
     from jointgap.config import (
         Box,
         ConstantDrive,

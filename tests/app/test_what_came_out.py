@@ -5,7 +5,7 @@ import json
 import pytest
 
 from jointgap.app import report
-from jointgap.app.report import optimum_lines, scenarios_without_optimum, verdict_lines
+from jointgap.app.run_summary import optimum_lines, scenarios_without_optimum, verdict_lines
 from jointgap.config import Scenario, load_mechanism
 from jointgap.core.errors import InputError
 from jointgap.core.page import to_markdown

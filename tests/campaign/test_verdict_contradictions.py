@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 
 from benchmarks.project import ROOT
-from jointgap.app.report import verdict_lines
+from jointgap.app.run_summary import verdict_lines
 from jointgap.campaign import verdict_json
 from jointgap.campaign.fits_on_disk import outcome_of, outcome_with_law
 from jointgap.campaign.page import page

@@ -8,12 +8,7 @@ import shutil
 import pytest
 
 from benchmarks.project import ROOT, SMOKE_REPORT, copy_project, run, smoke_command
-from jointgap.app import report as report_page
-from jointgap.config import resolve
-from jointgap.config.yaml_files import read_yaml
-from jointgap.core.page import to_html
 from jointgap.scenario.figures import FIGURES
-from jointgap.scenario.results import ScenarioResults
 from tests.catalogue import each
 from tests.scenario.mlflow_store import client_of, runs_of
 from tests.workflow.conftest import tables
@@ -84,26 +79,6 @@ def test_the_report_is_one_small_file_with_what_came_out_and_every_figure_in_the
     order = list(dict.fromkeys(spec.category for spec in STILL))
     by_category = sorted(zip([order.index(spec.category) for spec in STILL], places, strict=True))
     assert [place for _, place in by_category] == sorted(places)
-
-
-def test_a_report_that_would_be_too_large_shows_some_figures_and_links_the_others(
-    smoke, monkeypatch
-):
-    config = read_yaml(smoke.folder / "config/config.yaml") | read_yaml(
-        smoke.folder / "config/smoke.yaml"
-    )
-    scenario = resolve(config, (smoke.folder,))["smoke"]
-    folder = smoke.folder / "results"
-    monkeypatch.setattr(report_page, "MOST_BYTES", 0)
-    page = to_html(
-        report_page.page({"smoke": ScenarioResults(folder / "smoke", scenario)}, [], folder), folder
-    )
-    assert page.count("<img") == 5
-    linked = set(re.findall(r"href='\./(smoke/figures/[^']*\.png)'", page))
-    assert len(linked) == len(FIGURES.still) - 4 and all(
-        (folder / path).is_file() for path in linked
-    )
-    assert all(spec.caption in text_of(page) for spec in STILL)
 
 
 def test_the_runs_in_mlflow_are_those_of_the_golden_list(smoke):

@@ -72,7 +72,7 @@ rule campaigned:
 
 # What could not be made beside a verdict, and a scenario without an optimum, make the run a failed one, though all is there.
 onsuccess:
-    from jointgap.app.report import optimum_lines, scenarios_without_optimum, verdict_lines
+    from jointgap.app.run_summary import optimum_lines, scenarios_without_optimum, verdict_lines
     from jointgap.campaign.campaign_files import failures
 
     made = {(job.rule.name, *job.wildcards) for job in workflow.dag.jobs}

@@ -242,7 +242,7 @@ def analyse(campaign: Path, folder: Path | None, anyway: bool) -> None:
     `make campaign` does the same with parallel stages, resumes interrupted runs, and optimises
     again.
     """
-    from jointgap.app.report import verdict_lines
+    from jointgap.app.run_summary import verdict_lines
     from jointgap.campaign.analyse import analyse as analyse_campaign
     from jointgap.campaign.page import show
     from jointgap.campaign.state import CampaignState
@@ -678,17 +678,11 @@ def report(
     show_default=True,
     help="First port to try.",
 )
-@click.option(
-    "--browser/--no-browser",
-    default=True,
-    show_default=True,
-    help="Open the comparison in the browser.",
-)
-def dashboard(results: Path, port: int, browser: bool) -> None:
-    """Serve MLflow's pages locally, and open the comparison of the scenarios."""
+def dashboard(results: Path, port: int) -> None:
+    """Serve MLflow's pages locally, and print links to the comparisons of scenarios."""
     from jointgap.app.dashboard import dashboard
 
-    dashboard(results, port, say=click.echo, browse=browser)
+    dashboard(results, port, say=click.echo)
 
 
 @cli.command()
@@ -791,57 +785,30 @@ def schema(path: Path | None, campaign: bool) -> None:
         write_text(path, text)
 
 
-_SECONDS_OF_SILENCE = 2.0  # no progress before
 _SECONDS_BETWEEN_LINES = 60.0
+_SECONDS_ON_A_TERMINAL = 2.0
 
 
 @contextmanager
 def progress_shown() -> Iterator[None]:
-    """Show the progress of long computations: bars on a terminal, otherwise a line from time to
-    time."""
-    terminal = sys.stderr.isatty() and os.environ.get("TERM", "dumb") != "dumb"
-    last, bars, tasks = time.monotonic(), None, {}
+    """Show the progress of long computations: on a terminal in one line that is overwritten and at
+    the end removed, otherwise a line a minute."""
+    is_terminal = sys.stderr.isatty() and os.environ.get("TERM", "dumb") != "dumb"
+    interval = _SECONDS_ON_A_TERMINAL if is_terminal else _SECONDS_BETWEEN_LINES
+    last_time = time.monotonic()
 
-    def hear(what: str, done: int, total: int | None) -> None:
-        nonlocal last, bars
+    def show(task: str, done: int, total: int | None) -> None:
+        nonlocal last_time
         now = time.monotonic()
-        if not terminal and now - last >= _SECONDS_BETWEEN_LINES:
-            last = now
-            print(
-                f"jointgap: {what}: {done}{f' of {total}' if total else ''}",
-                file=sys.stderr,
-                flush=True,
-            )
-        elif terminal and now - last >= _SECONDS_OF_SILENCE:
-            bars = bars or _started()
-            if what not in tasks:
-                tasks[what] = bars.add_task(what, total=total)
-            bars.update(tasks[what], completed=done, total=total, visible=done != total)
+        if is_terminal and done == total:
+            click.echo("\r\x1b[K", nl=False, err=True)
+        elif now - last_time >= interval:
+            last_time = now
+            line = f"jointgap: {task}: {done}{f' of {total}' if total else ''}"
+            click.echo(f"\r{line}\x1b[K" if is_terminal else line, nl=not is_terminal, err=True)
 
-    with progress_listener(hear):
-        try:
-            yield
-        finally:
-            if bars is not None:
-                bars.stop()
-
-
-def _started() -> Any:
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-    )
-    # the command's output may be redirected; the bars stay on the terminal
-    bars = Progress(
-        *columns, transient=True, console=Console(stderr=True), redirect_stdout=sys.stdout.isatty()
-    )
-    bars.start()
-    return bars
+    with progress_listener(show):
+        yield
 
 
 def main() -> None:

@@ -3,9 +3,9 @@
 import json
 import os
 import socket
-import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
@@ -62,76 +62,34 @@ _TRAINING = "workflowType=machine_learning"
 _VIEW = "jointgap"
 """Name of the view, stored in a tag of the experiment, that has the columns."""
 
-_WIDTH, _MARGIN, _WIDEST = (
-    8,
-    40,
-    240,
-)  # [px] of a character, of a column's margins, of the column of names
-
-_WAIT_AND_OPEN = """
-import sys, time, urllib.request, webbrowser
-base, link = sys.argv[1:]
-for _ in range(120):
-    try:
-        urllib.request.urlopen(base, timeout=2).close()
-    except OSError:
-        time.sleep(0.5)
-    else:
-        webbrowser.open(link)
-        break
-"""
+_CHARACTER, _MARGIN, _NAMES = 8, 40, 240
+"""Widths [px] of a character, of a column's margins, of the column of names."""
 
 
-def dashboard(
-    results: Path, port: int = 5000, say: Callable[[str], object] = print, browse: bool = False
-) -> None:
+def dashboard(results: Path, port: int = 5000, say: Callable[[str], object] = print) -> None:
     """Print the links, then become MLflow's server until it is interrupted."""
     address = store_address(results)
-    remote, file = address.startswith("http"), sqlite_file(address)
+    is_remote, file = address.startswith("http"), sqlite_file(address)
     if file is not None and not file.exists():
         raise InputError(f"{file}: no such store; run `make run` (or `jointgap track`) first")
-    base = address.rstrip("/") if remote else f"http://{HOST}:{free_port(port)}"
+    base = address.rstrip("/") if is_remote else f"http://{HOST}:{free_port(port)}"
     links = addresses(address, base)
     for title, link in {"dashboard": f"{base}/#/experiments?{_TRAINING}", **links}.items():
         say(f"{title}: {link}")
     if not links:
         say("nothing published yet")
-    has_screen = sys.platform in ("darwin", "win32") or bool(
-        {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()
-    )
-    if browse and has_screen:
-        _open_when_served(next(iter(links.values()), base), base)
-    if not remote:
+    if not is_remote:
         say("The server starts in a few seconds. Stop it with Ctrl-C.")
         _become_server(address, artifact_folder(address, results), base.rpartition(":")[2])
 
 
-def _open_when_served(link: str, base: str) -> subprocess.Popen:
-    """Open `link` once the server answers at `base`, in another process because this one becomes
-    the server."""
-    command = [sys.executable, "-c", _WAIT_AND_OPEN, base, link]
-    return subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
-
-
 def _become_server(address: str, artifacts: Path, port: str) -> None:
     """Replace this process by MLflow's server command, which then receives all signals."""
-    command = [
-        sys.executable,
-        "-m",
-        "mlflow",
-        "server",
-        "--backend-store-uri",
-        address,
-        "--host",
-        HOST,
-        "--port",
-        port,
-    ]
-    command += ["--artifacts-destination", artifacts.as_uri(), "--workers", "1"]
     # a browser may keep its connection open; request logs would hide the links
-    command += ["--uvicorn-opts", "--timeout-graceful-shutdown 1 --log-level warning"]
+    uvicorn = "--timeout-graceful-shutdown 1 --log-level warning"
+    command = [sys.executable, *"-m mlflow server --workers 1".split()]
+    command += ["--host", HOST, "--port", port, "--uvicorn-opts", uvicorn]
+    command += ["--backend-store-uri", address, "--artifacts-destination", artifacts.as_uri()]
     sys.stdout.flush()
     os.execve(sys.executable, command, os.environ | {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"})
 
@@ -141,55 +99,54 @@ def free_port(first: int) -> int:
     ports = range(first, min(first + _PORTS, 65536))
     for port in ports:
         with socket.socket() as probe:
-            probe.setsockopt(
-                socket.SOL_SOCKET, socket.SO_REUSEADDR, 1
-            )  # a port just released counts as free
-            try:
+            # a port just released counts as free
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            with suppress(OSError):
                 probe.bind((HOST, port))
-            except OSError:
-                continue
-            return port
+                return port
     raise InputError(f"no free port from {first} to {ports[-1]}; give another --port")
 
 
 def addresses(store: str, base: str) -> dict[str, str]:
     """Links by title: tables of runs, or training curves."""
     links = {}
+    query = f"tags.`{OUTPUT}` = '' and attributes.status = 'FINISHED'"
     with opened(store) as client:
         for stage, (title, columns) in _COMPARED.items():
             experiment = client.get_experiment_by_name(EXPERIMENT + stage)
             if experiment is None or experiment.lifecycle_stage == "deleted":
                 continue
-            wanted, number = (
-                f"tags.`{OUTPUT}` = '' and attributes.status = 'FINISHED'",
-                experiment.experiment_id,
+            number = experiment.experiment_id
+            runs = client.search_runs(
+                [number],
+                query,
+                max_results=_MOST_COMPARED,
+                order_by=["attributes.run_name"],
             )
-            order = ["attributes.run_name"]
-            runs = client.search_runs([number], wanted, max_results=_MOST_COMPARED, order_by=order)
-            curves = sorted(
-                {name for run in runs for name in run.data.metrics if name.startswith("log10_mse/")}
-            )
+            metrics = {name for run in runs for name in run.data.metrics}
+            curves = sorted(name for name in metrics if name.startswith("log10_mse/"))
             if columns and runs:
                 _set_columns(client, experiment, columns)
-                links[title] = (
-                    f"{base}/#/experiments/{number}/runs?{_TRAINING}&viewStateShareKey={_VIEW}"
-                )
+                view = f"{_TRAINING}&viewStateShareKey={_VIEW}"
+                links[title] = f"{base}/#/experiments/{number}/runs?{view}"
             elif curves:
-                asked = {"runs": [run.info.run_id for run in runs], "experiments": [number]}
-                asked |= {"metric": curves[0], "plot_metric_keys": curves}
-                query = "&".join(
-                    f"{key}={quote(json.dumps(value))}" for key, value in asked.items()
-                )
-                links[title] = f"{base}/#/metric?{query}&x_axis=step&{_TRAINING}"
+                lists = {
+                    "runs": [run.info.run_id for run in runs],
+                    "experiments": [number],
+                    "metric": curves[0],
+                    "plot_metric_keys": curves,
+                }
+                keys = "&".join(f"{key}={quote(json.dumps(value))}" for key, value in lists.items())
+                links[title] = f"{base}/#/metric?{keys}&x_axis=step&{_TRAINING}"
     return links
 
 
 def _set_columns(client: "MlflowClient", experiment: "Experiment", columns: Sequence[str]) -> None:
     """Store a view of the table of runs with these `columns`, each as wide as its name."""
-    shown = {"attributes.`Run Name`": _WIDEST}
+    shown = {"attributes.`Run Name`": _NAMES}
     for column in columns:
         kind, _, name = column.partition(".")
-        shown[f"{kind}.`{name}`"] = _WIDTH * len(name) + _MARGIN
+        shown[f"{kind}.`{name}`"] = _CHARACTER * len(name) + _MARGIN
     view = {"selectedColumns": list(shown)[1:], "columnOrder": list(shown), "columnWidths": shown}
     tag, content = f"mlflow.sharedViewState.{_VIEW}", json.dumps(view)
     if experiment.tags.get(tag) != content:

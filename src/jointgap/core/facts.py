@@ -10,6 +10,9 @@ import pandas as pd
 from jointgap.core.page import TableBlock
 from jointgap.core.words import format_range, number
 
+_COLUMN = 24
+"""Longest value in the aligned column of the terminal; longer ones stand alone."""
+
 
 @dataclass(frozen=True)
 class Fact:
@@ -41,14 +44,22 @@ class Fact:
     sentence: str = ""
 
     @property
+    def digits(self) -> str:
+        """Value and interval without the unit; lengths in mm to the micrometre."""
+        if self.low is None or self.high is None:
+            return self._format(self.value)
+        interval = format_range(self._format(self.low), self._format(self.high))
+        return f"{self._format(self.value)} ({interval})"
+
+    def _format(self, value: Any) -> str:
+        if isinstance(value, str | int):
+            return str(value)
+        return f"{value:.3f}" if self.unit == "mm" and value is not None else number(value)
+
+    @property
     def text(self) -> str:
-        """Value and interval in digits, with the unit."""
-        if self.value is None:
-            return "–"
-        shown = str(self.value) if isinstance(self.value, str | int) else number(self.value)
-        if self.low is not None and self.high is not None:
-            shown += f" ({format_range(number(self.low), number(self.high))})"
-        return f"{shown} {self.unit}".rstrip()
+        """Value, interval and unit."""
+        return f"{self.digits} {self.unit}".rstrip()
 
     @property
     def words(self) -> str:
@@ -91,10 +102,14 @@ def table(facts: Iterable[Fact]) -> TableBlock:
 
 
 def lines(facts: Iterable[Fact]) -> list[str]:
-    """The facts as aligned lines, for the terminal."""
+    """The facts as lines for the terminal, in columns: label, value, unit."""
     facts = list(facts)
-    width = max((len(fact.words) for fact in facts), default=0)
-    return [f"{fact.words:<{width}}  {fact.text}" for fact in facts]
+    label_width = max((len(fact.words) for fact in facts), default=0)
+    digits_width = max((len(f.digits) for f in facts if len(f.digits) <= _COLUMN), default=0)
+    return [
+        f"{fact.words:<{label_width}}  {fact.digits:>{digits_width}} {fact.unit}".rstrip()
+        for fact in facts
+    ]
 
 
 def sentences(facts: Iterable[Fact]) -> list[str]:

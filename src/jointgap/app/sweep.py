@@ -1,0 +1,226 @@
+"""`jointgap.sweep` and its result."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from jointgap.app.motion import checked_mechanism, simulate_options, without_none
+from jointgap.app.result import Result
+from jointgap.config import Mechanism, Scenario, Simulate, load
+from jointgap.config.designs import ALL_MEASURES, Sweep
+from jointgap.core import parquet
+from jointgap.core.errors import InputError, did_you_mean
+from jointgap.core.facts import Fact
+from jointgap.core.units import plain_numbers
+from jointgap.core.words import reading_unit
+from jointgap.designs.run import failures, table_of
+from jointgap.designs.sampling import designs_of
+from jointgap.designs.stages import DESIGN_STAGES
+
+
+@dataclass(frozen=True, repr=False)
+class SweptDesigns(Result):
+    """The designs of a sweep, made by `jointgap.sweep`.
+
+    Attributes
+    ----------
+    folder : Path
+        Contains ``designs``, a dataset of Parquet files for pandas, polars and duckdb, and
+        ``summary.html``.
+    """
+
+    folder: Path
+    _drawn: Any  # jointgap.designs.sampling.Designs, which is not in the documentation
+
+    _HEADLINE = "Designs of a sweep: medians of the measures"
+
+    @property
+    def dataset(self) -> Path:
+        """The folder of Parquet files, one row per design."""
+        return self.folder / "designs"
+
+    @cached_property
+    def designs(self) -> pd.DataFrame:
+        """One row per design: its parameters, its measures, and the reason of a failure.
+
+        In SI units (``attrs["units"]``). For large sweeps, `read` single columns instead.
+        """
+        return self.read(*table_of(self._drawn).names)
+
+    def read(self, *columns: str) -> pd.DataFrame:
+        """Read some columns of all designs.
+
+        Parameters
+        ----------
+        *columns : str
+            Names of columns of `designs`.
+
+        Returns
+        -------
+        pandas.DataFrame
+            In SI units (``attrs["units"]`` by column).
+
+        Raises
+        ------
+        InputError
+            No such column.
+
+        Examples
+        --------
+        >>> swept.read("friction", "piston_pin_peak_force").max()
+        """
+        units = {column.name: column.unit for column in table_of(self._drawn).columns}
+        if unknown := [name for name in columns if name not in units]:
+            raise InputError(f"read: no column '{unknown[0]}'; {did_you_mean(unknown[0], units)}")
+        frame = parquet.read_columns(self.dataset, columns).to_pandas()
+        frame.attrs["units"] = {name: units[name] for name in columns}
+        return frame
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Reasons of failed designs."""
+        return tuple(
+            f"{count} designs failed: {why}" for why, count in failures(self.dataset).most_common()
+        )
+
+    @property
+    def figures(self) -> Mapping[str, str]:
+        """Names for `plot`, those of the measures, with their labels; the first is the default."""
+        return {
+            name: column.description for name, column in _MEASURES.items() if name in self._measured
+        }
+
+    @cached_property
+    def _measured(self) -> dict[str, float]:
+        """Medians by measure [SI], without undefined ones."""
+        names = [column.name for column in self._drawn.measured]
+        frame = self.read(*names)
+        return {name: float(frame[name].median()) for name in names if frame[name].notna().any()}
+
+    def _draw(self, name: str):
+        from jointgap.designs.sweep import measure_over_parameters
+
+        axes = self._drawn.axes
+        return measure_over_parameters(self.read(*(axis.key for axis in axes), name), axes, name)
+
+    @property
+    def facts(self) -> list[Fact]:
+        """Number of designs, range of each parameter, median of each measure."""
+        facts = [
+            Fact("designs", self._drawn.number),
+            Fact("failed", failures(self.dataset).total()),
+        ]
+        for axis in self._drawn.axes:
+            values = self.read(axis.key)[axis.key]
+            if axis.column.kind != "float":
+                words = ", ".join(sorted(map(str, values.unique())))
+                facts.append(Fact(f"{axis.key}/values", words, "", f"{axis.key}, varied"))
+                continue
+            unit, factor = reading_unit(axis.unit)
+            for which, value in {"smallest": values.min(), "largest": values.max()}.items():
+                label = f"{axis.key}, {which}"
+                facts.append(Fact(f"{axis.key}/{which}", factor * float(value), unit, label))
+        for name, median in self._measured.items():
+            unit, factor = reading_unit(_MEASURES[name].unit)
+            label = _MEASURES[name].description.partition(";")[0]
+            facts.append(Fact(name, factor * median, "" if unit == "1" else unit, label))
+        return facts
+
+
+_MEASURES = {column.name: column for column in ALL_MEASURES}
+
+
+def sweep(
+    mechanism: Mechanism,
+    options: Simulate | None = None,
+    *,
+    folder: Path | str,
+    parameters: Mapping[str, Any],
+    design: str | None = None,
+    number: int | None = None,
+    seed: int | None = None,
+    window: Sequence[float | str] | None = None,
+    best_lengths: bool | None = None,
+    designs_per_job: int | None = None,
+    workers: int | None = None,
+    **keys: Any,
+) -> SweptDesigns:
+    """Simulate and measure many designs, and write them to a dataset of Parquet files.
+
+    The memory is independent of the number of designs, except for a Latin hypercube. Infeasible or
+    failed designs are rows with their reason. Existing results are kept: an interrupted sweep
+    resumes, and a larger `number` extends a Sobol sequence.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    options : Simulate, optional
+        Drive and sampling of all designs, except varied values.
+    folder : Path or str
+        Output folder of the dataset ``designs`` and the summary.
+    parameters : mapping
+        Varied parameters: a word (``speed``; ``clearance``, ``friction``, ``restitution`` of every
+        loose joint; ``crank_length``, ``rod_length``) or the path of a key such as
+        ``mechanism.slider.mass``. Values: a list, or ``{"from": "0.1 mm", "to": "1 mm"}`` with
+        ``"distribution"`` ``uniform`` (default), ``log_uniform``, ``normal`` (with ``mean`` and
+        ``deviation``) or ``triangular`` (with ``peak``).
+    design : str, optional
+        ``"sobol"`` (default), ``"latin_hypercube"`` or ``"grid"``.
+    number : int, optional
+        Number of designs; 1024 by default.
+    seed : int, optional
+        Of the samples; 0 by default.
+    window : sequence of two, optional
+        Crank angles in the first revolution for an additional error of the transmission angle; by
+        default the whole revolution.
+    best_lengths : bool, optional
+        Whether to compute the best lengths of each design by the paper's method; False by default.
+    designs_per_job : int, optional
+        Designs per file; 5000 by default.
+    workers : int, optional
+        Threads; the number of cores by default. Results do not depend on it.
+    **keys
+        Keys of `jointgap.Simulate`, as `jointgap.simulate` takes them.
+
+    Returns
+    -------
+    SweptDesigns
+
+    Raises
+    ------
+    InputError
+        Unknown key, invalid value, or a folder that contains another sweep or is not writable;
+        raised before any simulation.
+
+    Examples
+    --------
+    >>> import jointgap as jg
+    >>> mechanism = jg.load_mechanism("erkaya2009")
+    >>> swept = jg.sweep(
+    ...     mechanism, folder="results/sweep", number=64, revolutions=2,
+    ...     parameters={"clearance": {"from": "0.1 mm", "to": "1 mm"}, "friction": {"from": 0, "to":
+    0.2}}, ... )
+    >>> swept.designs[["clearance", "friction", "piston_pin_peak_force"]].shape
+    (64, 3)
+    >>> swept.plot("angle_error_rms").save("error.png")
+    """
+    settings = without_none(
+        parameters=parameters,
+        design=design,
+        number=number,
+        seed=seed,
+        window=window,
+        best_lengths=best_lengths,
+        designs_per_job=designs_per_job,
+    )
+    scenario = Scenario(
+        mechanism=checked_mechanism(mechanism),
+        simulate=simulate_options(options, keys),
+        sweep=load.validate(Sweep, plain_numbers(settings), "sweep"),
+    )
+    DESIGN_STAGES["sweep"].function(scenario, Path(folder), workers)
+    return SweptDesigns(Path(folder), designs_of(scenario))
