@@ -111,7 +111,7 @@ def test_config_prints_the_warnings_of_a_run(tmp_path):
 
 
 def test_a_file_or_an_option_that_is_wrong_in_itself_is_reported(tmp_path):
-    file, written = tmp_path / "mine.yaml", tmp_path / "growth.parquet"
+    file, written = tmp_path / "mine.yaml", tmp_path / "motion.parquet"
 
     def told(content, words):
         file.write_text(content)
@@ -127,9 +127,8 @@ def test_a_file_or_an_option_that_is_wrong_in_itself_is_reported(tmp_path):
     ]
     each(told, cases)
     nested = f'{{"mechanism": {"[" * 20_000}{"]" * 20_000}}}'
-    assert refusal("growth", "--options", nested, "--growth", written).startswith(
-        "--options: is not JSON"
-    )
+    outputs = ("--trajectory", written, "--events", tmp_path / "events.parquet")
+    assert refusal("simulate", "--options", nested, *outputs).startswith("--options: is not JSON")
     assert not written.exists()
     assert "no such effect; did you mean 'gas_pressure'?" in refusal("effects", "gas_presure")
     assert "'sensor_gain'" in refusal("effects", "amplifier_gain") and "'gas_pressure'" in refusal(

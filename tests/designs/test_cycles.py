@@ -1,5 +1,4 @@
-"""Statistics over revolutions against what can be worked out by hand; what a small change grows
-to."""
+"""Statistics over revolutions against values by hand."""
 
 import math
 
@@ -9,10 +8,8 @@ import pytest
 
 from jointgap.core.errors import InputError
 from jointgap.designs.statistics import (
-    Growth,
     contacts,
     cycles,
-    measure_growth,
     periodicity,
     poincare_section,
     time_shares,
@@ -113,37 +110,3 @@ def test_the_section_takes_each_revolution_once_at_the_angle_asked_for(settled):
     )
     with pytest.raises(InputError, match="the motion has 12 revolutions"):
         poincare_section(run.samples, ["crank_pin"], 360, first=13)
-
-
-def grown(rate: float, revolutions: int = 4, change: float = 1e-11) -> Growth:
-    """A change that grows exponentially, exp(rate) a revolution, until it can grow no more."""
-    angle = np.linspace(0, 2 * math.pi * revolutions, 1001)
-    distance = np.minimum(change * np.exp(rate * angle / (2 * math.pi)), 1e-3)
-    return Growth(angle, np.array([distance, distance]) / change, change, 1e-6)
-
-
-def test_samples_can_be_compared_until_the_change_is_as_large_as_is_useful():
-    found = grown(6.0)
-    assert found.comparable_until == pytest.approx(2 * math.pi * math.log(1e5) / 6.0, abs=0.03)
-    assert "up to 69" in found.verdict and math.isinf(grown(1.0).comparable_until)
-
-
-COARSE = options(samples_per_revolution=360)
-
-
-def test_a_change_is_forgotten_with_friction_and_grows_without():
-    wanted = options(revolutions=3, samples_per_revolution=180)
-    rubbing, sliding = (
-        measure_growth(mechanism(friction=mu), wanted, directions=3) for mu in (0.2, 0.0)
-    )
-    np.testing.assert_allclose(rubbing.factors[:, 0], 1.0, rtol=1e-12)
-    assert rubbing.frame()["median"][-180:].max() < 1 and "throughout" in rubbing.verdict
-    assert sliding.frame()["median"][-180:].min() > 100
-    one, ten = (
-        measure_growth(mechanism(), COARSE, change, directions=2) for change in (1e-11, 1e-10)
-    )
-    np.testing.assert_allclose(
-        one.factors[:, :90], ten.factors[:, :90], rtol=0.02
-    )  # in proportion to its size
-    with pytest.raises(InputError, match="all joints are ideal"):
-        measure_growth(mechanism(loose=()), COARSE)

@@ -146,11 +146,13 @@ cli.removed = {
         "use sweep.best_lengths: the frozen motion is as good (docs/how_to/sweep.md)",
     ),
     "clearance": "use `jointgap surrogate`, which trains a regularised network for each output",
+    "growth": "the page of a simulated scenario (`make run`) says up to which crank angle samples"
+    " repeat",
     "rechain": "use `jointgap reoptimise` with the same arguments",
 }
 OF_SCENARIO, OF_CAMPAIGN = (f"Workflow: stages of a {part}" for part in ("scenario", "campaign"))
 cli.sections = {
-    "Your mechanism": ["look", "simulate", "ensemble", "growth", "cycles", "effects"],
+    "Your mechanism": ["look", "simulate", "ensemble", "cycles", "effects"],
     "Your measurement": ["new", "measure", "preflight", "analyse", "trend"],
     "Results": ["dashboard", "describe", "export"],
     "Configuration": ["config", "schema"],
@@ -472,34 +474,6 @@ def ensemble(options: str, folder: Path, workers: int | None) -> None:
         click.echo(f"jointgap: run {run} failed: {reason}", err=True)
     events, steps = runs["events"].sum(), runs["steps"].sum()
     click.echo(f"{folder}: {len(runs)} runs, {len(failed)} failed; {events} events, {steps} steps")
-
-
-@cli.command()
-@options_option
-@need("--growth", "Parquet file to write: growth of the change over the crank angle.")
-@click.option(
-    "--change", default="1e-11 m", show_default=True, help="Size of the change of the start."
-)
-@workers_option
-def growth(options: str, growth: Path, change: str, workers: int | None) -> None:
-    """Estimate how long samples of a motion are reproducible (growth of small perturbations).
-
-    Simulates the motion from slightly perturbed starts and prints the growth of the difference. If
-    the motion is chaotic, other codes or machines give other samples beyond the printed angle;
-    compare only statistics there.
-    """
-    from jointgap.config import parse_options
-    from jointgap.core.errors import InputError
-    from jointgap.core.parquet import write
-    from jointgap.designs.statistics import measure_growth
-
-    scenario, size = parse_options(options), _quantity("--change", change, "m")
-    check_writable(growth)
-    if not size > 0:
-        raise InputError(f"--change {change!r}: must be a positive length, e.g. '1e-11 m'")
-    result = measure_growth(scenario.mechanism, scenario.simulate, size, workers=workers)
-    write(known.GROWTH, result.frame(), growth)
-    click.echo(result.verdict)
 
 
 @cli.command()

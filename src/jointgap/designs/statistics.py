@@ -1,7 +1,5 @@
-"""Statistics of one motion: error growth, contacts, journal orbits, Poincaré section,
-periodicity."""
+"""Statistics of one motion: contacts, journal orbits, Poincaré section, periodicity."""
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -13,92 +11,9 @@ from jointgap.config import Mechanism, Simulate
 from jointgap.core import schema
 from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINT_NUMBERS
-from jointgap.dynamics.parallel import Run, simulate_runs
-from jointgap.dynamics.simulation import perturbed_start
 
-CHANGE = 1e-11  # Perturbation of the start [m]: typical difference between two accurate codes
-DIRECTIONS = 5  # Random directions of the perturbation
-USEFUL = 1e-3  # Distance, over the smallest clearance, below which two motions are the same
 # Distance, over the smallest clearance, below which a motion is periodic: the depth of a contact
 REPEATS = 1e-3
-_TOLERANCE_RATIO = (
-    1000.0  # of the perturbation to the local error, so that the growth is not the solver's
-)
-
-
-@dataclass(frozen=True)
-class Growth:
-    """Growth of a small perturbation over the crank angle."""
-
-    crank_angle: np.ndarray  # (n,) [rad]
-    factors: np.ndarray  # (directions, n)
-    change: float  # Perturbation of the start [m]
-    useful: float  # Distance [m] below which motions are the same
-
-    @property
-    def comparable_until(self) -> float:
-        """Crank angle [rad] at which the first of the perturbations exceeds `useful`; infinite
-        where none does."""
-        beyond = np.flatnonzero(self.factors.max(axis=0) * self.change > self.useful)
-        return float(self.crank_angle[beyond[0]] - self.crank_angle[0]) if len(beyond) else math.inf
-
-    @property
-    def verdict(self) -> str:
-        turned, until = np.degrees(
-            [self.crank_angle[-1] - self.crank_angle[0], self.comparable_until]
-        )
-        growth = (
-            f"a perturbation of {self.change:g} m at the start grows up to {self.factors.max():.2g}"
-            f" times within {turned:.0f} deg"
-        )
-        if math.isinf(until):
-            return f"{growth}: samples are comparable throughout"
-        return (
-            f"{growth}: samples are comparable up to {until:.0f} deg, where it exceeds"
-            f" {self.useful:.2g} m; beyond that, compare statistics"
-        )
-
-    def frame(self) -> pd.DataFrame:
-        """The table `GROWTH`."""
-        median, low, high = np.quantile(self.factors, (0.5, 0.0, 1.0), axis=0)
-        return pd.DataFrame(
-            {"crank_angle": self.crank_angle, "median": median, "low": low, "high": high}
-        )
-
-
-def measure_growth(
-    mechanism: Mechanism,
-    options: Simulate,
-    change: float = CHANGE,
-    directions: int = DIRECTIONS,
-    workers: int | None = None,
-) -> Growth:
-    """Simulate a motion from starts perturbed by `change` in random directions.
-
-    The tolerance is at most a thousandth of the perturbation, so that the solver's error does not
-    contribute.
-    """
-    applied = mechanism.applied()
-    if not applied.loose:
-        raise InputError(
-            "growth of a small change: all joints are ideal, so the start cannot be perturbed; make"
-            " a joint loose"
-        )
-    ways = perturbed_start(np.random.default_rng(0).normal(size=(directions, 6)), applied.loose)
-    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-    finer = options.model_copy(
-        update={"tolerance": min(options.tolerance, change / _TOLERANCE_RATIO)}
-    )
-    starts, vectors = np.vstack([np.zeros(6), change * ways]), []
-    for outcome in simulate_runs((Run(applied, finer, start) for start in starts), workers):
-        if outcome.error is not None:
-            raise outcome.error
-        vectors.append(
-            np.hstack([outcome.result.states[:, :4], outcome.result.auxiliary_states[:, :2]])
-        )
-    distance = np.linalg.norm(np.array(vectors[1:]) - vectors[0], axis=2)
-    useful = USEFUL * min(applied.clearance(joint) for joint in applied.loose)
-    return Growth(outcome.crank_angle, distance / change, change, useful)
 
 
 @dataclass(frozen=True)
