@@ -206,8 +206,10 @@ def _direction(candidate: Candidate, rng: np.random.Generator) -> list[float]:
 
 
 def _shape(candidate: Candidate, p: Parameter, rng: np.random.Generator) -> float:
-    if p.tried:
-        return rng.choice([order for order in p.tried if order <= _HIGHEST_ORDER[candidate.name]])
+    if p.search_values:
+        return rng.choice(
+            [order for order in p.search_values if order <= _HIGHEST_ORDER[candidate.name]]
+        )
     shares = RECIPE["shapes"].get(p.name)
     return rng.uniform(*(np.multiply(shares, p.nominal) if shares else (p.low, p.high)))
 

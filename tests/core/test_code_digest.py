@@ -1,100 +1,91 @@
-"""Changed code makes its stage run again: the digest of a stage covers every module that its work
-imports."""
+"""A stage runs again if code, data or a table that it depends on has changed."""
 
 import re
+import shutil
 from dataclasses import replace
 
+import pytest
+
 from jointgap.campaign.stages import CAMPAIGN_STAGES
-from jointgap.core import stage as stage_module
+from jointgap.core import code_digest
 from jointgap.core.schema import TABLES
-from jointgap.core.stage import closure, code_digest, code_of
 from jointgap.designs.stages import DESIGN_STAGES
 from jointgap.scenario.stages import SCENARIO_STAGES
 
-ALL = {**SCENARIO_STAGES, **DESIGN_STAGES, **CAMPAIGN_STAGES}
-SURROGATES = {"scenario.results", "scenario.trained", "networks.network"}
-COVERED = {
-    "kinematics": SURROGATES,
-    "optimise": SURROGATES,
-    "figures": SURROGATES | {"scenario.figures", "scenario.animation"},  # imported by name
-    "surrogate": {"dynamics.simulation"},  # a finer one of its own
-    "noise": {"campaign.state", "rig.model"},  # named in an annotation alone
-    "conclude": {"campaign.figures"},
-    "track-sweep": {"designs.sweep", "designs.sensitivity", "designs.optimise_robust"},
-}
+STAGES = {**SCENARIO_STAGES, **DESIGN_STAGES, **CAMPAIGN_STAGES}
 
 
-def test_a_stage_depends_on_all_code_that_its_work_imports_and_on_none_of_its_neighbours():
-    for stage, modules in COVERED.items():
-        assert modules <= code_of(ALL[stage].function)[1], stage
-    assert "samples_per_revolution" in code_of(SCENARIO_STAGES["surrogate"].function)[0]
-    assert "identification.problem" in closure("campaign.state")  # imports inside functions count
-    own, modules = code_of(SCENARIO_STAGES["simulate"].function)
-    assert "def simulate" in own and "def optimise" not in own and "_MOTION = " in own
-    assert not {
-        name for name in modules if name.startswith(("networks.", "lengths", "scenario.figures"))
+@pytest.fixture
+def changed_stages(tmp_path, monkeypatch):
+    """A function: the stages whose digest changes with an edit of a copy of the package."""
+    shutil.copytree(code_digest._ROOT, tmp_path / "jointgap")
+    monkeypatch.setattr(code_digest, "_ROOT", tmp_path / "jointgap")
+    caches = [item for item in vars(code_digest).values() if hasattr(item, "cache_clear")]
+
+    def digests():
+        for function in caches:
+            function.cache_clear()
+        return {name: stage.digest for name, stage in STAGES.items()}
+
+    before = digests()
+
+    def edited(file):
+        path = tmp_path / "jointgap" / file
+        path.write_text(path.read_text() + "# edited\n")
+        after = digests()
+        changed = {name for name, digest in after.items() if digest != before[name]}
+        before.update(after)
+        return changed
+
+    yield edited
+    monkeypatch.undo()
+    digests()
+
+
+def test_an_edit_reruns_the_stages_of_packages_that_import_it_and_no_others(changed_stages):
+    assert changed_stages("app/cli.py") == set()
+    networks = changed_stages("networks/network.py")
+    assert {"surrogate", "kinematics", "optimise", "track"} <= networks
+    assert not networks & {"simulate", "explore", "sweep", "measure", "fit", "conclude"}
+    assert changed_stages("paper/printed.yaml") >= {"surrogate", "compare"}
+    assert changed_stages("core/templates/page.html.j2") == set(STAGES)
+    figures = changed_stages("scenario/figures.py")
+    assert {"figures", "summarise"} <= figures and not figures & {"simulate", "surrogate"}
+    assert "conclude" in (figures := changed_stages("campaign/figures.py"))
+    assert not figures & {"fit", "decide"}
+    assert changed_stages("designs/sensitivity.py") == {"sensitivity", "track-sweep"}
+
+
+def test_helpers_of_the_same_module_and_types_in_annotations_count():
+    assert "def _first_revolution" in code_digest.source_of(STAGES["surrogate"].function)
+    simulate = code_digest.source_of(STAGES["simulate"].function)
+    assert "def simulate" in simulate and "def optimise" not in simulate
+    assert "campaign.state" in code_digest.dependencies(STAGES["noise"].function)[0]
+
+
+def test_a_changed_column_reruns_the_stages_that_use_its_table(monkeypatch):
+    before = {name: stage.digest for name, stage in STAGES.items()}
+    for name in ("gaps", "sweep_designs"):
+        column, *columns = TABLES[name].columns
+        changed = replace(TABLES[name], columns=(replace(column, unit="furlong"), *columns))
+        monkeypatch.setitem(TABLES, name, changed)
+
+    def current(tables):
+        return tuple(replace(TABLES[table.name], path=table.path) for table in tables)
+
+    stages = {
+        name: replace(stage, reads=current(stage.reads), writes=current(stage.writes))
+        for name, stage in STAGES.items()
     }
-    shown = (
-        "core.plot",
-        "core.page",
-        "networks",
-    )  # how designs are shown is no code that measures them
-    modules = code_of(ALL["sweep-designs"].function)[1]
-    assert not {
-        name
-        for name in modules
-        if name.startswith(shown) or name.endswith(("_page", "_figures", "growth"))
-    }
-    rooms = {name.partition(".")[0] for name in closure("dynamics.simulation")}
-    assert not rooms & {
-        "campaign",
-        "scenario",
-        "paper",
-        "networks",
-        "lengths",
-        "rig",
-        "designs",
-        "app",
-    }
+    code_digest.code_digest.cache_clear()
+    changed = {name for name, stage in stages.items() if stage.digest != before[name]}
+    code_digest.code_digest.cache_clear()
+    assert {"confirm", "sweep-designs"} <= changed
+    assert not changed & {"simulate", "surrogate", "optimise"}
 
 
-def test_a_changed_column_makes_the_stages_run_again_that_read_or_write_its_table(monkeypatch):
-    def changed(*tables):
-        """Stages whose digest changes with a column of these tables."""
-        before = {name: stage.digest for name, stage in ALL.items()}
-        for name in tables:
-            first, *others = TABLES[name].columns
-            monkeypatch.setitem(
-                TABLES,
-                name,
-                replace(TABLES[name], columns=(replace(first, unit="furlong"), *others)),
-            )
-
-        def swapped(given):
-            return tuple(
-                TABLES[one.name].at(one.path) if one.name in tables else one for one in given
-            )
-
-        for cached in (code_digest, stage_module._tables_of):
-            cached.cache_clear()
-        after = {
-            name: replace(stage, reads=swapped(stage.reads), writes=swapped(stage.writes)).digest
-            for name, stage in ALL.items()
-        }
-        monkeypatch.undo()
-        for cached in (code_digest, stage_module._tables_of):
-            cached.cache_clear()
-        return {name for name in ALL if after[name] != before[name]}
-
-    # of which the last one is written by a function further down
-    assert {"simulate", "surrogate", "optimise", "figures", "sweep-designs"} <= changed(
-        "trajectory", "sweep_designs"
-    )
-    of_a_campaign = changed("gaps")
-    assert "confirm" in of_a_campaign and not of_a_campaign & {"simulate", "surrogate", "optimise"}
-
-
-def test_a_digest_is_short_and_stable_and_differs_between_stages():
-    digests = [stage.digest for stage in ALL.values()]
-    assert digests == [stage.digest for stage in ALL.values()] and len(set(digests)) == len(digests)
+def test_digests_are_short_stable_and_different():
+    digests = [stage.digest for stage in STAGES.values()]
+    assert digests == [stage.digest for stage in STAGES.values()]
+    assert len(set(digests)) == len(digests)
     assert all(re.fullmatch("[0-9a-f]{12}", digest) for digest in digests)

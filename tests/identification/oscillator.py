@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jointgap.core.candidates import Candidate, FoundStates, Parameter, Series
+from jointgap.core.candidates import Candidate, Parameter, Series, StateEstimate
 from jointgap.identification.problem import Noise, Problem
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from tests.identification.toy import coloured
@@ -126,21 +126,21 @@ class Windows:
             np.searchsorted(states.edges, time, side="right") - 1, 0, len(states.slow) - 1
         )
 
-    def settled(self, states):
+    def steady_states(self, states):
         return None
 
-    def known(self, slow, per_turn):
+    def states_from(self, slow, per_turn):
         if len(slow) != round(TURNS * per_turn):
             return None
         edges = np.linspace(0.0, TURNS * math.tau / SPEEDS[self.run], len(slow) + 1)
         return States(edges, slow, Handed(np.zeros((len(slow), 1))))
 
-    def find(self, measured, noise, per_turn, jump, turns):
+    def filter_states(self, measured, noise, per_turn, jump, turns):
         """States at rest: nothing is known of them."""
         self.model.per_turn = per_turn
         self.model.filtered.append((self.values, self.effects, jump, turns))
-        states = self.known(np.zeros((round(TURNS * per_turn), 2)), per_turn)
-        return FoundStates(states, self.model.deviance(self.effects), 1.0)
+        states = self.states_from(np.zeros((round(TURNS * per_turn), 2)), per_turn)
+        return StateEstimate(states, self.model.deviance(self.effects), 1.0)
 
     def _lasting(self, t):
         w, damping, speed = self.frequency, self.damping, SPEEDS[self.run]

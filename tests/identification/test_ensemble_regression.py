@@ -24,7 +24,7 @@ TRUTH = np.array([0.5, -0.3, 0.2])
 PARAMETERS = (
     *(Parameter(name, 0.0, -5.0, 5.0, 0.1, "kg") for name in "abc"),
     Parameter("nothing", 1.0, 0.0, 2.0, 0.1, "kg"),
-    Parameter("order", 3.0, 1.0, 9.0, 1.0, "1", whole=True),
+    Parameter("order", 3.0, 1.0, 9.0, 1.0, "1", integer=True),
 )
 
 

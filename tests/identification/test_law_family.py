@@ -114,8 +114,10 @@ def test_more_excludes_the_effects_own_shape_where_something_of_the_law_is_idle_
     low, high = shape_interval(parabola, replace(DRAG, inactive_at_default=1), 0.99)
     plain = 2.0 + away - np.sqrt(RISE)
     assert high == pytest.approx(min(2.0 + away + np.sqrt(RISE), 6.0), abs=0.01)
-    assert (low <= DRAG.own) == held
-    assert low == pytest.approx(DRAG.own if held and away > np.sqrt(RISE) else plain, abs=0.01)
+    assert (low <= DRAG.effect_shape) == held
+    assert low == pytest.approx(
+        DRAG.effect_shape if held and away > np.sqrt(RISE) else plain, abs=0.01
+    )
     assert shape_interval(parabola, DRAG, 0.99)[0] == pytest.approx(plain, abs=0.01)
 
 

@@ -58,7 +58,7 @@ def exact(
             windowed = problem.model.windows(
                 run, own, [(c, {"size": values[f"{c.label}.size"]}) for c in hypothesis]
             )
-            states = windowed.find({}, {}, per_turn, jump, math.inf).states
+            states = windowed.filter_states({}, {}, per_turn, jump, math.inf).states
             readings, ends, *_ = windowed.simulate(
                 replace(states, slow=states.slow if slow is None else slow)
             )

@@ -208,7 +208,7 @@ def test_a_clearance_that_leaves_noise_gets_the_second_effect_that_gains_more_th
 
 
 def test_a_whole_number_of_the_second_effect_keeps_its_start_and_is_among_the_values_of_the_fit():
-    order = Parameter("order", 1.0, 1.0, 5.0, 1e-3, whole=True)
+    order = Parameter("order", 1.0, 1.0, 5.0, 1e-3, integer=True)
     whole = replace(
         SWING, coordinates=(*SWING.coordinates, order), initial_guesses=({"order": 2.0},)
     )

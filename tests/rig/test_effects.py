@@ -100,7 +100,9 @@ def test_half_orders_are_tried_for_one_run_alone(label, lowest):
     candidates = [
         chosen(build_model(own, recorded(own, kept=4)), label) for own in (several, alone)
     ]
-    tried = [next(p for p in one.coordinates if p.name == "order").tried for one in candidates]
+    tried = [
+        next(p for p in one.coordinates if p.name == "order").search_values for one in candidates
+    ]
     assert (min(tried[0]), min(np.diff(tried[0])), min(tried[1])) == (
         lowest,
         1.0,
@@ -136,7 +138,9 @@ def test_every_physical_effect_of_the_catalogue_is_a_candidate_where_it_can_act_
     ]
     candidates = [one for model in loose for one in model.candidates if not one.sensor]
     families = {
-        (family.law.name, one.name): family.own for one in candidates for family in one.families
+        (family.law.name, one.name): family.effect_shape
+        for one in candidates
+        for family in one.families
     }
     assert families == {
         (law.NAME, name): shape for law in EFFECTS.values() for name, shape in law.MEMBERS.items()

@@ -46,7 +46,7 @@ def windows_of(model, *effects):
 def filtered(windows, values):
     """What the filter finds in readings whose noise is 1 % of what they vary by."""
     noise = {name: np.full(value.size, 0.01 * np.std(value)) for name, value in values.items()}
-    return windows.find(values, noise, 16, 0.01, math.inf)
+    return windows.filter_states(values, noise, 16, 0.01, math.inf)
 
 
 def assert_alike(found, expected):
@@ -86,7 +86,7 @@ def test_the_motion_that_began_long_before_the_record_is_that_of_one_simulation_
     found,
 ):
     _, windows, true, own = found
-    states = windows.settled(replace(own.states, slow=own.states.slow + 1.0))
+    states = windows.steady_states(replace(own.states, slow=own.states.slow + 1.0))
     again, ends, _, done = windows.simulate(states)
     jumps = ends[:-1] - states.slow[1:]
     jumps[:, 0::2] -= math.tau * np.round(jumps[:, 0::2] / math.tau)
@@ -101,7 +101,9 @@ def test_of_noisy_readings_a_filter_finds_the_states_from_directions_alone(found
         name: value + 0.02 * np.std(value) * rng.standard_normal(value.size)
         for name, value in true.items()
     }
-    away = (filtered(windows, noisy).states.slow - windows.settled(own.states).slow)[16:, 0::2]
+    away = (filtered(windows, noisy).states.slow - windows.steady_states(own.states).slow)[
+        16:, 0::2
+    ]
     away -= math.tau * np.round(away / math.tau)
     assert np.median(np.abs(away), axis=0).max() < 0.02
 

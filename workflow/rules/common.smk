@@ -232,7 +232,7 @@ def every_campaign(wildcards=None):
 def digest_of_report(wildcards):
     """Changes with the code of the report."""
     from jointgap.app.report import write_report
-    from jointgap.core.stage import code_digest
+    from jointgap.core.code_digest import code_digest
 
     return code_digest(write_report)
 

@@ -660,14 +660,20 @@ def dashboard(results: Path, port: int) -> None:
 
 
 @cli.command()
-@click.argument("file", type=FILE)
-def describe(file: Path) -> None:
-    """Show the columns of a Parquet FILE with units and descriptions."""
-    from jointgap.core.parquet import describe
+@click.argument("name", metavar="FILE_OR_NAME")
+def describe(name: str) -> None:
+    """Show units and descriptions of the columns of a Parquet file.
 
-    click.echo(
-        f"{file}\n" + _aligned([("column", "unit", "description"), *describe(file).to_numpy()])
-    )
+    The name of a table, such as trajectory, works without a file. The name of a column shows the
+    tables that have it.
+    """
+    from jointgap.core import parquet
+
+    if Path(name).exists() or Path(name).suffix or "/" in name:
+        title, rows = name, [("column", "unit", "description"), *parquet.describe(name).to_numpy()]
+    else:
+        title, rows = known.describe(name)
+    click.echo(f"{title}\n{_aligned(rows)}")
 
 
 @cli.command()

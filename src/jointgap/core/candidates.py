@@ -1,4 +1,9 @@
-"""What identification needs of a model: candidates, parameters, families of laws."""
+"""Interface between a mechanism model and the identification.
+
+A user's own model implements `Model`. It lists its measured data (`Series`), its uncertain
+parameters (`Parameter`) and the effects that it might lack (`Candidate`). `Driven` and `Windowed`
+are optional extensions. All quantities are in SI units.
+"""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -10,29 +15,26 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number that a fit varies.
+    """A scalar that a fit varies.
 
     Attributes
     ----------
     name : str
         Such as ``slider_mass`` or ``force_N``.
     nominal : float
-        What it is where nothing says otherwise; of an effect's size: 0, at which the effect is
-        absent.
+        Default value. The amplitude of an effect has the default 0: no effect.
     low, high : float
-        Hard bounds, flat inside; infinite for none.
+        Hard bounds with a uniform prior between them; infinite for none.
     step : float
-        A typical change, > 0: about what noise could hide. Differences are taken over steps of this
-        order.
+        Positive step of finite differences: about the smallest change that exceeds the noise.
     unit : str
         SI unit, ``'1'`` for pure numbers.
     run : str, optional
-        The one run that it belongs to, such as a run's speed; None where all runs share it.
-    whole : bool
-        Counts by the whole number next to it: chi2 is flat but for its steps, so that draws about a
-        fit hold it.
-    tried : tuple of float
-        The values that a search tries, where it is not free to choose.
+        Run that the parameter belongs to, such as a run's speed; None if all runs share it.
+    integer : bool
+        The model rounds the value to the nearest integer. Fits and random draws keep it fixed.
+    search_values : tuple of float
+        The only values that a search evaluates; empty for a free search.
     """
 
     name: str
@@ -42,68 +44,66 @@ class Parameter:
     step: float = 1.0
     unit: str = "1"
     run: str | None = None
-    whole: bool = False
-    tried: tuple[float, ...] = ()
+    integer: bool = False
+    search_values: tuple[float, ...] = ()
 
     @property
     def key(self) -> str:
-        """``name``, or ``name@run`` of a run's own."""
+        """``name``, or ``name@run`` for a parameter of one run; unique in a model."""
         return self.name if self.run is None else f"{self.name}@{self.run}"
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect that could be missing, as a fit sees it.
+    """An effect that the model might lack.
 
     Attributes
     ----------
     name, site : str
-        As a verdict states them.
+        Name of the effect and where it acts, for the verdict.
     coordinates : tuple of Parameter
-        What a fit varies; those with a run belong to that run alone, such as a phase. Near the
-        effect's absence the motion should depend on the `amplitudes` about linearly, so an
-        amplitude with a phase has two coordinates, its cosine and sine parts.
+        Parameters of the effect that a fit varies. Close to zero amplitude the response should be
+        linear in the amplitudes, so write an amplitude with a phase as a cosine and a sine part.
     amplitudes : tuple of str
-        Keys of the coordinates that are 0 where the effect is absent; the rest are shape parameters
-        (an exponent, a frequency).
-    initial_guesses : tuple of mappings
-        Values of all shape parameters to start from; one empty mapping where there are none. Where
-        the motion is not about linear in an amplitude from 0 on, such as the clearance of a joint
-        that was ideal, guesses hold the amplitude too, if it is the only one: finite amplitudes are
-        then simulated, and fits start there. So do those of an amplitude whose value something else
-        has told.
-    parameters : function
-        From values of the coordinates to the parameters that a verdict states. The coordinates
-        themselves by default.
+        Keys of the coordinates that are 0 without the effect. The other coordinates are shape
+        parameters, such as an exponent or a frequency.
+    initial_guesses : tuple of mapping
+        Start values of all shape parameters; one empty mapping if there are none. A guess may also
+        contain the amplitude if the effect has only one. Use this if the response is not linear at
+        zero amplitude, such as for the clearance of an ideal joint: fits then start there.
+    parameters : callable
+        Converts values of the coordinates to the parameters in the verdict; identity by default.
     replaces : mapping of str to str
-        Nuisances that are this effect's own parameter, and the amplitude that stands for each: a
-        nuisance is held at nominal where the effect is fitted, and the amplitude is what it is
-        beyond that.
+        Nuisances with the same meaning, each with the amplitude that replaces it. A fit of the
+        effect fixes the nuisance at its nominal value; the amplitude is the deviation from it.
     sensor : bool
-        Whether it is a fault of a sensor: it acts on what is read, not on the motion.
+        True for a sensor fault: it changes the reading and not the motion.
     has_site : bool
-        Whether the effect could be at another site too, so that its label needs the site.
+        The effect has candidates at several sites, so that the label contains the site.
     carrier : str
-        Label of a steady effect that this one is, but for swinging: in time at its shape parameter
-        ``frequency_Hz``, or in step with the crank at ``order``, cycles per revolution. Its
-        amplitudes are the parts with the cosine and with the sine. Frequencies or orders to start
-        from are then searched in the residual.
+        Label of the constant effect that this one modulates, either in time with the shape
+        parameter ``frequency_Hz`` or with the crank angle at ``order`` (cycles per revolution). Its
+        amplitudes are the cosine and sine parts. Initial frequencies or orders come from the
+        spectrum of the residual.
     is_perturbation : bool
-        Whether its amplitude is the change of a known quantity, such as a clearance, down to the
-        lower bound where nothing is left of that: small changes then say little of large ones. Both
-        bounds are finite.
-    search_range : tuple of two floats
-        Of an effect with one amplitude on which the motion depends so roughly that a fit converges
-        from near by alone: between which values it is searched, evenly in its logarithm; () of
-        others. Of the perturbation of a known quantity evenly in the logarithm of what is left of
-        that.
+        The amplitude changes a known quantity, such as a clearance; at the lower bound nothing of
+        that quantity is left. Both bounds are finite.
+    search_range : tuple of float
+        Lowest and highest amplitude of a search on a logarithmic grid; empty for other effects. Set
+        it if the response is so nonsmooth in the single amplitude that fits converge only from
+        nearby. For a perturbation the grid is logarithmic in the remaining quantity.
     families : tuple of LawFamily
-        Laws of which the effect is one shape.
-    frees : str
-        Label of an effect whose size is free in a linear regression with this one: a high-pass
-        removes the mean of what other effects change too.
+        General laws that contain the effect as a special case.
+    regress_with : str
+        Label of an effect that linear regressions fit together with this one. For example, a
+        high-pass filter removes the mean, which a sensor bias changes too.
     formula : str
-        Of a law that the user states: the formula, whose parameters are the coordinates.
+        Formula of a user-defined law; its coefficients are the coordinates.
+
+    Raises
+    ------
+    ValueError
+        `search_range`, amplitudes in `initial_guesses`, or bounds of a perturbation are invalid.
     """
 
     name: str
@@ -121,130 +121,121 @@ class Candidate:
     is_perturbation: bool = False
     search_range: tuple[float, ...] = ()
     families: tuple["LawFamily", ...] = field(default=(), compare=False)
-    frees: str = ""
+    regress_with: str = ""
     formula: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse finite amplitudes that nothing could be derived from."""
-        finite = [*self.search_range]
-        finite += [
-            guess[key] for guess in self.initial_guesses for key in self.amplitudes if key in guess
+        sizes = [
+            guess[key] for guess in self.initial_guesses for key in guess.keys() & self.amplitudes
         ]
-        least = min(self.search_range, default=np.inf)
-        if finite and (
-            len(self.amplitudes) > 1 or 0.0 in finite or least <= self.vanishing_amplitude
+        sizes += self.search_range
+        lowest = min(self.search_range, default=math.inf)
+        if sizes and (
+            len(self.amplitudes) > 1 or 0.0 in sizes or lowest <= self.vanishing_amplitude
         ):
             raise ValueError(
-                f"{self.name}: initial_guesses and search_range hold values of a single amplitude,"
-                f" none of them 0, those of a search_range above {self.vanishing_amplitude:g}; got"
-                f" {finite}"
+                f"{self.name}: initial_guesses and search_range accept values of a single"
+                f" amplitude, not 0, in search_range above {self.vanishing_amplitude:g};"
+                f" got {sizes}"
             )
-        if self.is_perturbation and not all(
-            np.isfinite((p.low, p.high)).all()
-            for p in self.coordinates
-            if p.name in self.amplitudes
-        ):
-            raise ValueError(
-                f"{self.name}: the perturbation of a known quantity needs finite bounds"
-            )
+        bounds = [(p.low, p.high) for p in self.coordinates if p.name in self.amplitudes]
+        if self.is_perturbation and not np.isfinite(bounds).all():
+            raise ValueError(f"{self.name}: the amplitude of a perturbation needs finite bounds")
 
     @property
     def label(self) -> str:
-        """``name``, or ``name:site`` where there is a choice; unique among a model's candidates."""
+        """``name``, or ``name:site`` if `has_site`; unique among a model's candidates."""
         return f"{self.name}:{self.site}" if self.has_site else self.name
 
     @property
     def exclusion_group(self) -> str:
-        """What at most one effect of a hypothesis can have: one sensor errs by one fault of a
-        family, so that is the law's label; of other effects it is their own."""
+        """A hypothesis contains at most one effect per group: the law's label for a sensor fault
+        with a family, otherwise the effect's own label."""
         return self.families[0].law.label if self.sensor and self.families else self.label
 
     @property
     def claims(self) -> frozenset[str]:
-        """What no two effects of a hypothesis share: their `exclusion_group` and the nuisances that
-        they replace."""
+        """The `exclusion_group` and the replaced nuisances; two effects of one hypothesis have none
+        in common."""
         return frozenset((self.exclusion_group, *self.replaces))
 
     @property
     def is_nonsmooth(self) -> bool:
-        """Whether samples depend so roughly on it that no slope leads to it: the search alone does.
-        Small changes of what is there are told by slopes too."""
+        """Whether gradients are useless for the effect, so that only the search finds it. Gradients
+        do work for small perturbations."""
         return bool(self.search_range) and not self.is_perturbation
 
     @property
     def vanishing_amplitude(self) -> float:
-        """Where the first amplitude [SI] leaves nothing of what it changes: at 0, but for a
-        perturbation."""
+        """First amplitude [SI] without remaining quantity: the lower bound for a perturbation, else
+        0."""
         if not self.is_perturbation:
             return 0.0
         return next(p.low for p in self.coordinates if p.key == self.amplitudes[0])
 
     def coordinates_in(self, runs: Sequence[str]) -> tuple[Parameter, ...]:
-        """The coordinates that matter to `runs`."""
+        """The coordinates of `runs`: those of a single run among them, and those of all runs."""
         return tuple(p for p in self.coordinates if p.run in (None, *runs))
 
 
 @dataclass(frozen=True)
 class LawFamily:
-    """A law of which effects of the list are single shapes; which shapes data allow is asked once
-    one of them is found.
+    """A general law with a shape parameter; one shape gives the effect.
+
+    After an effect is identified, the shape is fitted too: the effect is reported alone only if the
+    data exclude all other known shapes.
 
     Attributes
     ----------
     law : Candidate
-        The law; one of its coordinates, no amplitude, is the shape. No candidate of the model:
-        never searched.
+        The general law; one coordinate, not an amplitude, is the shape. It is no candidate of the
+        model and takes no part in the search.
     shape : str
-        Key of that coordinate.
-    own : float
-        [1] The shape at which the law is the effect that has this family.
-    in_use : tuple of float
-        [1] Shapes of laws in use, listed or not: the effect is named alone where all but its own
-        are excluded.
-    values : function
-        From values of the effect's coordinates to those of the law that do the same; the shape is
-        left out.
+        Key of the shape parameter.
+    effect_shape : float
+        [1] Shape at which the law equals the effect.
+    known_shapes : tuple of float
+        [1] Shapes of established laws.
+    values : callable
+        Converts values of the effect's coordinates to those of the law, without the shape.
     inactive_at_default : int
-        How many other coordinates of the law do nothing at the shape `own`, such as the place of a
-        variation that is none. No fit begins there, since none would move them.
+        Number of other coordinates without influence at `effect_shape`, such as the phase of a
+        variation with amplitude 0. Fits do not start at that shape, where their gradient is 0.
     """
 
     law: Candidate
     shape: str
-    own: float
-    in_use: tuple[float, ...]
+    effect_shape: float
+    known_shapes: tuple[float, ...]
     values: Callable[[Mapping[str, float]], dict[str, float]]
     inactive_at_default: int = 0
 
 
 @dataclass(frozen=True)
 class Series:
-    """One channel of one run as it is compared: samples over time, or statistics over the crank
-    angle.
+    """One channel of one run: samples over time, or statistics over the crank angle.
 
     Attributes
     ----------
     run, channel, unit : str
-        SI unit.
+        Names of the run and of the channel, and the SI unit.
     value : (n,) array
-        As measured; NaN where nothing was (and everywhere in a preflight).
+        Measured values; NaN for gaps (and everywhere in a preflight).
     time, angle : (n,) array
-        Of the samples [s], [rad]; NaN where not known. `angle` runs on over cycles; without a crank
-        it is any phase.
+        Time [s] and crank angle [rad] of the samples; NaN if unknown. The angle continues over
+        cycles. A model without a crank gives the phase of its motion.
     held_out : (n,) bool array
-        Samples that take no part in fitting or choosing.
-    stated_noise : (n,) array or None
-        Standard deviation that the user states (or that follows from the number of cycles, for
-        statistics) [unit].
+        True for samples that are used for neither fitting nor selection.
+    stated_noise : (n,) array, optional
+        Standard deviation of the noise [unit]; None to estimate it. For statistics it follows from
+        the number of cycles.
     resolution : float
-        Step in which the sensor reads [unit], whose rounding is a noise of its own; 0 where it is
-        not known.
-    jitter : float or None
-        Standard deviation of the time stamps [s], which makes a noise that grows with the channel's
-        rate; None to estimate it.
+        Step of the sensor [unit], which causes rounding noise; 0 if unknown.
+    jitter : float, optional
+        Standard deviation of the time stamps [s]; its noise is proportional to the rate of the
+        channel. None to estimate it.
     statistic : bool
-        Whether values are statistics over cycles: their noise is independent and `stated_noise` is
-        theirs.
+        True if the values are statistics over cycles, with independent noise of `stated_noise`.
     """
 
     run: str
@@ -261,7 +252,7 @@ class Series:
 
     @property
     def rounding(self) -> float:
-        """Standard deviation of the rounding to the sensor's steps [unit]."""
+        """Standard deviation of the rounding noise [unit]."""
         return self.resolution / math.sqrt(12.0)
 
     @property
@@ -270,141 +261,169 @@ class Series:
         return self.run, self.channel
 
     def variation(self, values: np.ndarray) -> float:
-        """Standard deviation [unit] of `values` (n,); of an angle that runs on, no more than over a
-        turn, however long the record.
-        """
-        varies = float(np.nanstd(values))
-        return min(varies, 2.0 * math.pi / math.sqrt(12.0)) if self.unit == "rad" else varies
+        """Standard deviation [unit] of `values` (n,); at most that of one revolution if the unit is
+        rad, because such an angle can increase without limit."""
+        deviation = float(np.nanstd(values))
+        one_revolution = 2.0 * math.pi / math.sqrt(12.0)
+        return min(deviation, one_revolution) if self.unit == "rad" else deviation
 
 
 Effects = Sequence[tuple[Candidate, Mapping[str, float]]]
-"""Effects that act, each with the values of its coordinates by name."""
+"""Active effects, each with the values of its coordinates by name."""
 
 
 class Model(Protocol):
-    """A simulation, and the measured data in the form in which it is compared with them."""
+    """A simulation model together with the measured data."""
 
-    name: str  # what it is, for titles
-    series: Sequence[Series]  # all that was measured
-    nuisances: Sequence[
-        Parameter
-    ]  # parameters known within bounds only; re-fitted with every explanation
-    candidates: Sequence[Candidate]  # the effects that could be missing
-    numerics: Sequence[
-        str
-    ]  # others that are as good as the usual ones, in words; `simulate` takes their index from 1
+    name: str
+    """Title."""
+    series: Sequence[Series]
+    """All measured channels of all runs."""
+    nuisances: Sequence[Parameter]
+    """Uncertain parameters; every hypothesis fits them again."""
+    candidates: Sequence[Candidate]
+    """Effects that the model might lack."""
+    numerics: Sequence[str]
+    """Labels of equally good solver variants, besides the default; may be empty."""
 
     def simulate(
         self, run: str, values: Mapping[str, float], effects: Effects = (), numerics: int = 0
     ) -> Mapping[str, np.ndarray]:
-        """What the sensors of a run would read.
+        """Simulate the sensor readings of a run.
 
         Parameters
         ----------
         run : str
         values : mapping of str to float
-            Every nuisance that the run has, by name (not key).
+            All nuisances of the run by name, without ``@run``.
         effects : sequence
-            Sensor faults among them are applied to what is read.
+            Active effects. The readings include the sensor faults among them.
         numerics : int
-            0 for the usual numerics, i for `self.numerics[i - 1]`.
+            0 for the default solver, i for the variant ``self.numerics[i - 1]``.
 
         Returns
         -------
         mapping of str to (n,) array
-            By channel, at the samples of the run's series.
+            Readings by channel at the samples of the run's series [unit of the series].
 
         Raises
         ------
         InputError, SimulationError
-            These values cannot be simulated; the message says why.
+            A simulation with these values is impossible; the message gives the reason.
         """
 
 
 @runtime_checkable
 class Driven(Protocol):
-    """A model whose motion follows something that was measured, and so not exactly known."""
+    """A model that is driven by a measured quantity, whose errors reach the readings."""
 
     def drive_errors(self, run: str, values: Mapping[str, float]) -> Mapping[str, np.ndarray]:
-        """What the errors of what drives a run change in its readings.
+        """Effect of the errors of the drive on the readings of a run.
 
         Parameters
         ----------
         run : str
         values : mapping of str to float
-            As of `Model.simulate`.
+            As in `Model.simulate`.
 
         Returns
         -------
         mapping of str to (n, k) array
-            By channel [unit of the channel]: by one standard deviation of each of k independent
-            errors. Channels that are absent do not answer to them.
+            By channel [unit of the channel]: the change by one standard deviation of each of k
+            independent errors. Unaffected channels are absent.
         """
 
 
 @dataclass(frozen=True)
-class FoundStates:
-    """What a filter found of a run in windows."""
+class StateEstimate:
+    """States of the windows of a run, from a filter.
 
-    states: Any  # with `slow`, the states of the windows (k, d), and whatever else the model needs
-    # minus twice the logarithm of the marginal likelihood of the readings, but for a constant
+    Attributes
+    ----------
+    states : object
+        The model's own record of the states; its attribute ``slow`` has shape (k, d).
+    deviance : float
+        -2 log marginal likelihood of the readings, without its constant.
+    readings : float
+        Number of readings.
+    """
+
+    states: Any
     deviance: float
-    readings: float  # how many there are
+    readings: float
 
 
 class WindowedRun(Protocol):
-    """A run with values put in, cut in windows of which each has a state of its own.
+    """A run with fixed parameter values, divided into k windows with a start state each.
 
-    A state is made of pairs: an angle [rad] and its rate, in units of about 1.
+    A state has d numbers: pairs of an angle [rad] and its rate, scaled to about 1.
     """
 
-    size: int  # d, how many numbers a state has
-    turns: float  # how many turns the record has
-    channels: Sequence[str]  # that tell states
+    size: int
+    """d, the numbers in a state."""
+    turns: float
+    """Length of the record in revolutions."""
+    channels: Sequence[str]
+    """Channels that depend on the state."""
 
-    def find(
+    def filter_states(
         self,
         measured: Mapping[str, np.ndarray],
         noise: Mapping[str, np.ndarray],
         per_turn: int,
         jump: float,
         turns: float,
-    ) -> FoundStates:
-        """States of the windows, `per_turn` of them, of the record's first `turns`, by a filter.
+    ) -> StateEstimate:
+        """Estimate the states of all windows by a filter.
 
-        `measured` and `noise`: readings and their standard deviations at the series' samples, NaN
-        where there are none; `jump`: standard deviation of a state beyond where the window before
-        ends.
+        Parameters
+        ----------
+        measured, noise : mapping of str to (n,) array
+            Readings and their standard deviations by channel; NaN for gaps.
+        per_turn : int
+            Windows per revolution.
+        jump : float
+            Standard deviation of the jump between the end of a window and the next start state.
+        turns : float
+            Length of the analysed part from the start of the record, in revolutions.
         """
 
-    def known(self, slow: np.ndarray, per_turn: int) -> Any:
-        """States that are known (k, d), of `per_turn` windows; None where these are not k."""
+    def states_from(self, slow: np.ndarray, per_turn: int) -> Any:
+        """States of `per_turn` windows per revolution from known values `slow` (k, d); None if
+        their number differs from k."""
 
-    def settled(self, states: Any) -> Any:
-        """`states` of the motion that began long before the record, so that no window jumps; None
-        where that tells nothing of them."""
+    def steady_states(self, states: Any) -> Any:
+        """The `states` of the steady motion, in which no window jumps; None if there is none."""
 
     def simulate(self, states: Any) -> tuple[Mapping[str, np.ndarray], np.ndarray, Any, np.ndarray]:
-        """What is read in windows from their states, by channel, NaN where a window cannot be
-        simulated; states at the windows' ends (k, d), a tuple of arrays (k, ...) of what else they
-        hand on, and which (k,) were simulated.
+        """Simulate all windows from their states.
+
+        Returns
+        -------
+        readings : mapping of str to (n,) array
+            By channel; NaN in windows whose simulation failed.
+        ends : (k, d) array
+            States at the ends of the windows.
+        further : tuple of (k, ...) arrays
+            Other quantities that windows pass to the next one.
+        succeeded : (k,) bool array
         """
 
     def window_of(self, time: np.ndarray, states: Any) -> np.ndarray:
-        """In which window each of the times [s] of a series lies, (n,)."""
+        """Index of the window that contains each of the times [s] (n,)."""
 
 
 @runtime_checkable
 class Windowed(Protocol):
-    """A model whose state a record does not tell, such as that of pins in their bearings."""
+    """A model with unmeasured states, such as the position of a pin in its bearing."""
 
     def windows(
         self, run: str, values: Mapping[str, float], effects: Effects = ()
     ) -> WindowedRun | None:
-        """A run in windows, `values` and `effects` as of `Model.simulate`; None where its motion
-        has no such state."""
+        """A run in windows; None if its motion has no unmeasured state. Arguments as in
+        `Model.simulate`."""
 
 
 def runs_of(model: Model) -> tuple[str, ...]:
-    """The runs of a model, in order."""
+    """Names of the runs of a model, in the order of its series."""
     return tuple(dict.fromkeys(series.run for series in model.series))

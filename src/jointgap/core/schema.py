@@ -10,6 +10,8 @@ from pathlib import Path
 
 import yaml
 
+from jointgap.core.errors import InputError, did_you_mean
+
 SCHEMAS = Path(__file__).parents[1] / "schemas"
 
 
@@ -51,10 +53,6 @@ class Table:
         return replace(self, columns=tuple(column for columns in own for column in columns))
 
 
-def _column(name: str, unit: str, description: str, kind: str = "float") -> Column:
-    return Column(name, unit, description, kind.removesuffix("?"), kind.endswith("?"))
-
-
 def _read() -> dict[str, Table]:
     tables = {}
     for file in sorted(SCHEMAS.glob("*.yaml")):
@@ -64,7 +62,34 @@ def _read() -> dict[str, Table]:
     return tables
 
 
+def _column(name: str, unit: str, description: str, kind: str = "float") -> Column:
+    return Column(name, unit, description, kind.removesuffix(" or null"), kind.endswith(" or null"))
+
+
 TABLES = _read()
 """All tables by name."""
 
 globals().update({name.upper(): table for name, table in TABLES.items()})
+
+
+def describe(name: str) -> tuple[str, list[tuple[str, ...]]]:
+    """Title, and rows below their headings, for a table or a column; InputError for another
+    name."""
+    if name in TABLES:
+        table = TABLES[name]
+        place = f" ({table.path})" if table.path else ""
+        columns = [(column.name, column.unit, column.description) for column in table.columns]
+        return f"{table.description}{place}", [("column", "unit", "description"), *columns]
+    rows = [
+        (table.name, column.unit, column.description)
+        for table in TABLES.values()
+        for column in table.columns
+        if column.name == name
+    ]
+    if not rows:
+        names = {*TABLES, *(column.name for table in TABLES.values() for column in table.columns)}
+        hint = did_you_mean(name, names)
+        if hint.startswith("known here"):
+            hint = "give a Parquet file or a name of docs/reference/tables.md"
+        raise InputError(f"'{name}': no such file, table or column; {hint}")
+    return f"column {name}", [("table", "unit", "description"), *rows]

@@ -145,7 +145,13 @@ class PeriodicEffect(CrankEffect):
         if len(context.runs) == 1:
             orders = sorted({*orders, *(k + 0.5 for k in range(int(orders[-1])))})
         order = Parameter(
-            "order", orders[0], orders[0], orders[-1], 1e-3, whole=True, tried=tuple(orders)
+            "order",
+            orders[0],
+            orders[0],
+            orders[-1],
+            1e-3,
+            integer=True,
+            search_values=tuple(orders),
         )
         guesses = tuple({"order": float(tried)} for tried in first or orders if first or tried < 9)
         sizes = cls.sizes(context.scale)

@@ -123,7 +123,7 @@ def _with_mean_residual(problem: Problem, fit: Fit) -> Fit:
 def _drawn_parameters(fit: Fit) -> np.ndarray:
     """Mask (k,) of drawn parameters: not inactive, fixed or integer ones."""
     low, high = bounds_of(fit.parameters)
-    whole = np.array([p.whole for p in fit.parameters], dtype=bool)
+    whole = np.array([p.integer for p in fit.parameters], dtype=bool)
     return np.asarray(fit.active, dtype=bool) & (high > low) & ~whole
 
 

@@ -801,7 +801,7 @@ def coordinate_estimate(fit: Fit, place: int) -> dict[str, Any]:
     there the standard error is None, with a remark.
     """
     p, value, known = fit.parameters[place], float(fit.values[place]), fit.distribution
-    if p.whole:
+    if p.integer:
         return no_estimate(value, NOT_ESTIMATED)
     sd = float(np.sqrt(known.covariance[place, place]))
     if known.draws is None or not sd > 0.0:

@@ -82,9 +82,9 @@ def fit_shape(
     }
     if found.in_windows and not family.inactive_at_default:
         # at the member's shape the law is the found effect: only the end of the fit is repeated
-        start = at | {keys[family.shape]: family.own}
+        start = at | {keys[family.shape]: family.effect_shape}
         return fitted(problem, hypothesis, start, near=found, vary=problem.parameters(hypothesis))
-    shapes = sorted(family.in_use, key=lambda shape: abs(shape - family.own))
+    shapes = sorted(family.known_shapes, key=lambda shape: abs(shape - family.effect_shape))
     guesses = [
         {**guess, family.shape: shape}
         for shape in shapes
@@ -92,7 +92,7 @@ def fit_shape(
     ]
     starts = [at | {keys[name]: value for name, value in guess.items()} for guess in guesses]
     if family.inactive_at_default:
-        starts = [start for start in starts if start[keys[family.shape]] != family.own]
+        starts = [start for start in starts if start[keys[family.shape]] != family.effect_shape]
         starts.sort(key=lambda start: _chi2_at(problem, hypothesis, start))
         starts = starts[: problem.settings.family.tried_starts]
     fits: list[Fit] = []
@@ -164,8 +164,8 @@ def shape_interval(profile: ShapeProfile, family: LawFamily, level: float) -> tu
     """
     low, high = profile.interval(float(chi_squared.ppf(level, 1)))
     least, most = profile.interval(rise_to_exclude(family, level))
-    if least <= family.own <= most:
-        low, high = min(low, family.own), max(high, family.own)
+    if least <= family.effect_shape <= most:
+        low, high = min(low, family.effect_shape), max(high, family.effect_shape)
     return low, high
 
 
@@ -262,7 +262,7 @@ def with_families(
             if fit.chi2 > found.chi2:
                 continue  # another minimum: the law with the member's shape leaves less
             rivals = [
-                other.own
+                other.effect_shape
                 for fit in equal
                 for other in _families(fit)
                 if other.law.label == family.law.label
@@ -294,7 +294,7 @@ def _plain_interval(
     for guess in family.law.initial_guesses or ({},):
         own = {
             f"{family.law.label}.{name}": value
-            for name, value in {**guess, family.shape: family.own}.items()
+            for name, value in {**guess, family.shape: family.effect_shape}.items()
         }
         try:
             column = baseline.differences.column(
@@ -305,17 +305,20 @@ def _plain_interval(
         column = column - nuisances @ (nuisances.T @ column)
         if not (square := float(column @ column)) > 0.0:
             return None
-        value = family.own - float(column @ found.residual) / square
+        value = family.effect_shape - float(column @ found.residual) / square
         half = float(np.sqrt(rise_to_exclude(family, level) * found.inflation / square))
         ends.append((half, value))
     half, value = max(ends)
     low, high = min(value - half for half, value in ends), max(value + half for half, value in ends)
     wide = low - half, high + half
-    if not wide[0] <= family.own <= wide[1] or any(
-        wide[0] <= s <= wide[1] for s in family.in_use if s != family.own
+    if not wide[0] <= family.effect_shape <= wide[1] or any(
+        wide[0] <= s <= wide[1] for s in family.known_shapes if s != family.effect_shape
     ):
         return None
-    low, high = max(shape.low, min(low, family.own)), min(shape.high, max(high, family.own))
+    low, high = (
+        max(shape.low, min(low, family.effect_shape)),
+        min(shape.high, max(high, family.effect_shape)),
+    )
     return FamilyInterval(
         member.label, family.law.label, family.shape, value, low, high, fits=True, alone=True
     )
@@ -440,10 +443,12 @@ def _asked(
         max(p.low, min(low - shift, *rivals, low)),
         min(p.high, max(high + shift, *rivals, high)),
     )
-    fits = low <= family.own <= high
+    fits = low <= family.effect_shape <= high
     if not fits and (lean := _without_inactive(baseline, fit, family, limits)) is not fit:
         return _asked(baseline, member, family, lean, limits, rivals)
-    others = any(low <= shape <= high for shape in family.in_use if shape != family.own)
+    others = any(
+        low <= shape <= high for shape in family.known_shapes if shape != family.effect_shape
+    )
     names = member.label, family.law.label, family.shape
     return fit, FamilyInterval(
         *names, float(fit.values[place]), low, high, fits, fits and not others

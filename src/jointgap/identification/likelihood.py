@@ -131,7 +131,7 @@ class _Run:
 
     def settled(self, windowed: WindowedRun) -> "_Run | None":
         """The run with the states of a motion that began long before the record."""
-        states = windowed.settled(self.states)
+        states = windowed.steady_states(self.states)
         if states is None:
             return None
         other = copy(self)
@@ -201,7 +201,7 @@ class Estimate:
         self.settings: WindowSettings = problem.settings.windows
         # integers, such as the order of a torque, are fixed
         self._varied = tuple(problem.parameters(hypothesis) if vary is None else vary)
-        self.parameters = tuple(p for p in self._varied if not p.whole)
+        self.parameters = tuple(p for p in self._varied if not p.integer)
         self._fixed = {p.key: p.nominal for p in problem.parameters(hypothesis)} | dict(start or {})
         self._low, self._high = bounds_of(self.parameters)
         self.values = np.clip([self._fixed[p.key] for p in self.parameters], self._low, self._high)
@@ -277,7 +277,7 @@ class Estimate:
                 for part in parts
             }
             noise = {part.series.channel: part.noise.spread for part in parts}
-            found = windowed.find(measured, noise, per_turn, jump, turns)
+            found = windowed.filter_states(measured, noise, per_turn, jump, turns)
             self._runs[run] = _Run(self.problem, run, windowed, found.states)
             self._slow[run] = found.states.slow.copy()
             deviance, readings = deviance + found.deviance, readings + found.readings
@@ -503,7 +503,7 @@ class Estimate:
         per_turn = self._windows_a_turn()
         for run in self.problem.runs:
             windowed = self._windowed(run, self.values)
-            known = windowed.known(states[run], per_turn) if run in states else None
+            known = windowed.states_from(states[run], per_turn) if run in states else None
             if known is None:
                 self._runs = {}
                 return False
@@ -635,7 +635,7 @@ class Estimate:
         residual, cost = self.residual, self.stages[-1].cost - self.cost_of_values
         residual = residual * math.sqrt(cost / max(float(residual @ residual), 1e-300))
         jacobian = np.zeros((size, len(self._varied)))
-        free = [i for i, p in enumerate(self._varied) if not p.whole]
+        free = [i for i, p in enumerate(self._varied) if not p.integer]
         jacobian[:count, free] = _root(self.stages[-1].hessian - np.diag(self.prior**2))
         values = np.array([self.mapping[p.key] for p in self._varied])
         count = self.problem.simulations - self._simulated

@@ -87,7 +87,7 @@ def likely_orders(
     known = np.isfinite(angle)
     if not known.any() or not residual.any():  # a preflight has no residual
         return []
-    tried = np.array([value for value in order.tried if value <= np.pi / max(finest, 1e-9)])
+    tried = np.array([value for value in order.search_values if value <= np.pi / max(finest, 1e-9)])
     basis, left = _beyond_nuisances(residual, jacobian)
     carriers, angle = [np.where(known, carrier, 0.0)], np.where(known, angle, 0.0)
     power = [_power(k * angle, carriers, basis, left) for k in tried]
@@ -416,7 +416,7 @@ class SensitivityRegression:
         replaced = {name for sensitivity in chosen for name in sensitivity.candidate.replaces}
         kept = [i for i, p in enumerate(sensitivities.parameters) if p.name not in replaced]
         indices = [self._index[id(sensitivity)] for sensitivity in chosen]
-        labels = {s.candidate.frees for s in chosen} - {s.candidate.label for s in chosen}
+        labels = {s.candidate.regress_with for s in chosen} - {s.candidate.label for s in chosen}
         freed = [
             self._columns[self._index[id(s)]]
             for s in self.sensitivities.entries

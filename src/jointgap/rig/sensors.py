@@ -133,7 +133,7 @@ class SensorFault:
     over_time: Callable[[np.ndarray, float, float, float], np.ndarray] | None = None
     # [1, of one per revolution] Start values where readings do not depend on it linearly from 0 on
     guesses: tuple[float, ...] = ()
-    frees: str = ""  # Fault of the same channel as of `Candidate.frees`
+    regress_with: str = ""  # Fault of the same channel as of `Candidate.regress_with`
     delays: bool = False  # Whether its parameter [s] is a pure delay
     undone: Callable[[np.ndarray, float, np.ndarray], np.ndarray] | None = None
     # Error [rad] of the encoder, from the true crank angle (n,) [rad], the torque on the crank (n,)
@@ -181,7 +181,7 @@ class SensorFault:
             {one.key: share * reading.turning / math.tau} for share in self.guesses
         ) or ({},)
         attributes = {"replaces": replaces or {}, "has_site": has_site, "families": families}
-        attributes |= {"frees": f"{self.frees}:{site}"} if self.frees else {}
+        attributes |= {"regress_with": f"{self.regress_with}:{site}"} if self.regress_with else {}
         return Candidate(
             self.name, site, several, keys, guesses, self.stated, sensor=True, **attributes
         )
@@ -392,7 +392,7 @@ FAULTS = {
                 * cumulative_trapezoid(values - np.mean(values), times, initial=0.0)
             ),
             guesses=(0.03, 0.12),
-            frees="sensor_bias",
+            regress_with="sensor_bias",
         ),
         SensorFault(
             LAG_AND_DELAY,

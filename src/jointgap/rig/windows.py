@@ -7,7 +7,7 @@ from math import inf, tau
 import numpy as np
 
 from jointgap.config.campaign import Campaign
-from jointgap.core.candidates import Effects, FoundStates
+from jointgap.core.candidates import Effects, StateEstimate
 from jointgap.core.costs import count_run
 from jointgap.dynamics import windows
 from jointgap.dynamics.parameters import MOTOR, Parameters
@@ -123,8 +123,8 @@ class RunInWindows:
         place = np.searchsorted(states.edges, time - self._plan.samples.time[0], side="right") - 1
         return np.clip(place, 0, len(states.slow) - 1)
 
-    def known(self, slow: np.ndarray, per_turn: int) -> windows.WindowStates | None:
-        """As of `WindowedRun.known`."""
+    def states_from(self, slow: np.ndarray, per_turn: int) -> windows.WindowStates | None:
+        """As of `WindowedRun.states_from`."""
         edges = self._edges(per_turn, inf)
         if slow.shape != (edges.size - 1, self.size):
             return None
@@ -132,8 +132,8 @@ class RunInWindows:
             edges, slow, windows.resting(self._run.driven.numbers, len(slow))
         )
 
-    def settled(self, states: windows.WindowStates) -> windows.WindowStates:
-        """As of `WindowedRun.settled`: by the filter without readings."""
+    def steady_states(self, states: windows.WindowStates) -> windows.WindowStates:
+        """As of `WindowedRun.steady_states`: by the filter without readings."""
         edges, p = states.edges, self._run.driven.numbers
         length = float(np.median(np.diff(edges)))
         before = np.arange(edges[0] - length, -self._run.driven.begin - length, -length)[::-1]
@@ -173,16 +173,16 @@ class RunInWindows:
         readings = read(self._campaign, self._plan, self._run, motion)
         return {name: value[self._rows_of[name]] for name, value in readings.items()}, *rest
 
-    def find(
+    def filter_states(
         self,
         measured: Mapping[str, np.ndarray],
         noise: Mapping[str, np.ndarray],
         per_turn: int,
         jump: float,
         turns: float,
-    ) -> FoundStates:
-        """As of `WindowedRun.find`: start values, as the filter ignores filters, lags and delays of
-        sensors.
+    ) -> StateEstimate:
+        """As of `WindowedRun.filter_states`: start values, as the filter ignores filters, lags and
+        delays of sensors.
 
         A first pass covers two turns from all directions; the second covers all windows from the
         state one turn later.
@@ -228,7 +228,7 @@ class RunInWindows:
             others,
             self._run.tolerance,
         )
-        return FoundStates(
+        return StateEstimate(
             windows.WindowStates(edges, found.slow, found.carried), sums.deviance, sums.readings
         )
 
