@@ -4,12 +4,12 @@ the mirror image."""
 import numpy as np
 import pytest
 
+from jointgap.config.channels import MIRRORED
 from jointgap.core.errors import InputError
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
 from jointgap.effects import EFFECTS
 from jointgap.effects.base import example
-from jointgap.rig.sensors import MIRRORED
 from tests.dynamics.cases import SPEED, effect, mechanism, options, with_numbers
 
 BESIDE = {"mass_centre_across": 0.01}

@@ -10,11 +10,11 @@ import pandas as pd
 import yaml
 
 from jointgap.config import Mechanism, Simulate
-from jointgap.config.campaign import CHANNELS, UNITS
+from jointgap.config.campaign import UNITS
+from jointgap.config.channels import CHANNELS, MIRRORED
 from jointgap.config.scenario import MotorDrive
 from jointgap.core.units import unit_factor
 from jointgap.dynamics.simulation import simulate
-from jointgap.rig.sensors import MIRRORED
 from tests.dynamics.cases import BODIES, effect, joint
 
 COMPARED = [name for name in CHANNELS if name not in ("time", "crank_angle")]
@@ -93,7 +93,7 @@ def draw_campaign(rng: np.random.Generator, folder: Path) -> Path:
     return path
 
 
-TURNED = {*MIRRORED, "crank_angle"}  # have the other sign where the crank turns clockwise
+TURNED = {*MIRRORED}  # have the other sign where the crank turns clockwise
 
 
 def _mechanism(rng: np.random.Generator, loose: tuple[str, ...], fastest: float) -> dict:

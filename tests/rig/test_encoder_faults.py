@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from jointgap.campaign.analyse import analyse
+from jointgap.config.channels import MIRRORED
 from jointgap.config.scenario import MotorDrive
 from jointgap.rig.model import build_model
-from jointgap.rig.sensors import MIRRORED, Faults
+from jointgap.rig.sensors import Faults
 from tests.rig.campaigns import samples, written
 from tests.rig.rigs import campaign, chosen, mechanism, read, recorded, rig, seen
 

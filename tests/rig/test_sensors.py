@@ -83,7 +83,6 @@ def test_an_accelerometer_reads_gravity_upwards_with_its_gain_and_without_its_bi
     assert sensors.gravity_read("slider_acceleration", -math.pi / 2) == pytest.approx(
         0.0, abs=1e-12
     )
-    assert sensors.gravity_read("crank_torque", -math.pi / 2) == 0.0
     name, own = "slider_acceleration", campaign(mechanism())
     reading = campaign(mechanism(gravity_direction=0.0), sensors={name: {"reads_gravity": True}})
     model, true = build_model(reading), read(build_model(own))[name]

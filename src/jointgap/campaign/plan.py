@@ -15,7 +15,8 @@ import numpy as np
 import pandas as pd
 
 from jointgap.campaign.sentences import format_detectable, format_label, names_to_labels, unit_of
-from jointgap.config.campaign import CHANNELS, PRESSURES, Campaign, Channel
+from jointgap.config.campaign import Campaign, Channel
+from jointgap.config.channels import CHANNELS, PRESSURES
 from jointgap.core.candidates import Model
 from jointgap.core.schema import CONFUSABILITY
 from jointgap.core.words import joined, number

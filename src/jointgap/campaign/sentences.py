@@ -6,7 +6,8 @@ from functools import cache
 from math import floor, inf
 from typing import Any
 
-from jointgap.config.campaign import CHANNELS, NUISANCES
+from jointgap.config.campaign import NUISANCES
+from jointgap.config.channels import CHANNELS
 from jointgap.core import words
 from jointgap.core.words import format_name, joined, number, percent, reading_unit, rounded_gap
 from jointgap.effects import EFFECTS

@@ -18,6 +18,7 @@ from pydantic import (
     model_validator,
 )
 
+from jointgap.config.channels import CHANNEL_KINDS, CHANNELS, PRESSURES
 from jointgap.config.mechanism import Mechanism
 from jointgap.config.scenario import MotorDrive
 from jointgap.core.csv_files import Csv
@@ -39,30 +40,6 @@ from jointgap.effects import EFFECTS, AnyEffect
 from jointgap.effects.clearance import LEAST_CLEARANCE
 from jointgap.effects.own_law import OwnLaw
 from jointgap.effects.slider_force_table import ForceTableParameters
-
-CHANNELS = {
-    "time": "s",
-    "crank_angle": "rad",
-    "crank_speed": "rad/s",
-    "slider_position": "m",
-    "slider_velocity": "m/s",
-    "slider_acceleration": "m/s^2",
-    "rod_angle": "rad",
-    "rod_angular_velocity": "rad/s",
-    "rod_acceleration_x": "m/s^2",
-    "rod_acceleration_y": "m/s^2",
-    "crank_torque": "N*m",
-    "guide_force": "N",
-    "frame_force_x": "N",
-    "frame_force_y": "N",
-    "cylinder_pressure": "Pa",
-    "crank_side_pressure": "Pa",
-}
-"""SI unit of every possible channel."""
-
-PRESSURES = {"cylinder_pressure": "head", "crank_side_pressure": "crank"}
-"""Channels of known loads on the slider, which are not compared, and the side of the slider on
-which they act."""
 
 UNITS = {
     "s": ("s", "ms", "us"),
@@ -288,7 +265,7 @@ _NEEDS_CHANNEL = (
     ),
     (
         ("reads_gravity",),
-        {name for name in CHANNELS if "acceleration" in name},
+        {name for name, kind in CHANNEL_KINDS.items() if kind.gravity},
         "only accelerations include gravity",
     ),
 )

@@ -4,7 +4,6 @@ import math
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from numpy.polynomial import Legendre
 from scipy.interpolate import (
     BSpline,
@@ -19,7 +18,8 @@ from scipy.optimize import brentq, minimize_scalar
 from scipy.sparse.linalg import LinearOperator
 
 from jointgap.config import Simulate
-from jointgap.core.errors import InputError, did_you_mean
+from jointgap.core.csv_files import Csv, read_columns
+from jointgap.core.errors import InputError
 from jointgap.core.units import unit_factor
 from jointgap.dynamics.numba_cache import compiled
 from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING, MEASURED, MOST_KNOTS, MOTOR
@@ -135,41 +135,25 @@ def read_angle(options: Simulate) -> tuple[np.ndarray, np.ndarray]:
             f"simulate.drive.resolution: {math.degrees(drive.resolution):g} deg is more than a"
             " quarter turn; give the step of the encoder, with its unit"
         )
-    try:
-        if path.suffix != ".parquet":
-            table = pd.read_csv(path, comment="#")
-        else:
-            table = pd.read_parquet(path, page_checksum_verification=True)
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"simulate.drive.file {path}: cannot be read as a table ({error})"
-        ) from error
-    values = []
-    for key, column in (("time", drive.time), ("angle", drive.angle)):
-        if column not in table:
+    columns = read_columns(path, [drive.time, drive.angle], Csv())
+    for column, values in columns.values.items():
+        if (gaps := np.flatnonzero(np.isnan(values))).size:
             raise InputError(
-                f"{path}: has no column '{column}' (simulate.drive.{key});"
-                f" {did_you_mean(column, list(table))}"
+                f"{path}, column {column}, row {columns.rows[gaps[0]]}: has no number; remove the"
+                " row"
             )
-        numbers = pd.to_numeric(table[column], errors="coerce").to_numpy(dtype=float)
-        if not np.isfinite(numbers).all():
-            row = int(np.flatnonzero(~np.isfinite(numbers))[0])
-            raise InputError(
-                f"{path}, column {column}, row {row + 1}: '{table[column][row]}' is not a finite"
-                " number"
-            )
-        values.append(numbers)
-    time, angle = values[0], values[1] * unit_factor(drive.angle_unit, "rad")
+    time = columns.values[drive.time]
+    angle = columns.values[drive.angle] * unit_factor(drive.angle_unit, "rad")
     if time.size < _MIN_SAMPLES:
         raise InputError(
             f"{path}: {time.size} samples are too few for a smooth angle; give at least"
             f" {_MIN_SAMPLES}"
         )
     if (falls := np.flatnonzero(np.diff(time) <= 0)).size:
-        row = int(falls[0]) + 2
+        row = int(falls[0]) + 1
         raise InputError(
-            f"{path}, column {drive.time}, row {row}: time {time[row - 1]:g} s does not increase;"
-            " sort the rows"
+            f"{path}, column {drive.time}, row {columns.rows[row]}: time {time[row]:g} s does not"
+            " increase; sort the rows"
         )
     angle = unwrapped(angle)
     if angle[-1] < angle[0]:
@@ -179,10 +163,10 @@ def read_angle(options: Simulate) -> tuple[np.ndarray, np.ndarray]:
             " the angles"
         )
     if (jumps := np.flatnonzero(np.abs(np.diff(angle)) > _TURN / 2)).size:
-        row = int(jumps[0]) + 2
+        row = int(jumps[0]) + 1
         raise InputError(
-            f"{path}, column {drive.angle}, row {row}: the angle steps by "
-            f"{math.degrees(angle[row - 1] - angle[row - 2]):.6g} deg, more than half a turn; "
+            f"{path}, column {drive.angle}, row {columns.rows[row]}: the angle steps by "
+            f"{math.degrees(angle[row] - angle[row - 1]):.6g} deg, more than half a turn; "
             "give more samples a turn, or check simulate.drive.angle_unit"
         )
     return time - time[0], angle

@@ -291,25 +291,6 @@ def ideal_cycle(crank_length: float, rod_length: float, offset: float = 0.0) -> 
     )
 
 
-SPEED_POWERS = {
-    "slider_position": 0,
-    "rod_angle": 0,
-    "slider_velocity": 1,
-    "rod_angular_velocity": 1,
-    "slider_acceleration": 2,
-    "rod_acceleration_x": 2,
-    "rod_acceleration_y": 2,
-    "crank_torque": 2,
-    "guide_force": 2,
-    "frame_force_x": 2,
-    "frame_force_y": 2,
-}
-"""Power of the crank speed to which each channel of the ideal motion is proportional."""
-
-FORCES = ("crank_torque", "guide_force", "frame_force_x", "frame_force_y")
-"""Channels affected by loads and friction; the others are purely geometric."""
-
-
 def ideal_channels(mechanism: Mechanism, angle: np.ndarray, speed: float) -> dict[str, np.ndarray]:
     """Channels of the ideal motion by inverse dynamics of rigid links, without gravity and other
     loads."""

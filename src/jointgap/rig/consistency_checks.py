@@ -13,10 +13,11 @@ from math import degrees, log, pi, sqrt, tau
 import numpy as np
 from scipy.signal import butter
 
-from jointgap.config.campaign import CHANNELS, FILTER_ORDER, UNITS, Campaign, CampaignRun, Channel
+from jointgap.config.campaign import FILTER_ORDER, UNITS, Campaign, CampaignRun, Channel
+from jointgap.config.channels import CHANNEL_KINDS, CHANNELS, FORCES
 from jointgap.core.units import counts_near, split_share, unit_factor
 from jointgap.core.words import joined, number
-from jointgap.dynamics.kinematics import FORCES, SPEED_POWERS, ideal_orders
+from jointgap.dynamics.kinematics import ideal_orders
 from jointgap.rig.recording import Contradiction, Recording
 from jointgap.rig.sampling import aperiodic_share, speed_from_periodicity
 
@@ -181,10 +182,11 @@ def _timed(
     if campaign.drive != "constant_speed" or abs(ratio) < log(1.1):
         return angle, speed, []
     orders = _orders(campaign, recording, angle, speed)
-    rates = {c: o for c, o in orders.items() if SPEED_POWERS[c] and abs(o.correlation) > 0.5}
+    powers = {name: CHANNEL_KINDS[name].speed_power for name in orders}
+    rates = {c: o for c, o in orders.items() if powers[c] and abs(o.correlation) > 0.5}
     rates = {c: o for c, o in rates.items() if c not in FORCES} or rates
     # rates that agree with the stated speed refute the times
-    votes = [-log(own.factor) / (SPEED_POWERS[channel] * ratio) for channel, own in rates.items()]
+    votes = [-log(own.factor) / (powers[channel] * ratio) for channel, own in rates.items()]
     kind, which = "time", "correct one of them"
     if votes:
         kind = "time" if np.median(votes) > 0.5 else "speed"

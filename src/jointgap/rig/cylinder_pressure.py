@@ -12,7 +12,8 @@ from scipy.linalg import eigh
 from scipy.sparse import csr_array
 
 from jointgap.config import Effect, Mechanism
-from jointgap.config.campaign import PRESSURES, Campaign, CampaignRun
+from jointgap.config.campaign import Campaign, CampaignRun
+from jointgap.config.channels import PRESSURES
 from jointgap.core.section import ConfigModel
 from jointgap.effects.base import Records
 from jointgap.effects.slider_force_table import (

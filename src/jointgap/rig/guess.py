@@ -1,15 +1,15 @@
 """A campaign file from the measured files alone: which column is which channel, its unit, and the
 speeds of the runs.
 
-Headings and units decide where they say enough, otherwise the values do. Every guess has its reason
-as a comment, and what the files do not contain has the value `FILL_IN`.
+Headings and units decide if they are clear, otherwise the values do. Every guess has its reason as
+a comment, and what the files do not contain has the value `FILL_IN`.
 """
 
 import json
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from math import degrees, isclose, log, tau
 from pathlib import Path
@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from jointgap.config.campaign import CHANNELS, PRESSURES, RESERVED_IDS, UNITS
+from jointgap.config.campaign import RESERVED_IDS, UNITS
+from jointgap.config.channels import CHANNEL_KINDS, CHANNELS, PRESSURES
 from jointgap.config.yaml_files import FILL_IN
 from jointgap.core.csv_files import Csv, find_headings, read_columns
 from jointgap.core.errors import InputError
@@ -28,40 +29,9 @@ from jointgap.core.words import number
 from jointgap.rig import checks
 from jointgap.rig.sampling import speed_from_periodicity
 
-WORDS = {
-    "time": "t time zeit clock stamp elapsed temps n nr no sample samples index",
-    "crank_angle": (
-        "crank angle theta th phi alpha θ φ encoder enc count counts pulses winkel rotation"
-        " position"
-    ),
-    "crank_speed": "crank speed omega ω w n drehzahl angular velocity rotational",
-    "slider_position": "slider piston position pos x s weg stroke hub displacement travel lvdt",
-    "slider_velocity": "slider piston velocity vel v speed geschwindigkeit",
-    "slider_acceleration": "slider piston acceleration accel acc a g beschleunigung",
-    "crank_torque": "crank torque trq tq moment m drehmoment current curr i strom",
-    "rod_angle": "angle",
-    "rod_angular_velocity": "angular velocity rate gyro",
-    "rod_acceleration_x": "acceleration acc x",
-    "rod_acceleration_y": "acceleration acc y",
-    "guide_force": "force f",
-    "frame_force_x": "force f x",
-    "frame_force_y": "force f y",
-    "cylinder_pressure": "cylinder pressure druck indicator",
-    "crank_side_pressure": "pressure druck",
-}
-"""Words of headings, by channel; words of four letters or more also as a part of a word."""
-
-REQUIRED = {
-    "rod": "rod conrod pleuel",
-    "guide": "guide normal side",
-    "frame": "frame foundation base bearing",
-}
-REQUIRED["crank_side"] = "crankside rear rod"
-"""Words of which the heading of a channel needs one, by the beginning of the channel's name."""
-
 SAMPLE_NUMBERS = {"n", "nr", "no", "sample", "samples", "index"}
 COUNTED = {"count", "counts", "pulses", "enc", "encoder"}
-OTHER = {"temperature", "temp", "power", "leistung", "state", "status", "flag", "event"}
+NO_CHANNEL = {"temperature", "temp", "power", "leistung", "state", "status", "flag", "event"}
 """Words of sample numbers, of an encoder's counts, and of quantities that are no channel."""
 
 SIGNALS = {
@@ -70,84 +40,18 @@ SIGNALS = {
 }
 """Units of a sensor's signal, and words that stand for them."""
 
-OTHER_UNITS = ("W", "K")
+USUAL_UNITS = (*CHANNELS.values(), *SIGNALS, "W", "K")
 PERIODS = {"deg": (360.0, 720.0), "rad": (tau, 2 * tau), "turn": (1.0, 2.0)}
 """Values of an angle's unit in a turn, and in a four-stroke cycle."""
 
 LENGTHS, SPEEDS = (4e-3, 0.7), (8.0, 20000.0)  # [m], [rpm] of usual cranks
-KINEMATIC = (
-    "slider_position",
-    "slider_velocity",
-    "slider_acceleration",
-)  # In the order of the derivatives
-SHAPES = {
-    "crank_speed": "its mean is the speed of the crank",
-    "slider_position": "once a turn, of one size at all speeds",
-    "slider_velocity": "once a turn, grows with the speed",
-    "slider_acceleration": "once a turn, grows with the square of the speed",
-    "crank_torque": "repeats every turn",
-}
-"""What the values of a channel are like."""
+PHASES = {"slider_position": 1.0, "slider_velocity": -1j, "slider_acceleration": -1.0}
+"""First order of the slider's motion from the outer dead centre, over its size."""
 
 # Headings
 
-
-@dataclass(frozen=True, eq=False)
-class Column:
-    """A column of all runs."""
-
-    heading: str
-    words: frozenset[str]
-    unit: str  # As written; '' if none is
-    values: tuple[np.ndarray, ...]  # By run
-
-    def named(self, channel: str) -> float:
-        """Number of words that fit a channel; a single letter counts half."""
-        required = next(
-            (words for start, words in REQUIRED.items() if channel.startswith(start)), ""
-        )
-        needed = _matches(self.words, required)
-        return needed + _matches(self.words, WORDS[channel]) if needed or not required else 0.0
-
-    def may_be(self, channel: str) -> bool:
-        """Whether no other channel fits the heading better by more than a letter, and the unit
-        fits."""
-        others = max(self.named(other) for other in CHANNELS)
-        return bool(self.unit_for(channel)) or (
-            not self.unit and others <= max(self.named(channel), 0.5)
-        )
-
-    def unit_for(self, channel: str) -> str:
-        """The written unit in a spelling that pint knows; '' where it does not fit the channel, or
-        is missing."""
-        return _fitting(self.unit, CHANNELS[channel])
-
-    @property
-    def is_zero(self) -> bool:
-        """Whether all values are 0, such as the torque of a motor that is off."""
-        return not any(own.any() for own in self.values)
-
-    @property
-    def signal(self) -> str:
-        """The unit of a sensor's signal; '' for a quantity."""
-        for unit, words in SIGNALS.items():
-            if found := _fitting(self.unit, unit) or (
-                not self.unit and self.words & words and unit
-            ):
-                return found
-        return ""
-
-
-def _matches(words: frozenset[str], table: str) -> float:
-    known = table.split()
-    found = [
-        own for own in words if any(one == own or (len(one) > 3 and one in own) for one in known)
-    ]
-    return sum(0.5 if len(own) == 1 else 1.0 for own in found)
-
-
 _fitting = lru_cache(respelled)
-_KNOWN = {own for words in WORDS.values() for own in words.split()}
+_WORDS = {name: frozenset(kind.words.split()) for name, kind in CHANNEL_KINDS.items()}
 _WITH_UNIT = re.compile(
     r"(.*?)\s*(?:[\[({<]\s*([^\])}>]*?)\s*[\])}>]|(?:\s/\s*|\s+in\s+|,\s*)(\S+))\s*"
 )
@@ -156,22 +60,82 @@ _WITH_UNIT = re.compile(
 def words_and_unit(heading: str) -> tuple[frozenset[str], str]:
     """Words of a heading in lower case, and its unit or '': ``Torque [Nm]``, ``M / Nm``,
     ``torque_Nm``, ``rpm``."""
-    rest, unit, parts = heading, "", heading.split("_")
-    if (found := _WITH_UNIT.fullmatch(heading)) and (respelled(found[2] or found[3] or "")):
-        rest, unit = found[1], found[2] or found[3]
-    elif len(heading) > 1 and heading.lower() not in _KNOWN and _is_usual_unit(heading):
-        unit = heading
+    text, unit, parts = heading, "", heading.split("_")
+    match = _WITH_UNIT.fullmatch(heading)
+    if match and respelled(match[2] or match[3] or ""):
+        text, unit = match[1], match[2] or match[3]
+    elif len(heading) > 1 and heading.lower() not in frozenset().union(*_WORDS.values()):
+        unit = heading if _is_usual_unit(heading) else ""
     for begin in () if unit else range(1, len(parts)):
         joined = (sign.join(parts[begin:]).replace("/per/", "/") for sign in ("/", "*"))
         if unit := next(filter(_is_usual_unit, joined), ""):
-            rest = " ".join(parts[:begin])
+            text = " ".join(parts[:begin])
             break
-    spaced = re.sub(r"(?<=[^\W\d_A-Z])(?=[A-Z][a-z])", " ", rest)  # CrankAngle
+    spaced = re.sub(r"(?<=[^\W\d_A-Z])(?=[A-Z][a-z])", " ", text)  # CrankAngle
     return frozenset(re.findall(r"[^\W\d_]+", spaced.lower())), unit
 
 
 def _is_usual_unit(text: str) -> bool:
-    return any(_fitting(text, base) for base in (*CHANNELS.values(), *SIGNALS, *OTHER_UNITS))
+    return any(_fitting(text, unit) for unit in USUAL_UNITS)
+
+
+def _matches(words: frozenset[str], table: frozenset[str]) -> float:
+    """Number of `words` in the `table`, also as a part of a word; a single letter counts half."""
+    matching = [
+        text
+        for text in words
+        if any(entry == text or (len(entry) > 3 and entry in text) for entry in table)
+    ]
+    return sum(0.5 if len(text) == 1 else 1.0 for text in matching)
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """A column of all runs."""
+
+    heading: str
+    words: frozenset[str]
+    unit: str  # As written; '' without one
+    values: tuple[np.ndarray, ...]  # By run
+
+    def named(self, channel: str) -> float:
+        """Number of words that fit a channel."""
+        required = frozenset(CHANNEL_KINDS[channel].required_words.split())
+        needed = _matches(self.words, required)
+        return 0.0 if required and not needed else needed + _matches(self.words, _WORDS[channel])
+
+    def may_be(self, channel: str) -> bool:
+        """Whether the unit fits, or no other channel fits the heading better by more than a
+        letter."""
+        best = max(map(self.named, CHANNELS))
+        return bool(self.unit_for(channel)) or (
+            not self.unit and best <= max(self.named(channel), 0.5)
+        )
+
+    def unit_for(self, channel: str) -> str:
+        """The written unit in a spelling that pint knows; '' if it does not fit the channel."""
+        return _fitting(self.unit, CHANNELS[channel])
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether all values are 0, such as the torque of a motor that is off."""
+        return not any(values.any() for values in self.values)
+
+    @property
+    def is_constant(self) -> bool:
+        return any(
+            np.isfinite(values).sum() < checks.MIN_SAMPLES or np.nanstd(values) == 0.0
+            for values in self.values
+        )
+
+    @property
+    def signal(self) -> str:
+        """The unit of a sensor's signal; '' for a quantity."""
+        units = (
+            _fitting(self.unit, unit) or (not self.unit and self.words & words and unit)
+            for unit, words in SIGNALS.items()
+        )
+        return next(filter(None, units), "")
 
 
 # Files
@@ -182,61 +146,63 @@ class _Run:
     """Columns of numbers of a run, from its file or from those of several loggers."""
 
     files: list[Path]
-    values: dict[str, np.ndarray]
-    units: dict[str, str]  # From a row of units
     unread: list[str]  # Headings of columns of text, and of several columns
+    values: dict[str, np.ndarray] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)  # From a row of units
 
-    def add(self, other: "_Run") -> None:
+    def add(self, second: "_Run") -> None:
         """Add the columns of a further logger, at the times of the first."""
-        clock = next(name for name in other.values if name in self.values)
-        self.files += other.files
-        for name in [name for name in other.values if name not in self.values]:
-            self.values[name] = np.interp(
-                self.values[clock], other.values[clock], other.values[name]
-            )
-        self.units |= other.units
+        clock = next(name for name in second.values if name in self.values)
+        self.files += second.files
+        for name, values in second.values.items():
+            if name not in self.values:
+                times = self.values[clock], second.values[clock]
+                self.values[name] = np.interp(*times, values)
+        self.units |= second.units
 
 
 def _read(path: Path) -> _Run:
-    """The columns of a file; those with text are left out."""
+    """The columns of a file without those that contain text."""
     headings = find_headings(path)
-    once = [heading for heading in headings if headings.count(heading) == 1]
+    unique = [heading for heading in headings if headings.count(heading) == 1]
+    run = _Run([path], sorted({*headings} - {*unique}))
     try:
-        columns = read_columns(path, once, Csv())
-        return _Run([path], columns.values, columns.units, sorted({*headings} - {*once}))
+        columns = read_columns(path, unique, Csv())
+        run.values, run.units = columns.values, columns.units
+        return run
     except InputError as error:
-        why = error
-    run = _Run([path], {}, {}, sorted({*headings} - {*once}))
-    for heading in once:
+        reason = error
+    for heading in unique:
         try:
-            own = read_columns(path, [heading], Csv(), clock=heading)
+            column = read_columns(path, [heading], Csv(), clock=heading)
         except InputError:
             run.unread.append(heading)
             continue
-        run.values |= own.values
-        run.units |= {heading: "s"} if own.began is not None else own.units
+        run.values |= column.values
+        run.units |= {heading: "s"} if column.began is not None else column.units
     if not run.values:
-        raise why
+        raise reason
     rows = min(map(len, run.values.values()))  # without a row of units, which some columns may lack
-    run.values = {name: own[-rows:] for name, own in run.values.items()}
+    run.values = {name: values[-rows:] for name, values in run.values.items()}
     return run
 
 
 def read_runs(files: Sequence[Path]) -> list[_Run]:
     """The runs in `files`. A file with other headings than the first is joined to the run of the
     most similar name."""
-    found = [_read(path) for path in files]
-    headings = {*found[0].values}
-    runs = [run for run in found if run.values.keys() == headings]
-    for other in [run for run in found if run.values.keys() != headings]:
-        alike = [_alike(other.files[0].stem, run.files[0].stem) for run in runs]
-        if alike.count(max(alike)) > 1 or not other.values.keys() & headings:
+    parts = [_read(path) for path in files]
+    headings = {*parts[0].values}
+    runs = [part for part in parts if part.values.keys() == headings]
+    for part in [part for part in parts if part.values.keys() != headings]:
+        stems = [[part.files[0].stem, run.files[0].stem] for run in runs]
+        alike = [len(os.path.commonprefix(pair)) for pair in stems]  # noqa: RUF071
+        if alike.count(max(alike)) > 1 or not part.values.keys() & headings:
             raise InputError(
-                f"{other.files[0]}: has other headings than {files[0]}; give all runs the same"
+                f"{part.files[0]}: has other headings than {files[0]}; give all runs the same"
                 " headings, and the files of several loggers a common heading of the time and"
                 " names that begin alike, such as slow.csv and slow_2.csv"
             )
-        runs[int(np.argmax(alike))].add(other)
+        runs[int(np.argmax(alike))].add(part)
     if lacking := [run for run in runs if run.values.keys() != runs[0].values.keys()]:
         raise InputError(
             f"{lacking[0].files[0]}: its run lacks columns of others; give all files of each run"
@@ -244,28 +210,19 @@ def read_runs(files: Sequence[Path]) -> list[_Run]:
     return runs
 
 
-def _alike(one: str, other: str) -> int:
-    """Number of equal letters at the beginning."""
-    return next(
-        (n for n, (a, b) in enumerate(zip(one, other, strict=False)) if a != b),
-        min(len(one), len(other)),
-    )
-
-
 # Values
 
 
 def continued(values: np.ndarray) -> tuple[np.ndarray, float]:
-    """An angle without gaps and without jumps back, and the size of these jumps; 0 if there are
-    none."""
-    finite = np.flatnonzero(np.isfinite(values))
-    steps, jump = np.diff(values[finite]), 0.0
-    back = np.abs(steps) > 0.5 * np.ptp(values[finite])
-    whole = values[finite]
+    """An angle without gaps and without jumps back, and the size of these jumps or 0."""
+    known = np.flatnonzero(np.isfinite(values))
+    angle, jump = values[known], 0.0
+    steps = np.diff(angle)
+    back = np.abs(steps) > 0.5 * np.ptp(angle)
     if back.any() and not back.all():
         jump = float(np.median(np.abs(steps[back] - np.median(steps[~back]))))
-        whole = np.unwrap(whole, period=jump)
-    return np.interp(np.arange(values.size), finite, whole), jump
+        angle = np.unwrap(angle, period=jump)
+    return np.interp(np.arange(values.size), known, angle), jump
 
 
 def progress(values: np.ndarray) -> float:
@@ -276,49 +233,46 @@ def progress(values: np.ndarray) -> float:
 def evenness(values: np.ndarray) -> float:
     """1 for equal positive steps, 0 for uneven ones."""
     steps = np.diff(values[np.isfinite(values)])
-    return (
-        max(0.0, 1.0 - float(np.std(steps) / np.mean(steps)))
-        if steps.size and steps.min() > 0
-        else 0.0
-    )
+    if not steps.size or steps.min() <= 0:
+        return 0.0
+    return max(0.0, 1.0 - float(np.std(steps) / np.mean(steps)))
 
 
-def period_of(x: np.ndarray, values: Sequence[np.ndarray]) -> float:
-    """The period in `x`, which rises or falls, at which all `values` repeat; 0 if there is none."""
-    x, values = (
-        np.maximum.accumulate(np.copysign(1.0, progress(x)) * x),
-        [own for own in values if np.nanstd(own) > 0],
-    )
+def period_of(x: np.ndarray, channels: Sequence[np.ndarray]) -> float:
+    """The period in `x`, which rises or falls, at which all `channels` repeat; 0 if there is
+    none."""
+    x = np.maximum.accumulate(np.copysign(1.0, progress(x)) * x)
+    channels = [values for values in channels if np.nanstd(values) > 0]
     grid = np.linspace(x[0], x[-1], min(4 * x.size, 8192))
-    alike = np.zeros(grid.size)
-    for own in values:
-        finite = np.isfinite(own)
-        y = np.interp(grid, x[finite], own[finite])
+    correlation = np.zeros(grid.size)
+    for values in channels:
+        known = np.isfinite(values)
+        y = np.interp(grid, x[known], values[known])
         power = np.abs(np.fft.rfft((y - y.mean()) / max(y.std(), 1e-300), 2 * y.size)) ** 2
-        alike += np.fft.irfft(power)[: y.size] / np.arange(y.size, 0, -1) / len(values)
-    apart = np.flatnonzero(alike < 0.4)
+        correlation += np.fft.irfft(power)[: y.size] / np.arange(y.size, 0, -1) / len(channels)
+    apart = np.flatnonzero(correlation < 0.4)
     lags = np.arange(apart[0] + 1 if apart.size else grid.size, 2 * grid.size // 3)
-    peaks = lags[(alike[lags] >= alike[lags - 1]) & (alike[lags] > alike[lags + 1])]
-    best = alike[peaks].max(initial=0.0)
+    is_peak = correlation[lags] >= correlation[lags - 1]
+    peaks = lags[is_peak & (correlation[lags] > correlation[lags + 1])]
+    best = correlation[peaks].max(initial=0.0)
     if best < 0.5:
         return 0.0
-    rough = float(grid[peaks[alike[peaks] > best - 0.1][0]] - grid[0])
+    rough = float(grid[peaks[correlation[peaks] > best - 0.1][0]] - grid[0])
     part, speed = x - x[0] < 20 * rough, tau / rough
     return tau / speed_from_periodicity(
-        x[part] - x[0], [own[part] for own in values], 0.97 * speed, 1.03 * speed
+        x[part] - x[0], [values[part] for values in channels], 0.97 * speed, 1.03 * speed
     )
 
 
 def orders_of(turns: np.ndarray, values: np.ndarray) -> np.ndarray | None:
     """Mean and four complex orders of `values`: Re sum c_k exp(2 pi i k turns); None if most of it
     does not repeat."""
-    used = np.isfinite(values)
-    turning = np.exp(1j * tau * np.outer(turns[used], np.arange(1, 5)))
-    columns = np.column_stack([np.ones(used.sum()), turning.real, turning.imag])
-    weights = np.linalg.lstsq(columns, values[used], rcond=None)[0]
-    if columns.shape[0] < 20 or not np.var(values[used] - columns @ weights) < 0.6 * np.var(
-        values[used]
-    ):
+    known = np.isfinite(values)
+    turning = np.exp(1j * tau * np.outer(turns[known], np.arange(1, 5)))
+    columns = np.column_stack([np.ones(known.sum()), turning.real, turning.imag])
+    weights = np.linalg.lstsq(columns, values[known], rcond=None)[0]
+    residual = values[known] - columns @ weights
+    if residual.size < 20 or not np.var(residual) < 0.6 * np.var(values[known]):
         return None
     return np.append(weights[0], weights[1:5] - 1j * weights[5:])
 
@@ -329,162 +283,164 @@ class Guesses:
     def __init__(self, runs: Sequence[_Run]):
         self.runs = runs
         self.columns: dict[str, Column] = {}  # Not yet assigned
-        self.unused = dict.fromkeys(
-            runs[0].unread, "contains text, or is there twice"
-        )  # Why, by heading
+        self.unused = dict.fromkeys(runs[0].unread, "contains text, or is there twice")
         self.channels: dict[str, dict[str, object]] = {}  # Entries of the campaign file
         self.why: dict[str, str] = {}
         self.lengths: dict[str, float] = {}  # [m] of the crank, by channel
-        self.zero: tuple[str, float] | None = (
-            None  # Channel, and by it the angle [deg] read at the outer dead centre
-        )
+        # Channel, and by it the angle [deg] read at the outer dead centre
+        self.zero: tuple[str, float] | None = None
         self.turned: list[np.ndarray] = []  # [turns] by run
         self.rates: list[float] = [0.0] * len(runs)  # [turns/s] signed; 0 if not known
         for heading in runs[0].values:
-            values = tuple(run.values[heading] for run in runs)
             words, unit = words_and_unit(heading)
-            column = Column(
-                heading, words, unit or runs[0].units.get(heading, "").strip("- "), values
-            )
-            constant = any(
-                np.isfinite(own).sum() < checks.MIN_SAMPLES or np.nanstd(own) == 0.0
-                for own in values
-            )
-            if constant and not (column.named("crank_torque") and column.is_zero):
+            unit = unit or runs[0].units.get(heading, "").strip("- ")
+            column = Column(heading, words, unit, tuple(run.values[heading] for run in runs))
+            if column.is_constant and not (column.named("crank_torque") and column.is_zero):
                 self.unused[heading] = "has one value or too few"
             else:
                 self.columns[heading] = column
         if not self.columns:
             files = " and ".join(str(file) for run in runs for file in run.files)
-            text = (
-                f"no column with {checks.MIN_SAMPLES} different numbers; give the record of a"
-                " measurement"
+            raise InputError(
+                f"{files}: no column with {checks.MIN_SAMPLES} different numbers; give the record"
+                " of a measurement"
             )
-            raise InputError(f"{files}: {text}")
-        self.time, self.angle = self._take(self._as_time), self._take(self._as_angle)
+        self.time, self.angle = self._take("time"), self._take("crank_angle")
         if self.angle:
-            self._turn()
+            self._assign_angle()
         elif self.time:
-            self._repeat()
+            times = [continued(values)[0] for values in self.time.values]
+            periods = self._periods(times)
+            if all(periods):
+                self.turned = [time / period for time, period in zip(times, periods, strict=True)]
         if self.time:
-            self._clock()
-        self._others()
+            self._assign_time()
+        self._assign_sensors()
 
-    def _take(self, merit) -> Column | None:
-        best = max(self.columns.values(), key=merit, default=None)
-        return self.columns.pop(best.heading) if best and merit(best) > 0.0 else None
-
-    def _as_time(self, column: Column) -> float:
-        even = round(min(map(evenness, column.values)), 2)
-        merit = 2 * column.named("time") + 2 * bool(column.unit) + even
-        if column.words & SAMPLE_NUMBERS and not column.unit:
-            merit = 0.1  # where there are no times
-        return merit if even and column.may_be("time") else 0.0
-
-    def _as_angle(self, column: Column) -> float:
-        turning = min(abs(progress(continued(own)[0])) for own in column.values)
-        counted = column.unit.lower() in COUNTED
-        possible = (column.may_be("crank_angle") or counted) and not column.words & SAMPLE_NUMBERS
-        merit = 2 * column.named("crank_angle") + 2 * bool(column.unit)
-        return merit + turning if turning > 0.5 and possible else 0.0
-
-    def _state(self, channel: str, column: Column, reasons: Sequence[str], **keys: object) -> None:
-        """Assign a column to a channel."""
-        self.channels[channel] = {"column": column.heading, **keys}
-        self.why[channel] = (
-            f"guess: {'; '.join(filter(None, reasons))}" if any(reasons) else "from the heading"
+    def _take(self, channel: str) -> Column | None:
+        """The column that fits best, if any does."""
+        best = max(
+            self.columns.values(), key=lambda column: self._score(column, channel), default=None
         )
+        if best is None or not self._score(best, channel):
+            return None
+        return self.columns.pop(best.heading)
+
+    def _score(self, column: Column, channel: str) -> float:
+        """How well heading, unit and values of a column fit a channel; 0 if they do not."""
+        shape = self._shape(column, channel)
+        are_numbers = bool(column.words & SAMPLE_NUMBERS)
+        if channel == "time":
+            if are_numbers and not column.unit and shape:
+                return 0.1 * column.may_be(channel)  # where there are no times
+            is_possible = shape and column.may_be(channel)
+        elif channel == "crank_angle":
+            is_counted = column.unit.lower() in COUNTED
+            is_possible = column.may_be(channel) or is_counted
+            is_possible = is_possible and shape > 0.5 and not are_numbers
+        else:
+            is_possible = column.unit_for(channel) or column.signal or not column.unit
+            is_possible = is_possible and not column.words & NO_CHANNEL
+        named = column.named(channel)
+        score = 2.0 * named + shape
+        if not is_possible or not score:
+            return 0.0
+        return score + 2.0 * bool(column.unit)
+
+    def _shape(self, column: Column, channel: str) -> float:
+        """How well the values of a column fit a channel: over time, over a turn, by the speed."""
+        if channel == "time":
+            return round(min(map(evenness, column.values)), 2)
+        if channel == "crank_angle":
+            return min(abs(progress(continued(values)[0])) for values in column.values)
+        if column.unit_for("cylinder_pressure"):
+            return float(channel == "cylinder_pressure")
+        if self._speed_unit(column):
+            return 3.0 * (channel == "crank_speed")
+        sizes = np.abs(np.array(self._orders(column)))
+        if not sizes.size or channel not in (*PHASES, "crank_torque"):
+            return 0.0
+        if np.median(sizes[:, 2] / sizes[:, 1]) > 0.6:
+            return 1.5 * (channel == "crank_torque")
+        if channel == "crank_torque":
+            return 1.0
+        mean, rates = float(np.median(sizes[:, 0] / sizes[:, 1])), np.abs(self.rates)
+        power = 2.0 * (mean < 0.5)  # at one speed: only a position is far from 0
+        if rates.max() > 1.15 * rates.min() > 0.0:
+            power = float(np.polyfit(np.log(rates), np.log(sizes[:, 1:].sum(axis=1)), 1)[0])
+        if CHANNEL_KINDS[channel].speed_power != int(np.clip(round(power), 0, 2)):
+            return 0.0
+        return 1.5 - (mean if channel != "slider_position" else 0.0)
+
+    def _assign(self, channel: str, column: Column, reasons: Sequence[str], **keys: object) -> None:
+        self.channels[channel] = {"column": column.heading, **keys}
+        reason = "; ".join(filter(None, reasons))
+        self.why[channel] = f"guess: {reason}" if reason else "from the heading"
 
     # Angle, time, speed
 
-    def _turn(self) -> None:
+    def _periods(self, x: Sequence[np.ndarray]) -> list[float]:
+        """The period of the columns in `x`, by run; 0 without one."""
+        return [
+            period_of(values, [column.values[run] for column in self.columns.values()])
+            for run, values in enumerate(x)
+        ]
+
+    def _assign_angle(self) -> None:
         """The unit of the angle, from its jumps back or from the period of the other columns, and
         `turned`."""
         column, unit = self.angle, self.angle.unit_for("crank_angle")
         angles, jumps = zip(*map(continued, column.values), strict=True)
-        size, by = float(np.median(jumps)), "starts again after {}"
-        counted = all((own[np.isfinite(own)] % 1 == 0).all() for own in column.values)
-        overflows = counted and any(isclose(size, 2**bits, rel_tol=1e-3) for bits in (16, 24, 32))
-        if not size or overflows:
-            others = [
-                [other.values[run] for other in self.columns.values()] for run in range(len(angles))
-            ]
-            found = [period_of(own, others[run]) for run, own in enumerate(angles) if others[run]]
-            size, by = (
-                float(np.median([one for one in found if one] or [0.0])),
-                "the other columns repeat every {}",
-            )
-        reasons = [
-            "" if column.named("crank_angle") else "rises throughout",
-            "" if unit else by.format(number(size)),
+        size, source = float(np.median(jumps)), "starts again after {}"
+        is_whole = all((values[np.isfinite(values)] % 1 == 0).all() for values in column.values)
+        bits = [bits for bits in (16, 24, 32) if isclose(size, 2**bits, rel_tol=1e-3)]
+        if not size or (is_whole and bits):
+            periods = [period for period in self._periods(angles) if period]
+            size, source = float(np.median(periods or [0.0])), "the other columns repeat every {}"
+        reasons = ["" if column.named("crank_angle") else "rises throughout"]
+        reasons += ["" if unit else source.format(number(size))]
+        fitting = [
+            name
+            for name, periods in PERIODS.items()
+            if any(isclose(size, period, rel_tol=0.03) for period in periods)
         ]
-        fits = [
-            each
-            for each, periods in PERIODS.items()
-            if any(isclose(size, one, rel_tol=0.03) for one in periods)
-        ]
-        counted = counted and not unit and (not fits or bool(column.words & COUNTED))
-        if counted and size:
-            period = counts_near(size) or round(size)
-            self._state("crank_angle", column, [*reasons, "whole numbers"], counts_per_turn=period)
-        elif counted and column.words & COUNTED:
-            period = 0.0
-            self._state("crank_angle", column, ["whole numbers"], counts_per_turn=FILL_IN)
+        is_counted = is_whole and not unit and (not fitting or bool(column.words & COUNTED))
+        if is_counted and (size or column.words & COUNTED):
+            period = (counts_near(size) or round(size)) if size else 0.0
+            reasons = [*reasons, "whole numbers"] if size else ["whole numbers"]
+            self._assign("crank_angle", column, reasons, counts_per_turn=period or FILL_IN)
         else:
-            if not unit and not fits:
-                fits, reasons[1] = (
-                    [each for each in PERIODS if self._samples_well(PERIODS[each][0], angles)],
-                    "no unit",
-                )
-            unit = unit or (fits or [FILL_IN])[0]
+            if not unit and not fitting:
+                reasons[1] = "no unit"
+                fitting = [name for name in PERIODS if _samples_well(PERIODS[name][0], angles)]
+            unit = unit or (fitting or [FILL_IN])[0]
             period = 0.0 if unit == FILL_IN else tau / unit_factor(unit, "rad")
-            self._state("crank_angle", column, reasons, unit=unit)
-        self.turned = [own / period for own in angles] if period else []
+            self._assign("crank_angle", column, reasons, unit=unit)
+        self.turned = [angle / period for angle in angles] if period else []
 
-    def _samples_well(self, period: float, angles: Sequence[np.ndarray]) -> bool:
-        """Whether the runs have at least a turn of this period, and six samples in it."""
-        return all(
-            abs(own[-1] - own[0]) > period > 6 * abs(np.median(np.diff(own))) for own in angles
-        )
-
-    def _repeat(self) -> None:
-        """`turned` without an angle, from the period of the columns in time."""
-        times = [continued(own)[0] for own in self.time.values]
-        others = [
-            [other.values[run] for other in self.columns.values()] for run in range(len(times))
-        ]
-        periods = [
-            period_of(time, others[run]) if others[run] else 0.0 for run, time in enumerate(times)
-        ]
-        self.turned = (
-            [time / one for time, one in zip(times, periods, strict=True)] if all(periods) else []
-        )
-
-    def _clock(self) -> None:
+    def _assign_time(self) -> None:
         """The unit of the time, and `rates`."""
         column, unit = self.time, self.time.unit_for("time")
         if not unit and column.words & SAMPLE_NUMBERS:
-            return self._state("time", column, ["sample numbers"], rate=FILL_IN)
-        times = [continued(own)[0] for own in column.values]
+            self._assign("time", column, ["sample numbers"], rate=FILL_IN)
+            return
+        times = [continued(values)[0] for values in column.values]
         rates = [
-            float(np.ptp(own[[0, -1]]) / np.ptp(time)) * (1 if own[-1] > own[0] else -1)
-            for own, time in zip(self.turned, times, strict=False)
+            float((turns[-1] - turns[0]) / np.ptp(time))
+            for turns, time in zip(self.turned, times, strict=False)
         ]
-        reasons = [
-            "" if column.named("time") or unit else "rises evenly",
-            "" if unit else "no unit",
-        ]
+        reasons = ["" if column.named("time") or unit else "rises evenly"]
         if not unit:
             rpm = 60 * float(np.median(np.abs(rates or [0.0])))
             usual = [
-                one
-                for one in ("s", "ms", "us")
-                if SPEEDS[0] < rpm / unit_factor(one, "s") < SPEEDS[1]
+                name
+                for name in ("s", "ms", "us")
+                if SPEEDS[0] < rpm / unit_factor(name, "s") < SPEEDS[1]
             ]
             unit = (usual or ["s"])[0]
-            reasons.append(f"{unit} gives usual speeds" if usual else "")
+            reasons += ["no unit", f"{unit} gives usual speeds" if usual else ""]
         self.rates = [rate / unit_factor(unit, "s") for rate in rates] or self.rates
-        return self._state("time", column, reasons, unit=unit)
+        self._assign("time", column, reasons, unit=unit)
 
     @property
     def unsteady(self) -> str:
@@ -493,159 +449,121 @@ class Guesses:
         if not (self.angle and any(self.rates)):
             return ""
         second = unit_factor(self.channels["time"]["unit"], "s")
-        pairs = zip(self.turned, self.rates, self.time.values, strict=True)
-        found = (
-            checks.unsteady(continued(time)[0] * second, np.sign(rate) * tau * own)
-            for own, rate, time in pairs
+        variations = (
+            checks.unsteady(continued(time)[0] * second, np.sign(rate) * tau * turns)
+            for turns, rate, time in zip(self.turned, self.rates, self.time.values, strict=True)
         )
-        return next(filter(None, found), "")
+        return next(filter(None, variations), "")
 
     # Other channels
 
-    def _others(self) -> None:
+    def _assign_sensors(self) -> None:
         """Assign the columns left to channels, those that fit best first."""
         scores = [
-            (score, channel, column)
+            (self._score(column, channel), channel, column)
             for column in self.columns.values()
-            for channel, score in self._scores(column).items()
+            for channel in CHANNELS.keys() - {"time", "crank_angle"}
         ]
-        taken: dict[str, Column] = {}
-        for _, channel, column in sorted(scores, key=lambda one: -one[0]):
-            if channel not in taken and column not in taken.values():
-                taken[channel] = column
-        for channel, column in sorted(
-            taken.items(), key=lambda one: not one[1].unit
-        ):  # written units first
-            self._add(channel, column)
+        assigned: dict[str, Column] = {}
+        for score, channel, column in sorted(scores, key=lambda entry: -entry[0]):
+            if score >= 1.0 and channel not in assigned and column not in assigned.values():
+                assigned[channel] = column
+        # written units first, as they give the length of the crank
+        for channel, column in sorted(assigned.items(), key=lambda entry: not entry[1].unit):
+            self._assign_sensor(channel, column)
         for column in self.columns.values():
-            if column not in taken.values():
+            if column not in assigned.values():
                 self.unused[column.heading] = (
                     "is none of the channels, or it is not clear which one"
                 )
 
-    def _scores(self, column: Column) -> dict[str, float]:
-        """How well a column fits each possible channel."""
-        if column.words & OTHER:
-            return {}
-        shapes, scores = self._shapes(column), {}
-        for channel in CHANNELS.keys() - {"time", "crank_angle"}:
-            unit, named = column.unit_for(channel), column.named(channel)
-            if (unit or column.signal or not column.unit) and (named or channel in shapes):
-                scores[channel] = 2 * named + shapes.get(channel, 0.0) + bool(unit)
-        return {channel: score for channel, score in scores.items() if score >= 1.0}
-
     def _orders(self, column: Column) -> list[np.ndarray]:
-        """Orders of a column by run; [] where it does not repeat every turn in all runs."""
-        found = [orders_of(*pair) for pair in zip(self.turned, column.values, strict=False)]
-        return [] if any(own is None for own in found) else found
-
-    def _shapes(self, column: Column) -> dict[str, float]:
-        """Channels whose values are like those of a column: over a turn, and by the speed."""
-        if column.unit_for("cylinder_pressure"):
-            return {"cylinder_pressure": 1.0}
-        if self._speed_unit(column):
-            return {"crank_speed": 3.0}
-        sizes = np.abs(np.array(self._orders(column)))
-        if not sizes.size:
-            return {}
-        if np.median(sizes[:, 2] / sizes[:, 1]) > 0.6:
-            return {"crank_torque": 1.5}
-        mean, rates = float(np.median(sizes[:, 0] / sizes[:, 1])), np.abs(self.rates)
-        power = 2.0 * (mean < 0.5)  # at one speed: only a position is far from 0
-        if rates.max() > 1.15 * rates.min() > 0.0:
-            power = float(np.polyfit(np.log(rates), np.log(sizes[:, 1:].sum(axis=1)), 1)[0])
-        order = int(np.clip(round(power), 0, 2))
-        return {KINEMATIC[order]: 1.5 - (mean if order else 0.0), "crank_torque": 1.0}
+        """Orders of a column by run; [] if it does not repeat every turn in all runs."""
+        orders = [orders_of(*pair) for pair in zip(self.turned, column.values, strict=False)]
+        return [] if any(series is None for series in orders) else orders
 
     def _speed_unit(self, column: Column) -> str:
         """The unit in which a column is the speed of the crank; '' if there is none."""
-        means = np.array([np.nanmean(own) for own in column.values])
-        if not all(self.rates) or np.any(
-            np.abs(means) < 2 * np.array([np.nanstd(own) for own in column.values])
-        ):
+        means = np.abs([np.nanmean(values) for values in column.values])
+        spreads = np.array([np.nanstd(values) for values in column.values])
+        if not all(self.rates) or np.any(means < 2 * spreads):
             return ""
         units = [column.unit_for("crank_speed")] if column.unit else UNITS["rad/s"]
-        turns = {unit: np.abs(means) * unit_factor(unit, "rad/s") / tau for unit in units if unit}
-        return next(
-            (
-                unit
-                for unit, own in turns.items()
-                if np.allclose(own, np.abs(self.rates), rtol=0.03)
-            ),
-            "",
-        )
+        for unit in filter(None, units):
+            turns = means * unit_factor(unit, "rad/s") / tau
+            if np.allclose(turns, np.abs(self.rates), rtol=0.03):
+                return unit
+        return ""
 
-    def _add(self, channel: str, column: Column) -> None:
-        base, unit = CHANNELS[channel], column.unit_for(channel)
-        reasons = ["" if column.named(channel) else SHAPES.get(channel, "")]
+    def _assign_sensor(self, channel: str, column: Column) -> None:
+        base, unit, keys = CHANNELS[channel], column.unit_for(channel), {}
+        reasons = ["" if column.named(channel) else CHANNEL_KINDS[channel].shape]
         if column.signal and not unit:
             reasons.append(f"the scale of the sensor, in {base}/{column.signal}")
-            self._dead_centre(channel, column)
-            return self._state(channel, column, reasons, unit=column.signal, scale=FILL_IN)
-        if column.is_zero:
+            unit, keys = column.signal, {"scale": FILL_IN}
+            self._find_dead_centre(channel, column)
+        elif column.is_zero:
             reasons.append(
                 "all values are 0, as of a motor that is off; the noise of the torque, such as"
                 " 0.01 N*m"
             )
-            return self._state(channel, column, reasons, unit=unit or base, noise=FILL_IN)
-        if channel in PRESSURES:
+            unit, keys = unit or base, {"noise": FILL_IN}
+        elif channel in PRESSURES:
             reasons.append(
                 "load on a piston of diameter bore; ambient_pressure: 0 bar if gauge, 1.013 bar if"
                 " absolute"
             )
-            return self._state(
-                channel,
-                column,
-                reasons,
-                unit=unit or FILL_IN,
-                bore=FILL_IN,
-                ambient_pressure=FILL_IN,
-            )
-        if column.unit.lower() == "g":
-            reasons.append("g is the acceleration of gravity")
-        if not unit:
-            unit = self._speed_unit(column) if channel == "crank_speed" else ""
-            lengths = {one: self._length(channel, column, one) for one in (base, *UNITS[base])}
-            known = next(iter(self.lengths.values()), 0.0)
-            if not unit and lengths[base]:
-                usual = (one for one, length in lengths.items() if LENGTHS[0] < length < LENGTHS[1])
-                unit = (
-                    min(lengths, key=lambda one: abs(log(lengths[one] / known)))
-                    if known
-                    else next(usual, base)
-                )
-            unit = unit or base
-            reasons.append(
-                f"no unit; {unit} gives a crank of about {number(1e3 * lengths[unit], 2)} mm"
-                if lengths[unit]
-                else f"no unit; {unit} assumed"
-            )
-        self._state(channel, column, reasons, unit=unit)
-        if length := self._length(channel, column, unit):
-            self.lengths[channel] = length
-            self._dead_centre(channel, column)
-        return None
+            unit, keys = unit or FILL_IN, {"bore": FILL_IN, "ambient_pressure": FILL_IN}
+        else:
+            if column.unit.lower() == "g":
+                reasons.append("g is the acceleration of gravity")
+            if not unit:
+                unit, reason = self._likely_unit(channel, column)
+                reasons.append(reason)
+            if length := self._crank_length(channel, column, unit):
+                self.lengths[channel] = length
+                self._find_dead_centre(channel, column)
+        self._assign(channel, column, reasons, unit=unit, **keys)
 
-    def _length(self, channel: str, column: Column, unit: str) -> float:
-        """The length [m] of a crank that moves the slider as a column in this `unit` says; 0 if it
-        does not."""
-        order = KINEMATIC.index(channel) if channel in KINEMATIC else None
-        if order is None or (order and not all(self.rates)):
+    def _likely_unit(self, channel: str, column: Column) -> tuple[str, str]:
+        """The unit with which a column gives the speed or a usual crank, and the reason."""
+        base = CHANNELS[channel]
+        unit = self._speed_unit(column) if channel == "crank_speed" else ""
+        units = (base, *UNITS[base])
+        lengths = {name: self._crank_length(channel, column, name) for name in units}
+        if not unit and lengths[base]:
+            usual = (name for name in units if LENGTHS[0] < lengths[name] < LENGTHS[1])
+            unit = next(usual, base)
+            for known in list(self.lengths.values())[:1]:
+                unit = min(units, key=lambda name: abs(log(lengths[name] / known)))
+        unit = unit or base
+        if not lengths[unit]:
+            return unit, f"no unit; {unit} assumed"
+        about = number(1e3 * lengths[unit], 2)
+        return unit, f"no unit; {unit} gives a crank of about {about} mm"
+
+    def _crank_length(self, channel: str, column: Column, unit: str) -> float:
+        """The length [m] of a crank that moves the slider as a column in this `unit`; 0 if the
+        channel or the speed does not tell it."""
+        power = CHANNEL_KINDS[channel].speed_power
+        if channel not in PHASES or (power and not all(self.rates)):
             return 0.0
         pairs = zip(self._orders(column), self.rates, strict=False)
-        sizes = [abs(own[1]) / abs(tau * rate) ** order for own, rate in pairs]
+        sizes = [abs(orders[1]) / abs(tau * rate) ** power for orders, rate in pairs]
         return float(np.median(sizes or [0.0])) * unit_factor(unit, CHANNELS[channel])
 
-    def _dead_centre(self, channel: str, column: Column) -> None:
+    def _find_dead_centre(self, channel: str, column: Column) -> None:
         """`zero` by a channel of the slider's motion."""
-        if channel in KINEMATIC and self.angle and self.zero is None and min(self.rates) >= 0.0:
-            phase = {"slider_position": 1, "slider_velocity": -1j, "slider_acceleration": -1}[
-                channel
-            ]
-            self.zero = (
-                channel,
-                degrees(-np.angle(sum(own[1] for own in self._orders(column)) * phase)),
-            )
+        if channel in PHASES and self.angle and self.zero is None and min(self.rates) >= 0.0:
+            first_order = sum(orders[1] for orders in self._orders(column))
+            self.zero = channel, degrees(-np.angle(first_order * PHASES[channel]))
+
+
+def _samples_well(period: float, angles: Sequence[np.ndarray]) -> bool:
+    """Whether the runs have at least a turn of this period, and six samples in it."""
+    return all(
+        abs(angle[-1] - angle[0]) > period > 6 * abs(np.median(np.diff(angle))) for angle in angles
+    )
 
 
 # Files to write
@@ -655,38 +573,37 @@ def new_rig(files: Sequence[Path], name: str = "rig") -> str:
     """Write the campaign file ``NAME.yaml`` and the mechanism file ``NAME_mechanism.yaml`` for
     measured files.
 
-    Returns a summary. InputError where one of both exists, or a file cannot be read.
+    Returns a summary. InputError if one of both exists, or a file cannot be read.
     """
-    campaign, mechanism = _absent(name, f"{name}_mechanism")
+    campaign, mechanism = _new_files(name, f"{name}_mechanism")
     guesses = Guesses(read_runs(files))
     text = "\n".join(campaign_lines(guesses, name, mechanism.name)) + "\n"
     write_text(campaign, text)
     write_text(mechanism, mechanism_text(guesses.lengths))
-    also = f"; fill in what is marked {FILL_IN}" if FILL_IN in text else ""
+    gaps = f"; fill in what is marked {FILL_IN}" if FILL_IN in text else ""
     return (
         f"{campaign}: {len(guesses.runs)} runs, {len(guesses.channels)} channels; check the guesses"
-        f" in the comments{also}\n{mechanism}: fill in what is marked {FILL_IN}\nthen: jointgap"
+        f" in the comments{gaps}\n{mechanism}: fill in what is marked {FILL_IN}\nthen: jointgap"
         f" measure {campaign}; jointgap analyse {campaign}"
     )
 
 
 def new_mechanism(name: str = "mechanism") -> str:
-    """Write the mechanism file ``NAME.yaml`` to fill in; returns a summary. InputError where it
+    """Write the mechanism file ``NAME.yaml`` to fill in; returns a summary. InputError if it
     exists."""
-    (path,) = _absent(name)
+    (path,) = _new_files(name)
     write_text(path, mechanism_text())
     return f"{path}: fill in what is marked {FILL_IN}"
 
 
-def _absent(*names: str) -> list[Path]:
-    """The files with these names; InputError where one exists."""
+def _new_files(*names: str) -> list[Path]:
     try:
         files = [Path(f"{word(name)}.yaml") for name in names]
     except ValueError as error:
         raise InputError(f"--name {names[0]}: {error}") from error
-    if there := [str(path) for path in files if path.exists()]:
+    if existing := [str(path) for path in files if path.exists()]:
         raise InputError(
-            f"{' and '.join(there)}: already there, and not replaced; move it, or give another"
+            f"{' and '.join(existing)}: already there, and not replaced; move it, or give another"
             " --name"
         )
     return files
@@ -712,11 +629,9 @@ def campaign_lines(guesses: Guesses, name: str, mechanism: str) -> Iterator[str]
     yield "runs:"
     yield from _run_lines(guesses)
     yield "channels:"
-    for channel in (one for one in CHANNELS if one in guesses.channels):
-        keys = ", ".join(
-            f"{key}: {_yaml(value)}" for key, value in guesses.channels[channel].items()
-        )
-        yield f"  {channel}: {{{keys}}}   # {guesses.why[channel]}"
+    for channel in CHANNELS:
+        if channel in guesses.channels:
+            yield f"  {channel}: {_flow(guesses.channels[channel])}   # {guesses.why[channel]}"
     if not guesses.channels.keys() & {"time", "crank_angle"}:
         yield f"  time: {{column: {FILL_IN}, unit: {FILL_IN}}}   # no column rises evenly"
     for heading, why in guesses.unused.items():
@@ -724,27 +639,8 @@ def campaign_lines(guesses: Guesses, name: str, mechanism: str) -> Iterator[str]
     yield "nuisance:   # uncertain quantities, fitted within these bounds"
     yield "  slider_mass: 5 %   # assumed"
     yield "  rod_mass: 5 %   # assumed"
-    if guesses.angle and guesses.zero and abs(guesses.zero[1]) < 3.0:
-        yield (
-            f"  # encoder_zero: 5 deg   # by {guesses.zero[0]}, crank_angle is 0 at the outer dead"
-            " centre"
-        )
-    elif guesses.angle and guesses.zero:
-        reads = (
-            f"by {guesses.zero[0]}, crank_angle is {guesses.zero[1]:.0f} deg at the outer dead"
-            " centre"
-        )
-        yield f"  encoder_zero: 180 deg   # guess: {reads}"
-    elif guesses.angle and len(guesses.runs[0].files) > 1:
-        yield (
-            "  # encoder_zero: 180 deg   # the fitted offset of the clocks includes it, so it"
-            " cannot be fitted too"
-        )
-    elif guesses.angle:
-        yield (
-            "  encoder_zero: 180 deg   # assumed; reduce it if crank_angle is known to be 0 at the"
-            " outer dead centre"
-        )
+    if guesses.angle:
+        yield _encoder_zero_line(guesses)
     if "slider_position" in guesses.channels:
         yield (
             "  slider_position_zero: 1 m   # assumed; reduce it if it is the distance from the"
@@ -752,41 +648,47 @@ def campaign_lines(guesses: Guesses, name: str, mechanism: str) -> Iterator[str]
         )
 
 
+def _encoder_zero_line(guesses: Guesses) -> str:
+    if guesses.zero:
+        channel, angle = guesses.zero
+        read = f"by {channel}, crank_angle is {angle:.0f} deg at the outer dead centre"
+        if abs(angle) < 3.0:
+            return f"  # encoder_zero: 5 deg   # {read}"
+        return f"  encoder_zero: 180 deg   # guess: {read}"
+    if len(guesses.runs[0].files) > 1:
+        return (
+            "  # encoder_zero: 180 deg   # the fitted offset of the clocks includes it, so it"
+            " cannot be fitted too"
+        )
+    return (
+        "  encoder_zero: 180 deg   # assumed; reduce it if crank_angle is known to be 0 at the"
+        " outer dead centre"
+    )
+
+
 def _run_lines(guesses: Guesses) -> Iterator[str]:
     """The runs by speed; the fastest one is held out."""
-    order, ids = np.argsort(np.abs(guesses.rates), kind="stable"), []
+    order, ids = np.argsort(np.abs(guesses.rates), kind="stable"), [*RESERVED_IDS]
     for place, run in enumerate(order):
         files, rate = guesses.runs[run].files, guesses.rates[run]
-        own = re.sub(r"[^\w-]+", "_", files[0].stem)[:40]
-        ids.append(f"{own}_{place + 1}" if own in (*ids, *RESERVED_IDS) else own)
-        paths = [_yaml(os.path.relpath(file)) for file in files]
-        keys = {
-            "id": _yaml(ids[-1]),
-            "file": paths[0] if len(paths) == 1 else f"[{', '.join(paths)}]",
-        }
-        keys["speed"] = f"{number(60 * abs(rate))} rpm" if rate else FILL_IN
-        keys["role"] = "split" if len(order) == 1 else "confirm" if run == order[-1] else "identify"
+        stem = re.sub(r"[^\w-]+", "_", files[0].stem)[:40]
+        ids.append(f"{stem}_{place + 1}" if stem in ids else stem)
+        paths = [os.path.relpath(file) for file in files]
+        keys = {"id": ids[-1], "file": paths[0] if len(paths) == 1 else paths, "speed": FILL_IN}
         why = "speed: of the crank, such as 300 rpm"
         if rate:
-            why = (
-                "guess: speed by angle and time"
-                if guesses.angle
-                else "guess: speed by the period of the columns"
-            )
+            keys["speed"] = f"{number(60 * abs(rate))} rpm"
+            source = "angle and time" if guesses.angle else "the period of the columns"
+            why = f"guess: speed by {source}"
+        keys["role"] = "split" if len(order) == 1 else "confirm" if run == order[-1] else "identify"
         if rate < 0.0:
             keys["direction"], why = "clockwise", f"{why}; the angle falls"
-        yield f"  - {{{', '.join(f'{key}: {value}' for key, value in keys.items())}}}   # {why}"
+        yield f"  - {_flow(keys)}   # {why}"
 
 
-def _yaml(value: object) -> str:
-    """`value` in YAML, with quotation marks where it needs them."""
-    text = str(value)
-    plain = re.fullmatch(r"[^\W\d]([\w./^*°² -]*[\w²])?", text) and text.lower() not in (
-        "yes",
-        "no",
-        "on",
-        "off",
+def _flow(keys: Mapping[str, object]) -> str:
+    """A mapping in one line of YAML."""
+    text = yaml.safe_dump(
+        dict(keys), default_flow_style=True, sort_keys=False, width=10**6, allow_unicode=True
     )
-    if not isinstance(value, str) or (plain and yaml.safe_load(text) == text):
-        return text
-    return json.dumps(text, ensure_ascii=False)
+    return text.strip()

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from jointgap.config.campaign import CHANNELS, Campaign, CampaignRun
+from jointgap.config.campaign import Campaign, CampaignRun
+from jointgap.config.channels import CHANNELS
 from jointgap.core.words import format_name, format_unit
 from jointgap.rig.checks import cycle_scatter
 from jointgap.rig.recording import Measurements, Recording

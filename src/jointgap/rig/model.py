@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from jointgap.config import Mechanism
-from jointgap.config.campaign import CHANNELS, NUISANCES, PRESSURES, Campaign, CampaignRun
+from jointgap.config.campaign import NUISANCES, Campaign, CampaignRun
+from jointgap.config.channels import CHANNELS, PRESSURES
 from jointgap.config.load import validate
 from jointgap.core.candidates import Candidate, Effects, Parameter, Series
 from jointgap.core.errors import InputError, SimulationError

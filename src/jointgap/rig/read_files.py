@@ -11,14 +11,13 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config.campaign import (
-    CHANNELS,
     MOTOR_LINE,
     PRESSURE_SENSOR,
-    PRESSURES,
     Campaign,
     CampaignRun,
     channel_factor,
 )
+from jointgap.config.channels import CHANNELS, PRESSURES
 from jointgap.core.csv_files import Columns, read_columns
 from jointgap.core.errors import InputError, UnusableRun
 from jointgap.core.units import split_share

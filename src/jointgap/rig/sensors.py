@@ -10,7 +10,8 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
 
-from jointgap.config.campaign import CHANNELS, FILTER_ORDER, Channel
+from jointgap.config.campaign import FILTER_ORDER, Channel
+from jointgap.config.channels import CHANNEL_KINDS, CHANNELS
 from jointgap.core.candidates import Candidate, LawFamily, Parameter
 from jointgap.core.errors import MEANINGS
 from jointgap.effects.base import DETECTABLE_SHARE, Values, amplitude, size_and_angle
@@ -24,23 +25,11 @@ SAMPLES_PER_REVOLUTION = 720  # Least grid for filters and lags
 PADDING_REVOLUTIONS = 0.25  # Before and after the samples, for transients of filters and lags
 
 STANDARD_GRAVITY = 9.80665  # [m/s^2]
-# Component of gravity along each acceleration
-_AXES = {
-    "slider_acceleration": math.cos,
-    "rod_acceleration_x": math.cos,
-    "rod_acceleration_y": math.sin,
-}
-
-# Channels that change their sign in the mirrored mechanism, besides the crank angle
-MIRRORED = (
-    "crank_speed rod_angle rod_angular_velocity rod_acceleration_y crank_torque guide_force"
-    " frame_force_y".split()
-)
 
 
 def gravity_read(channel: str, direction: float) -> float:
-    """Gravity part of an accelerometer's reading [m/s^2]; 0 for other channels."""
-    return -STANDARD_GRAVITY * _AXES[channel](direction) if channel in _AXES else 0.0
+    """Gravity part of an accelerometer's reading [m/s^2]."""
+    return -STANDARD_GRAVITY * CHANNEL_KINDS[channel].gravity(direction)
 
 
 def remembered_time(channels: Iterable[Channel], revolution: float) -> float:

@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from jointgap.config import EFFECTS, Effect, Mechanism
 from jointgap.config.campaign import Campaign
+from jointgap.config.channels import MIRRORED
 from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.config.load import validate
 from jointgap.config.scenario import TOLERANCE_SHARE
@@ -374,7 +375,7 @@ def read(
             torque = np.interp(elapsed - delay, elapsed, torque) if delay else torque
             readings[name] = late + faults.of_encoder(late, torque)
             continue
-        if plan.run.direction == "clockwise" and name in sensors.MIRRORED:
+        if plan.run.direction == "clockwise" and name in MIRRORED:
             values = -values
         if channel.reads_gravity:
             values = values + sensors.gravity_read(name, campaign.mechanism.gravity_direction)

@@ -7,6 +7,7 @@ from math import inf, tau
 import numpy as np
 
 from jointgap.config.campaign import Campaign
+from jointgap.config.channels import MIRRORED
 from jointgap.core.candidates import Effects, StateEstimate
 from jointgap.core.costs import count_run
 from jointgap.dynamics import windows
@@ -266,7 +267,7 @@ class RunInWindows:
     def _reading(self, name: str, true: float) -> float:
         """Sensor reading of a constant value."""
         faults, value = self._run.faults, np.array([true])
-        if self._plan.run.direction == "clockwise" and name in sensors.MIRRORED:
+        if self._plan.run.direction == "clockwise" and name in MIRRORED:
             value = -value
         if self._campaign.channels[name].reads_gravity:
             value = value + sensors.gravity_read(name, self._campaign.mechanism.gravity_direction)
