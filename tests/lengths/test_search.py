@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from jointgap.config import Box, Genetic
 from jointgap.core.errors import InputError
-from jointgap.lengths import objective as valley
 from jointgap.lengths.region import Region
 from jointgap.lengths.search import (
     evolve,
@@ -17,6 +16,7 @@ from jointgap.lengths.search import (
     search_from_all,
     stochastic_uniform,
 )
+from jointgap.lengths.tables import valley, valley_floor
 
 
 def multipliers_are_right(objective, region, lengths):
@@ -73,26 +73,24 @@ def test_it_comes_near_what_local_searches_and_a_dense_grid_find(objective, regi
     ) * (1 + 1e-3)
 
 
-def test_each_generation_has_the_configured_shares_and_allowed_lengths_and_a_seed_repeats_it(
-    objective, region, run
-):
-    for number, generation in run.population.groupby("generation"):
+def test_each_generation_has_the_configured_shares_and_feasible_lengths(objective, region, run):
+    for number, generation in run.history.groupby("generation"):
         origins = generation["origin"].value_counts().to_dict()
         assert origins == (
             {"first": 20} if number == 0 else {"elite": 2, "crossover": 14, "mutation": 4}
         )
-    lengths = run.population[["crank_length", "rod_length"]].to_numpy()
+    lengths = run.history[["crank_length", "rod_length"]].to_numpy()
     assert region.contains(lengths, slack=1e-15).all()
-    assert objective.value(lengths) == pytest.approx(
-        run.population["sum_of_squares"].to_numpy(), rel=1e-13
-    )
-    one, same, other = (
-        evolve(
-            objective, region, OPTIONS.model_copy(update={"generations": 3, "seed": seed})
-        ).population
+    values = run.history["sum_of_squares"].to_numpy()
+    assert objective.value(lengths) == pytest.approx(values, rel=1e-13)
+
+
+def test_a_seed_repeats_the_search(objective, region):
+    histories = [
+        evolve(objective, region, Genetic(population=8, generations=3, seed=seed)).history
         for seed in (5, 5, 6)
-    )
-    assert one.equals(same) and not one.equals(other)
+    ]
+    assert histories[0].equals(histories[1]) and not histories[0].equals(histories[2])
 
 
 REGION = Region.of(Box(crank_length=(0.147, 0.153), rod_length=(0.555, 0.564)), 0.27)
@@ -165,19 +163,20 @@ def test_a_step_is_cut_exactly_at_the_edge_it_meets():
     assert REGION.reach(REGION.upper, [0.0, 0.001]) == 0.0
 
 
-def test_the_floor_lies_below_the_grid_and_its_invariant_is_constant(objective, region, cut_region):
-    floor, grid = valley.best_cranks(objective, region), valley.grid(objective, region)
+def test_the_valley_floor_is_below_the_grid_and_its_invariant_is_constant(objective, region):
+    floor, grid = valley_floor(objective, region), valley(objective, region)
     for name, rows in floor.groupby("measure"):
-        assert np.ptp(rows["invariant"]) / rows["invariant"].mean() < 2e-5, (
-            name
-        )  # 4 % of rod length along it
+        invariant = rows["invariant"]  # rod lengths differ by 4 %
+        assert np.ptp(invariant) / invariant.mean() < 2e-5, name
         lowest = grid.groupby("rod_length")[name].min().to_numpy()
         assert np.all(rows["value"].to_numpy() <= lowest * (1 + 1e-12))
     best = min(search_from_all(objective, region, 1e-12), key=lambda result: result.value)
-    rows = floor.query("measure == 'sum_of_squares'")
-    assert np.interp(best.lengths[1], rows["rod_length"], rows["value"]) == pytest.approx(
-        best.value, rel=1e-4
-    )
-    cut = valley.grid(objective, cut_region)
-    assert np.array_equal(cut["allowed"], cut["crank_length"] <= 0.262 * cut["rod_length"] + 1e-12)
-    assert not cut["allowed"].all()
+    rows = floor[floor["measure"] == "sum_of_squares"]
+    on_floor = np.interp(best.lengths[1], rows["rod_length"], rows["value"])
+    assert on_floor == pytest.approx(best.value, rel=1e-4)
+
+
+def test_the_grid_marks_the_lengths_that_the_inequality_excludes(objective, cut_region):
+    grid = valley(objective, cut_region)
+    is_allowed = grid["crank_length"] <= 0.262 * grid["rod_length"] + 1e-12
+    assert np.array_equal(grid["allowed"], is_allowed) and not grid["allowed"].all()

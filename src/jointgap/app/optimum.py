@@ -208,12 +208,9 @@ def optimise(
         fits = {"networks": functions}
         errors = pd.concat([fit.errors() for seeds in trained.values() for fit in seeds])
         training_points = scenario.surrogate.training_points
-    search = find_optima(
+    tables = find_optima(
         applied, scenario.simulate, scenario.optimise, training_points, motion.samples, fits
     )
-    tables = {
-        table.name: getattr(search, table.name.removeprefix("optimise_")) for table in _WRITTEN
-    }
     result = outcome(tables | {"fit_errors": errors}, scenario)
     if result.status == "infeasible":
         advice = remarks(result)[0].rstrip(".")

@@ -62,10 +62,11 @@ def _optima(mechanism: Mechanism, speed: float) -> list[dict]:
     result = optimise(
         mechanism, options, search, _SURROGATE.training_points, trajectory, {"network": fits}
     )
-    settled = result.resimulated.query("stretch == 'settled' and measure == 'rms'").set_index(
-        "point"
-    )["reduction"]
-    optima = result.optima[result.optima["point"] == result.optima["source"] + "_near_local"]
+    resimulated, optima = result["optimise_resimulated"], result["optimise_optima"]
+    settled = resimulated.query("stretch == 'settled' and measure == 'rms'").set_index("point")[
+        "reduction"
+    ]
+    optima = optima[optima["point"] == optima["source"] + "_near_local"]
     found = optima.assign(
         at_edge=optima["active_bounds"] != "none",
         reduction=optima["rms_reduction"],

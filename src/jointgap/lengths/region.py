@@ -3,11 +3,11 @@
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import RectBivariateSpline
+from scipy.optimize import NonlinearConstraint
 
 from jointgap.config import Box, Constraints, Mechanism, Optimise, Scenario
 from jointgap.core.errors import InputError
@@ -27,6 +27,9 @@ an optimum."""
 
 _STEP = 1e-30  # [m] complex step: derivatives without cancellation
 
+Function = Callable[[ArrayLike], np.ndarray]
+"""A function of lengths (L2, L3), shape (..., 2) [m]."""
+
 
 @dataclass(frozen=True)
 class Constraint:
@@ -37,12 +40,8 @@ class Constraint:
     unit: str  # Display unit
     low: float  # Range in SI; infinite without a bound
     high: float  # Equal to `low` for an equality constraint
-    value: Callable[
-        [ArrayLike], np.ndarray
-    ]  # Property, shape (...), of lengths (L2, L3) of shape (..., 2) [m]
-    slope: Callable[[ArrayLike], np.ndarray] | None = (
-        None  # Its gradient, where `value` takes no complex lengths
-    )
+    value: Function  # The property, shape (...)
+    slope: Function | None = None  # Its gradient, where `value` takes no complex lengths
 
     @property
     def is_fixed(self) -> bool:
@@ -58,10 +57,9 @@ class Constraint:
         """Gradient with respect to the lengths, of their shape (..., 2)."""
         if self.slope:
             return self.slope(lengths)
-        steps = [
-            self.value(np.asarray(lengths) + step).imag / _STEP for step in 1j * _STEP * np.eye(2)
-        ]
-        return np.stack(steps, axis=-1)
+        steps = 1j * _STEP * np.eye(2)
+        slopes = [self.value(np.asarray(lengths) + step).imag / _STEP for step in steps]
+        return np.stack(slopes, axis=-1)
 
     def violation(self, lengths: ArrayLike) -> np.ndarray:
         """Violation in the display unit; shape (...), for lengths (..., 2) [m]."""
@@ -72,9 +70,9 @@ class Constraint:
         """Label of the limit that is active at `lengths` (2,); empty where none is and for equality
         constraints."""
         value = float(self.value(lengths))
-        for end, words in ((self.low, "lower"), (self.high, "upper")):
-            if not self.is_fixed and abs(value - end) <= 10 * FEASIBLE * self.scale:
-                return f"{self.words} at its {words} limit {self.show(end)}"
+        for limit, words in ((self.low, "lower"), (self.high, "upper")):
+            if not self.is_fixed and abs(value - limit) <= 10 * FEASIBLE * self.scale:
+                return f"{self.words} at its {words} limit {self.show(limit)}"
         return ""
 
     def range_text(self) -> str:
@@ -92,35 +90,25 @@ class Constraint:
 
 def geometric(options: Constraints, offset: float) -> tuple[Constraint, ...]:
     """Constraints that depend on the lengths only."""
-    across = max(offset, 0.0) - min(offset, 0.0)
 
     def crank(lengths: ArrayLike) -> np.ndarray:
         return np.asarray(lengths)[..., 0]
 
-    def reach(lengths: ArrayLike, side: float) -> np.ndarray:
-        return np.asarray(lengths)[..., 1] + side * crank(lengths)
-
     def dead_centre(lengths: ArrayLike, side: float) -> np.ndarray:
-        return np.sqrt(reach(lengths, side) ** 2 - offset**2)
+        return np.sqrt((np.asarray(lengths)[..., 1] + side * crank(lengths)) ** 2 - offset**2)
 
     def angle(lengths: ArrayLike, side: float) -> np.ndarray:
-        return np.arcsin(offset / reach(lengths, side)) + (0.0 if side > 0 else np.pi)
+        reach = np.asarray(lengths)[..., 1] + side * crank(lengths)
+        return np.arcsin(offset / reach) + (0.0 if side > 0 else np.pi)
 
+    angle_words = "crank angle of the {} dead centre"
     properties = {
         "crank_length": ("crank length", "mm", crank),
         "stroke": ("stroke", "mm", lambda at: dead_centre(at, 1.0) - dead_centre(at, -1.0)),
-        "outer_dead_centre": ("outer dead centre", "mm", partial(dead_centre, side=1.0)),
-        "inner_dead_centre": ("inner dead centre", "mm", partial(dead_centre, side=-1.0)),
-        "outer_dead_centre_angle": (
-            "crank angle of the outer dead centre",
-            "deg",
-            partial(angle, side=1.0),
-        ),
-        "inner_dead_centre_angle": (
-            "crank angle of the inner dead centre",
-            "deg",
-            partial(angle, side=-1.0),
-        ),
+        "outer_dead_centre": ("outer dead centre", "mm", lambda at: dead_centre(at, 1.0)),
+        "inner_dead_centre": ("inner dead centre", "mm", lambda at: dead_centre(at, -1.0)),
+        "outer_dead_centre_angle": (angle_words.format("outer"), "deg", lambda at: angle(at, 1.0)),
+        "inner_dead_centre_angle": (angle_words.format("inner"), "deg", lambda at: angle(at, -1.0)),
         # from the crank pin's farthest point on the other side to the outer dead centre
         "length_along": (
             "length along the slide",
@@ -131,50 +119,25 @@ def geometric(options: Constraints, offset: float) -> tuple[Constraint, ...]:
         "length_across": (
             "length across the slide",
             "mm",
-            lambda at: crank(at) + np.maximum(crank(at), across),
+            lambda at: crank(at) + np.maximum(crank(at), abs(offset)),
         ),
     }
-    found = []
+    constraints = []
     for key, (words, unit, value) in properties.items():
-        ranges = getattr(options, key)
-        low, high = ranges if isinstance(ranges, tuple) else (-math.inf, ranges)
-        always_met = unit == "deg" and offset == 0.0
-        if ranges is not None and not (always_met and low <= value((0.0, 1.0)) <= high):
-            found.append(Constraint(key, words, unit, low, high, value))
-    return tuple(found)
+        limits = getattr(options, key)
+        low, high = limits if isinstance(limits, tuple) else (-math.inf, limits)
+        is_constant = unit == "deg" and offset == 0.0
+        if limits is not None and not (is_constant and low <= value((0.0, 1.0)) <= high):
+            constraints.append(Constraint(key, words, unit, low, high, value))
+    return tuple(constraints)
 
 
 def depends_on_offset(options: Constraints) -> str:
     """Key of the first constraint of `options` that depends on the slide's offset, or ''."""
-    return next((each.key for each in geometric(options, 0.0) if each.key != "crank_length"), "")
+    keys = (constraint.key for constraint in geometric(options, 0.0))
+    return next((key for key in keys if key != "crank_length"), "")
 
 
-@dataclass(frozen=True)
-class Surface:
-    """A quantity [SI] over a box of lengths [m], through a grid of simulations."""
-
-    surface: RectBivariateSpline
-    factor: float = 1.0  # Correction
-
-    def value(self, lengths: ArrayLike) -> np.ndarray:
-        """The quantity, shape (...), at lengths of shape (..., 2) [m]."""
-        return self.factor * self.surface.ev(*np.moveaxis(np.asarray(lengths), -1, 0))
-
-    def gradient(self, lengths: ArrayLike) -> np.ndarray:
-        """Its gradient with respect to lengths of shape (..., 2) [m], shape (..., 2)."""
-        at = np.moveaxis(np.asarray(lengths), -1, 0)
-        slopes = [self.surface.ev(*at, dx=1), self.surface.ev(*at, dy=1)]
-        return self.factor * np.stack(slopes, axis=-1)
-
-    def limited(self, most: float) -> Constraint:
-        """The constraint that the quantity, a pin force, is at most `most` [N]."""
-        words = "largest force in a pin"
-        return Constraint(
-            "largest_pin_force", words, "N", -math.inf, most, self.value, self.gradient
-        )
-
-
-NAMES = ("crank length", "rod length")
 SAMPLES = 41  # grid points per length for the feasibility check
 _MOST_STEPS = 60  # of Newton's method, which typically needs three or four
 _LONGEST_STEP = 0.5  # [widths of the box]
@@ -210,92 +173,83 @@ class Region:
 
     def under(self, constraints: Iterable[Constraint], name: str = "") -> "Region":
         """The region with further `constraints`."""
-        under = replace(self, constraints=(*self.constraints, *constraints))
-        if under.constraints and not len(under.samples):
-            raise InputError(under._infeasible_message(name))
-        return under
+        region = replace(self, constraints=(*self.constraints, *constraints))
+        if region.constraints and not len(region.samples):
+            raise InputError(region._infeasible_message(name))
+        return region
 
     @cached_property
-    def _spread(self) -> np.ndarray:
-        """Points spread over the region and projected onto its constraints, shape (n, 2) [m]."""
+    def _projected_grid(self) -> np.ndarray:
+        """Points of a grid projected onto the constraints, shape (n, 2) [m]."""
         shares = np.linspace(0.0, 1.0, SAMPLES)
-        return self.project(
-            np.array([self.lower + np.array([x, y]) * self.size for x in shares for y in shares])
-        )
+        grid = np.stack(np.meshgrid(shares, shares, indexing="ij"), axis=-1)
+        return self.project(self.unscaled(grid.reshape(-1, 2)))
 
     @cached_property
     def samples(self) -> np.ndarray:
-        """The feasible ones of many points spread over the region, shape (n, 2) [m]."""
-        return self._spread[self.violation(self._spread) <= FEASIBLE]
+        """The feasible points of a projected grid, shape (n, 2) [m]."""
+        return self._projected_grid[self.violation(self._projected_grid) <= FEASIBLE]
 
     @property
     def searched(self) -> tuple[str, str]:
         """Ranges of crank and rod length [mm] as text; ``fixed`` where the constraints allow one
         length only."""
-        low, high = (f(1e3 * self.samples, axis=0).round(3) for f in (np.min, np.max))
-        return tuple(
-            "fixed" if a == b else f"{a:g} to {b:g}" for a, b in zip(low, high, strict=True)
-        )
+        ranges = zip(self.samples.min(axis=0), self.samples.max(axis=0), strict=True)
+        rounded = (np.round([1e3 * low, 1e3 * high], 3) for low, high in ranges)
+        return tuple("fixed" if low == high else f"{low:g} to {high:g}" for low, high in rounded)
 
     def _infeasible_message(self, name: str) -> str:
         """Why the constraints are infeasible, with the nearest lengths and the possible ranges."""
-        best, words = self._spread[np.argmin(self.violation(self._spread))], []
+        nearest = self._projected_grid[np.argmin(self.violation(self._projected_grid))]
+        reasons = []
         for constraint in self.constraints:
             if not len(replace(self, constraints=(constraint,)).samples):
-                reached = constraint.value(replace(self, constraints=()).samples)
-                low, high = constraint.show(reached.min()), constraint.show(reached.max())
-                words.append(
+                values = constraint.value(replace(self, constraints=()).samples)
+                reasons.append(
                     f"{constraint.key} {constraint.range_text()} is infeasible: within the bounds"
-                    f" it is {low} to {high}"
+                    f" it is {constraint.show(values.min())} to {constraint.show(values.max())}"
                 )
-        if not words:
+        if not reasons:
             keys = " and ".join(constraint.key for constraint in self.constraints)
-            found = ", ".join(
-                f"{each.key} {each.show(float(each.value(best)))}" for each in self.constraints
+            values = ", ".join(
+                f"{constraint.key} {constraint.show(float(constraint.value(nearest)))}"
+                for constraint in self.constraints
             )
-            words.append(
-                f"no lengths within the bounds satisfy {keys} together; nearest is {found}"
-            )
-        crank, rod = 1e3 * best
+            reasons = [f"no lengths within the bounds satisfy {keys} together; nearest is {values}"]
+        crank, rod = 1e3 * nearest
         return (
-            f"optimise.constraints, box {name}: {'; '.join(words)} (nearest: crank {crank:.6g} mm,"
-            f" rod {rod:.6g} mm); give wider bounds in optimise.boxes (default: 5 % around the"
+            f"optimise.constraints, box {name}: {'; '.join(reasons)} (nearest: crank {crank:.6g}"
+            f" mm, rod {rod:.6g} mm); give wider bounds in optimise.boxes (default: 5 % around the"
             " mechanism's lengths), or another constraint"
         )
 
     def violation(self, lengths: ArrayLike) -> np.ndarray:
         """Sum of the constraint violations, each over its scale; shape (...), for lengths (..., 2)
         [m]."""
-        lengths = np.asarray(lengths)
-        return sum(
-            (each.violation(lengths) for each in self.constraints), np.zeros(lengths.shape[:-1])
-        )
+        none = np.zeros(np.shape(lengths)[:-1])
+        return sum((constraint.violation(lengths) for constraint in self.constraints), none)
 
-    def conditions(self) -> list[dict]:
+    @cached_property
+    def _limits(self) -> tuple[Constraint, ...]:
+        """The inequality and the constraints."""
+        ratio = Constraint("ratio_limit", "", "mm", -np.inf, 0.0, self.inequality)
+        return (ratio, *self.constraints)
+
+    def conditions(self) -> list[NonlinearConstraint]:
         """Inequality and constraints for scipy's SLSQP, on lengths scaled to the box."""
-        slope = np.array([-1.0, self.ratio_limit]) * self.size / self.size[0]
-
-        def condition(each: Constraint, kind: str, sign: float, end: float) -> dict:
-            return {
-                "type": kind,
-                "fun": lambda scaled: sign * (each.value(self.unscaled(scaled)) - end) / each.scale,
-                "jac": lambda scaled: (
-                    sign * each.gradient(self.unscaled(scaled)) * self.size / each.scale
-                ),
-            }
-
-        def inequality(scaled: np.ndarray) -> float:
-            return -self.inequality(self.unscaled(scaled)) / self.size[0]
-
-        conditions = [{"type": "ineq", "fun": inequality, "jac": lambda scaled: slope}]
-        for each in self.constraints:
-            ends = (
-                [("eq", 1.0, each.low)]
-                if each.is_fixed
-                else [("ineq", 1.0, each.low), ("ineq", -1.0, each.high)]
+        return [
+            NonlinearConstraint(
+                lambda scaled, limit=limit: limit.value(self.unscaled(scaled)) / limit.scale,
+                limit.low / limit.scale,
+                limit.high / limit.scale,
+                jac=lambda scaled, limit=limit: self._slope(limit, self.unscaled(scaled)),
             )
-            conditions += [condition(each, *end) for end in ends if np.isfinite(end[2])]
-        return conditions
+            for limit in self._limits
+        ]
+
+    def _slope(self, limit: Constraint, lengths: np.ndarray) -> np.ndarray:
+        """Gradient of a limit over its scale by the scaled lengths, of their shape (..., 2)."""
+        return limit.gradient(lengths) * self.size / limit.scale
 
     def unscaled(self, scaled: np.ndarray) -> np.ndarray:
         """Lengths [m] from `scaled` ones, 0 to 1 between the bounds."""
@@ -308,46 +262,36 @@ class Region:
         constraints to first order. Where there is no solution, or none nearby, the result is the
         closest point found.
         """
-        ratio = Constraint("ratio_limit", "", "mm", -np.inf, 0.0, self.inequality)
-        ranges = (ratio, *self.constraints)
+        low, high, scale = np.transpose(
+            [(limit.low, limit.high, limit.scale) for limit in self._limits]
+        )
         scaled = np.clip((np.asarray(lengths, dtype=float) - self.lower) / self.size, 0.0, 1.0)
         for _ in range(_MOST_STEPS):
             at = self.unscaled(scaled)
-            values = np.stack([each.value(at) for each in ranges], axis=-1)
-            low, high, scale = (
-                np.array([getattr(each, key) for each in ranges])
-                for key in ("low", "high", "scale")
-            )
+            values = np.stack([limit.value(at) for limit in self._limits], axis=-1)
             gaps = (np.clip(values, low, high) - values) / scale
             if np.abs(gaps).max(initial=0.0) <= 0.1 * FEASIBLE:
                 break
-            slopes = np.stack(
-                [each.gradient(at) * self.size / each.scale for each in ranges], axis=-2
-            )
-            steps = (np.linalg.pinv(slopes * (gaps != 0.0)[..., None]) @ gaps[..., None])[..., 0]
+            slopes = np.stack([self._slope(limit, at) for limit in self._limits], axis=-2)
+            violated = slopes * (gaps != 0.0)[..., None]
+            steps = (np.linalg.pinv(violated) @ gaps[..., None])[..., 0]
             length = np.linalg.norm(steps, axis=-1, keepdims=True)
-            scaled = np.clip(
-                scaled + steps * np.minimum(1.0, _LONGEST_STEP / np.maximum(length, 1e-300)),
-                0.0,
-                1.0,
-            )
+            shortening = np.minimum(1.0, _LONGEST_STEP / np.maximum(length, 1e-300))
+            scaled = np.clip(scaled + steps * shortening, 0.0, 1.0)
         return self.unscaled(scaled)
 
     def nearest(self, lengths: ArrayLike) -> np.ndarray:
         """Lengths (n, 2) or (2,) projected onto the constraints, as far as possible."""
-        lengths = np.asarray(lengths, dtype=float)
-        moved = self.clip(lengths)
-        if not self.constraints:
-            return moved
-        points, ranges = np.atleast_2d(moved), np.atleast_2d(lengths)
-        wrong = self.violation(points) > 0.0
-        points[wrong] = self.project(points[wrong])
-        for number in (
-            np.flatnonzero(self.violation(points) > FEASIBLE) if len(self.samples) else ()
-        ):
-            distances = np.linalg.norm((self.samples - ranges[number]) / self.size, axis=1)
-            points[number] = self.samples[np.argmin(distances)]
-        return points.reshape(lengths.shape)
+        targets = np.atleast_2d(lengths)
+        points = self.clip(targets)
+        violated = self.violation(points) > 0.0
+        if violated.any():
+            points[violated] = self.project(points[violated])
+        for index in np.flatnonzero(self.violation(points) > FEASIBLE):
+            distances = np.linalg.norm((self.samples - targets[index]) / self.size, axis=1)
+            if len(distances):
+                points[index] = self.samples[np.argmin(distances)]
+        return points.reshape(np.shape(lengths))
 
     def inequality(self, lengths: ArrayLike) -> np.ndarray:
         """g(x) [m], shape (...), for lengths of shape (..., 2); at most 0 where feasible."""
@@ -387,18 +331,17 @@ class Region:
     def active(self, lengths: ArrayLike) -> str:
         """Labels of the bounds, inequality and constraints active at `lengths` (2,), or
         ``'none'``."""
-        words = []
-        for name, value, low, high in zip(
-            NAMES, np.asarray(lengths), self.lower, self.upper, strict=True
-        ):
-            if value <= low + NEAR:
-                words.append(f"{name} at its lower bound {1e3 * low:g} mm")
-            elif value >= high - NEAR:
-                words.append(f"{name} at its upper bound {1e3 * high:g} mm")
+        labels = []
+        bounds = zip(("crank", "rod"), lengths, self.lower, self.upper, strict=True)
+        for link, length, low, high in bounds:
+            if length <= low + NEAR:
+                labels.append(f"{link} length at its lower bound {1e3 * low:g} mm")
+            elif length >= high - NEAR:
+                labels.append(f"{link} length at its upper bound {1e3 * high:g} mm")
         if self.inequality(lengths) >= -NEAR:
-            words.append(f"crank length at {self.ratio_limit:g} times the rod length")
-        words += [text for each in self.constraints if (text := each.active(lengths))]
-        return "; ".join(words) or "none"
+            labels.append(f"crank length at {self.ratio_limit:g} times the rod length")
+        labels += [constraint.active(lengths) for constraint in self.constraints]
+        return "; ".join(filter(None, labels)) or "none"
 
 
 def regions(mechanism: Mechanism, options: Optimise) -> dict[str, Region]:

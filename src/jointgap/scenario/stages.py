@@ -165,11 +165,8 @@ def optimise(results: "ScenarioResults") -> None:
 
     scenario, points = results.scenario, results.scenario.surrogate.training_points
     given = results.read("trajectory"), trained_surrogates(results)
-    found = optimised(
-        scenario.mechanism.applied(), scenario.simulate, scenario.optimise, points, *given
-    )
-    for table in SCENARIO_STAGES["optimise"].writes:
-        results.write(table, getattr(found, table.name.removeprefix("optimise_")))
+    mechanism = scenario.mechanism.applied()
+    results.write_all(optimised(mechanism, scenario.simulate, scenario.optimise, points, *given))
 
 
 _COMPUTED = (*_TRAINED, *SCENARIO_STAGES.written_by("kinematics", "optimise"))
