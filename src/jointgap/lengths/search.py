@@ -68,6 +68,11 @@ def feasible_mutation(
     )
 
 
+ELITES, CROSSOVER_FRACTION = 2, 0.8
+"""The paper's settings: best individuals that are kept unchanged, and the share of the other
+children made by crossover; the rest mutate."""
+
+
 @dataclass(frozen=True)
 class Found:
     """Result of one search."""
@@ -126,8 +131,8 @@ class _Evolution(Algorithm):
 
     def _infill(self):
         lengths, places = self.pop.get("X"), np.argsort(best_first(self.pop))
-        count, random = self.options.population - self.options.elites, self.random_state
-        crossed = round(self.options.crossover_fraction * count)
+        count, random = self.options.population - ELITES, self.random_state
+        crossed = round(CROSSOVER_FRACTION * count)
         parents = lengths[stochastic_uniform(rank_expectation(places), crossed + count, random)]
         children = intermediate_crossover(parents[:crossed], parents[crossed : 2 * crossed], random)
         mutants = feasible_mutation(parents[2 * crossed :], self.problem.region, random)
@@ -141,7 +146,7 @@ class _Evolution(Algorithm):
         )
 
     def _advance(self, infills=None, **kwargs):
-        best = self.pop[best_first(self.pop)[: self.options.elites]]
+        best = self.pop[best_first(self.pop)[:ELITES]]
         best.set("origin", ["elite"] * len(best))
         self.pop = Population.merge(best, infills)
 
