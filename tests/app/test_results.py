@@ -110,7 +110,7 @@ def test_an_optimum_has_its_lengths_within_the_box_and_its_gain_as_simulated_aga
     mechanism, ideal
 ):
     ensemble = {"members": 2, "settled_revolution": 1}
-    genetic = {"population": 4, "generations": 2, "elites": 1}
+    genetic = {"population": 4, "generations": 2}
     best = jg.optimise(mechanism, OPTIONS, boxes={"near": BOX}, genetic=genetic, ensemble=ensemble)
     crank, rod = best.lengths
     assert 0.149 - 1e-9 <= crank <= 0.151 + 1e-9 and 0.560 - 1e-9 <= rod <= 0.566 + 1e-9

@@ -1,5 +1,4 @@
-"""Data that look mistaken and a contact that does otherwise than one may think say so, with the
-number."""
+"""Warnings about implausible data and effective restitutions."""
 
 import json
 import math
@@ -25,19 +24,19 @@ def with_contact(**keys):
     return mechanism(contacts={"steel": keys}, joints=CLOSE)
 
 
-def test_clearances_of_more_than_a_twentieth_of_the_journal_and_masses_far_apart_are_remarked_on():
+def test_large_clearances_and_very_different_masses_get_a_warning():
     assert [remark.split(":")[0] for remark in odd_data(paper())] == ["crank_pin", "piston_pin"]
     assert "1 mm, is 14.3 % of journal_radius, 7 mm" in odd_data(paper())[0]
     assert odd_data(mechanism(joints=CLOSE)) == odd_data(mechanism(joints=IDEAL)) == []
-    (told,) = odd_data(mechanism(slider={"mass": 190}, joints=CLOSE))
-    assert told.startswith("slider.mass: 190 kg") and "513 times crank.mass, 0.3704 kg" in told
+    (remark,) = odd_data(mechanism(slider={"mass": 190}, joints=CLOSE))
+    assert remark.startswith("slider.mass: 190 kg") and "513 times crank.mass, 0.3704 kg" in remark
     assert "`slider.mass`: 190 kg" in sentences(mechanism(slider={"mass": 190}))[0]
 
 
-def test_masses_and_inertias_that_do_not_fit_the_size_are_remarked_on():
+def test_masses_and_inertias_that_do_not_fit_the_size_get_a_warning():
     tight = {"joints": CLOSE}
-    (told,) = odd_data(mechanism(slider={"mass": 2400}, **tight))  # grams, without the unit
-    assert told.startswith("slider.mass: 2400 kg is implausible with rod.length 0.564 m")
+    (remark,) = odd_data(mechanism(slider={"mass": 2400}, **tight))  # grams, without the unit
+    assert remark.startswith("slider.mass: 2400 kg is implausible with rod.length 0.564 m")
     assert (
         odd_data(mechanism(crank={"mass": "20 kg"}, rod={"mass": "2 kg"}, **tight)) == []
     )  # a flywheel
@@ -49,11 +48,13 @@ def test_masses_and_inertias_that_do_not_fit_the_size_are_remarked_on():
         grams[body]["inertia"] = 1e-6
     light = odd_data(mechanism(**grams, **tight))
     assert [remark.split(":")[0] for remark in light] == ["crank.mass", "rod.mass", "slider.mass"]
-    (told,) = odd_data(mechanism(rod={"inertia": "0.02 kg*mm^2"}, **tight))
-    assert told.startswith("rod.inertia: 2e-08 kg*m^2") and "a uniform rod has 0.02 kg*m^2" in told
+    (remark,) = odd_data(mechanism(rod={"inertia": "0.02 kg*mm^2"}, **tight))
+    assert (
+        remark.startswith("rod.inertia: 2e-08 kg*m^2") and "a uniform rod has 0.02 kg*m^2" in remark
+    )
 
 
-def test_a_bare_number_for_the_speed_that_probably_meant_rpm_is_remarked_on():
+def test_a_plain_number_that_probably_means_rpm_gets_a_warning():
     compressor = load_mechanism("compressor")
     assert odd_speed(compressor, 1450 * math.pi / 30) == []
     assert (
@@ -63,7 +64,7 @@ def test_a_bare_number_for_the_speed_that_probably_meant_rpm_is_remarked_on():
     assert sentences(compressor, 1450)[0].startswith("`speed`: ")
 
 
-def test_a_speed_without_a_unit_is_remarked_in_a_file_that_a_person_wrote(tmp_path):
+def test_a_speed_without_a_unit_gets_a_warning_except_in_json(tmp_path):
     mine, motor = tmp_path / "mine.yaml", "motor: {no_load_speed: 30, stall_torque: 5 N*m}\n"
     mine.write_text(
         "runs: [{id: a, speed: 200 rpm}, {id: b, speed: 240}]\n" + motor, encoding="utf-8"
@@ -92,7 +93,7 @@ def test_a_speed_without_a_unit_is_remarked_in_a_file_that_a_person_wrote(tmp_pa
 @pytest.mark.parametrize(
     ("link", "most"), [("crank", 0.3704 * (20 * 0.15) ** 2), ("rod", 0.773 * 1.128**2)]
 )
-def test_an_inertia_that_no_link_of_its_mass_and_length_has_is_refused(link, most):
+def test_an_inertia_too_large_for_mass_and_length_is_an_error(link, most):
     assert mechanism(**{link: {"inertia": 0.999 * most}})
     with pytest.raises(
         InputError, match=rf"mine\.yaml: {link}.inertia .* give at most {most:.3g} kg\*m\^2"
@@ -100,7 +101,7 @@ def test_an_inertia_that_no_link_of_its_mass_and_length_has_is_refused(link, mos
         mechanism(**{link: {"inertia": 1.001 * most}})
 
 
-def test_a_law_that_delivers_another_restitution_is_named_for_each_loose_joint():
+def test_an_effective_restitution_that_differs_gets_a_warning_for_each_loose_joint():
     for law, restitution, delivered in (("hunt_crossley", 0.5, "0.663"), ("flores", 0.3, "0.256")):
         found = remarks(with_contact(law=law, restitution=restitution))
         assert [remark.split(":")[0] for remark in found] == ["crank_pin", "piston_pin"]
@@ -112,7 +113,7 @@ def test_a_law_that_delivers_another_restitution_is_named_for_each_loose_joint()
     assert remarks(with_contact(law="carvalho_martins", restitution=0.7)) == []
 
 
-def test_the_penalty_form_says_what_it_delivers():
+def test_the_penalty_law_states_its_effective_restitution():
     elastic = remarks(with_contact(penalty_damping=0, **PENALTY))[0]
     assert "depends on mass and speed: approximately 1 at 0.1 m/s and 1 at 1 m/s" in elastic
     damped = remarks(with_contact(penalty_damping=2000, **PENALTY))[0]
@@ -122,7 +123,7 @@ def test_the_penalty_form_says_what_it_delivers():
     )  # two restitutions and a speed
 
 
-def test_bristles_that_can_drive_the_motion_say_so():
+def test_bristles_that_can_drive_the_motion_get_a_warning():
     lugre = {"law": "exact_restitution", "friction_law": "lugre", "friction": 0.1}
     assert remarks(with_contact(**lugre)) == []
     found = remarks(with_contact(static_friction=0.15, viscous_friction=0.01, **lugre))

@@ -1,6 +1,4 @@
-"""Effects are off unless listed, bounded, told apart, and folded into a mechanism's data where they
-are nothing else.
-"""
+"""The catalogue of effects: bounds, errors, and effects that change data of the mechanism."""
 
 import math
 
@@ -10,12 +8,11 @@ import pytest
 from jointgap.config import EFFECTS, Scenario, parse_options, validate
 from jointgap.core.errors import InputError
 from jointgap.effects.base import example, parameters_of
-from tests.catalogue import refused
 from tests.config.mechanisms import PIVOT, effect, mechanism, paper
 
 
 @pytest.mark.parametrize("name", EFFECTS)
-def test_every_effect_can_be_listed_as_its_own_example_says(name):
+def test_every_effect_can_be_listed_as_in_its_example(name):
     made = mechanism(example(EFFECTS[name]), joints={"crank_pivot": PIVOT})
     assert made.effect(name) == made.effects[0].parameters
     assert (
@@ -48,7 +45,7 @@ def test_every_effect_can_be_listed_as_its_own_example_says(name):
         ("lubricated_joint", "viscosity_Pa_s", (1e-3,), (0,)),
     ],
 )
-def test_parameters_keep_to_the_bounds_of_the_catalogue(name, parameter, inside, outside):
+def test_parameters_have_bounds(name, parameter, inside, outside):
     entry = example(EFFECTS[name])
 
     def listed(value):
@@ -61,91 +58,69 @@ def test_parameters_keep_to_the_bounds_of_the_catalogue(name, parameter, inside,
             listed(value)
 
 
-FILM = effect("lubricated_joint", "crank_pin", viscosity_Pa_s=0.05, length_m=0.01)
-THICK = effect(
-    "lubricated_joint", "crank_pin", viscosity_Pa_s=0.05, length_m=0.01, least_film_m=6e-4
-)
+def film(**parameters):
+    return effect("lubricated_joint", "crank_pin", viscosity_Pa_s=0.05, length_m=0.01, **parameters)
+
+
 RUBBING = effect("pin_friction", "crank_pin", coefficient=0.1)
+RUBBING_7 = effect("pin_friction", "piston_pin", coefficient=7)
 
 
-WIDER = effect("crank_pivot_clearance", clearance_m=1e-4)
-
-
-def test_an_effect_that_makes_no_sense_is_refused():
-    cases = [
-        (
-            [effect("slidr_spring")],
-            "effects.0.name = 'slidr_spring' ~ no such effect ~ did you mean 'slider_spring'",
-        ),
+@pytest.mark.parametrize(
+    "effects, words",
+    [
+        ([effect("slidr_spring")], "effects.0.name = 'slidr_spring'.*did you mean 'slider_spring'"),
         ([{"parameters": {}}], "effects.0.name' is missing"),
-        (
-            [effect("gravity", acceleration=9)],
-            "'effects.gravity.parameters.acceleration' ~ did you mean 'acceleration_m_s2'",
-        ),
-        (
-            [RUBBING, RUBBING | {"site": "piston_pin", "parameters": {"coefficient": 7}}],
-            "pin_friction@piston_pin.par",
-        ),
+        ([effect("gravity", acceleration=9)], "'effects.gravity.parameters.acceleration'; did you"),
+        ([RUBBING, RUBBING_7], "pin_friction@piston_pin.par"),
         ([effect("pin_friction", coefficient=0.1)], "site' is missing"),
-        (
-            [effect("pin_friction", "crank_pivot", coefficient=0.1)],
-            "site = 'crank_pivot' ~ 'crank_pin' or",
-        ),
+        ([effect("pin_friction", "crank_pivot", coefficient=0.1)], "site = 'crank_pivot'"),
         ([effect("gravity")] * 2, "gravity at all bodies is listed more than once"),
         ([RUBBING] * 2, "pin_friction at crank_pin is listed more than once"),
-        ([effect("discovered_slider_force", formula="a*v")], "formula 'a*v' ~ unknown name 'a'"),
+        ([effect("discovered_slider_force", formula="a*v")], "unknown name 'a'"),
+        ([effect("added_slider_mass", mass_kg=-1)], "added_slider_mass.*mass.*greater than 0"),
+        ([effect("slider_offset", offset_m=0.5)], "effects slider_offset.*cannot turn"),
+        ([film(least_film_m=6e-4)], "lubricated_joint at crank_pin.*more than 0.5 of"),
         (
-            [effect("added_slider_mass", mass_kg=-1)],
-            "effects added_slider_mass ~ slider.mass ~ greater than 0",
-        ),
-        ([effect("slider_offset", offset_m=0.5)], "effects slider_offset ~ cannot turn"),
-        ([THICK], "lubricated_joint at crank_pin ~ more than 0.5 of the clearance 0.001 m"),
-        (
-            [FILM, effect("crank_pin_clearance", clearance_m=0)],
+            [film(), effect("crank_pin_clearance", clearance_m=0)],
             "lubricated_joint at crank_pin requires a clearance",
         ),
-        (
-            [WIDER],
-            {"crank_pivot": "ideal"},
-            "crank_pivot_clearance requires the data of crank_pivot",
-        ),
-        (
-            [RUBBING],
-            {"crank_pin": "ideal"},
-            "pin_friction at crank_pin requires the joint's journal_radius",
-        ),
-    ]
-    refused(
-        lambda effects, joints=None: mechanism(*effects, **({"joints": joints} if joints else {})),
-        cases,
-    )
+    ],
+)
+def test_a_wrong_effect_is_an_error(effects, words):
+    with pytest.raises(InputError, match=words):
+        mechanism(*effects)
 
 
-def test_the_direction_of_gravity_is_an_angle_or_a_word_in_the_frame_of_the_mechanism():
+def test_an_effect_on_a_joint_requires_its_data():
+    wider = effect("crank_pivot_clearance", clearance_m=1e-4)
+    with pytest.raises(InputError, match="crank_pivot_clearance requires the data of crank_pivot"):
+        mechanism(wider, joints={"crank_pivot": "ideal"})
+    with pytest.raises(InputError, match="pin_friction at crank_pin requires the joint's journal"):
+        mechanism(RUBBING, joints={"crank_pin": "ideal"})
+
+
+@pytest.mark.parametrize(
+    "word, x, y",
+    [("down", 0, -1), ("-y", 0, -1), ("Up", 0, 1), ("left", -1, 0), ("-x", -1, 0), ("right", 1, 0)],
+)
+def test_the_direction_of_gravity_is_an_angle_or_a_word(word, x, y):
     gravity = effect("gravity")
-    for words, x, y in (
-        (("down", "-y"), 0, -1),
-        (("Up", "+y"), 0, 1),
-        (("left", "-x"), -1, 0),
-        (("right", "+x"), 1, 0),
+    made = mechanism(gravity, gravity_direction=word)
+    assert made.gravity / math.hypot(*made.gravity) == pytest.approx([x, y], abs=1e-15)
+    angle = made.model_dump()["gravity_direction"]
+    assert mechanism(gravity, gravity_direction=angle).gravity_direction == made.gravity_direction
+    with pytest.raises(
+        InputError, match=r"gravity_direction = 'along'.*angle.*-90 deg.*down.*left"
     ):
-        for word in words:
-            said = mechanism(gravity, gravity_direction=word)
-            assert said.gravity / math.hypot(*said.gravity) == pytest.approx([x, y], abs=1e-15)
-            again = mechanism(gravity, gravity_direction=said.model_dump()["gravity_direction"])
-            assert again.gravity_direction == said.gravity_direction
-    wrong = "gravity_direction = '{}' ~ angle ~ -90 deg ~ down ~ left"
-    refused(
-        lambda word: mechanism(gravity_direction=word),
-        [(word, wrong.format(word)) for word in ("along", "-z")],
-    )
+        mechanism(gravity_direction="along")
 
 
 def bending(**rod):
     return mechanism(effect("rod_flexibility", frequency_Hz=250, damping_ratio=0.01), rod=rod)
 
 
-def test_a_rod_bends_as_a_uniform_beam_only_where_its_mass_centre_is_near_the_middle():
+def test_a_rod_bends_only_if_its_mass_centre_is_near_the_middle():
     rod = paper().rod
     # of a rod that turns, a_n = alpha (s - centre), the mode takes the projection of this on sin(pi
     # s / l), which moves the mass centre in turn: in numbers, the inertia that is left with the
@@ -168,36 +143,24 @@ def test_a_rod_bends_as_a_uniform_beam_only_where_its_mass_centre_is_near_the_mi
     )  # a rigid one may have it anywhere
 
 
-MEANT = {
-    "gas_force": "gas_pressure",
-    "cylinder_pressure": "gas_pressure",
-    "drag": "slider_quadratic_drag",
-}
-MEANT |= {
-    "spring": "slider_spring",
-    "friction": "slider_coulomb_friction",
-    "cogging": "crank_periodic_torque",
-}
-MEANT |= {
-    "imbalance": "crank_unbalance",
-    "stiction": "slider_stribeck_friction",
-    "oil_film": "lubricated_joint",
-}
-MEANT |= {
-    "damper": "slider_viscous_friction",
-    "indicator_diagram": "slider_force_table",
-    "bending": "rod_flexibility",
-}
+@pytest.mark.parametrize(
+    "word, name",
+    {
+        "gas_force": "gas_pressure",
+        "drag": "slider_quadratic_drag",
+        "friction": "slider_coulomb_friction",
+        "cogging": "crank_periodic_torque",
+        "stiction": "slider_stribeck_friction",
+        "oil_film": "lubricated_joint",
+        "indicator_diagram": "slider_force_table",
+    }.items(),
+)
+def test_another_word_for_an_effect_gets_a_suggestion(word, name):
+    with pytest.raises(InputError, match=f"did you mean .*'{name}'"):
+        mechanism(effect(word))
 
 
-def test_an_effect_under_another_word_is_suggested_by_its_meaning():
-    refused(
-        lambda name: mechanism(effect(name)),
-        [(w, f"did you mean ~ '{n}'") for w, n in MEANT.items()],
-    )
-
-
-def test_mass_offset_and_lengths_become_data():
+def test_mass_offset_and_lengths_change_the_data():
     applied = mechanism(
         effect("added_slider_mass", mass_kg=0.05),
         effect("slider_offset", offset_m="-10 mm"),
@@ -215,7 +178,7 @@ def test_mass_offset_and_lengths_become_data():
     assert applied.applied() == applied
 
 
-def test_a_clearance_is_the_whole_clearance_and_none_makes_the_joint_ideal():
+def test_a_clearance_is_the_total_clearance_and_zero_makes_the_joint_ideal():
     applied = mechanism(
         effect("crank_pivot_clearance", clearance_m="0.2 mm"),
         effect("crank_pin_clearance", clearance_m=0),
@@ -228,7 +191,7 @@ def test_a_clearance_is_the_whole_clearance_and_none_makes_the_joint_ideal():
     assert applied.joint("piston_pin").journal_radius == paper().joint("piston_pin").journal_radius
 
 
-def test_friction_in_a_loose_pin_is_its_contacts_and_in_an_ideal_one_an_effect():
+def test_friction_of_a_loose_pin_is_that_of_its_contact():
     loose, ideal = (
         effect("pin_friction", "crank_pin", coefficient=0.1),
         effect("pin_friction", "piston_pin", coefficient=0.2),

@@ -1,5 +1,4 @@
-"""A clockwise crank seen from behind: the mirrored mechanism, turning counter-clockwise, moves as
-the mirror image."""
+"""The mirrored mechanism, turning counter-clockwise, moves as the mirror image of a clockwise one."""
 
 import numpy as np
 import pytest
@@ -33,8 +32,8 @@ def loose_joints(name):
 
 @pytest.mark.parametrize("name", [name for name in EFFECTS if name != "speed_fluctuation"])
 def test_the_mirrored_mechanism_moves_as_the_mirror_image_of_the_clockwise_one(name):
-    others = [] if name == "gravity" else [effect("gravity")]
-    effects = (*others, OWN.get(name, example(EFFECTS[name])))
+    weight = [] if name == "gravity" else [effect("gravity")]
+    effects = (*weight, OWN.get(name, example(EFFECTS[name])))
     made = mechanism(*effects, loose=loose_joints(name), offset=0.03, crank=BESIDE)
     clockwise = with_numbers(
         parameters(made, options()), drive={"speed": -SPEED, "start_angle": -ANGLES[0]}
@@ -54,7 +53,7 @@ def test_the_mirrored_mechanism_moves_as_the_mirror_image_of_the_clockwise_one(n
 
 
 @pytest.mark.parametrize("loose", [(), ("crank_pin", "piston_pin"), ("crank_pivot",)])
-def test_a_clockwise_speed_gives_every_column_the_sign_that_an_integration_backwards_gives_it(
+def test_a_clockwise_speed_gives_the_columns_of_an_integration_backwards(
     loose,
 ):
     made = mechanism(effect("gravity"), loose=loose, offset=0.03)
@@ -76,7 +75,7 @@ def test_a_clockwise_speed_gives_every_column_the_sign_that_an_integration_backw
     assert (own.events["crank_angle"] <= 0.7).all()
 
 
-def test_a_motor_starts_from_rest_and_turns_either_way():
+def test_a_motor_starts_from_rest_in_either_direction():
     motor = {"kind": "motor", "stall_torque": 30.0, "no_load_speed": 40.0, "inertia": 0.02}
     still = options(speed=0.0, drive=motor, revolutions=1, samples_per_revolution=90)
     made = mechanism(loose=())
@@ -93,7 +92,7 @@ def test_a_motor_starts_from_rest_and_turns_either_way():
     np.testing.assert_allclose(back.slider_position, forth.slider_position, atol=1e-9)
 
 
-def test_a_crank_that_cannot_turn_is_refused():
+def test_a_crank_without_speed_is_an_error():
     with pytest.raises(
         ValueError, match="speed 0: the crank does not turn; give a speed, or a motor"
     ):

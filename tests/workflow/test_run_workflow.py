@@ -53,7 +53,7 @@ def test_a_users_options_and_files_go_to_snakemake_with_what_the_makefile_says(
     run_workflow, tmp_path
 ):
     for name in ("mine", "more"):
-        (tmp_path / f"{name}.yaml").write_text("figures: {magnification: 1}\n")
+        (tmp_path / f"{name}.yaml").write_text("figures: {animation_frames: 1}\n")
 
     def asks(options, wanted):
         assert run_workflow(*options).returncode == 0
@@ -101,8 +101,8 @@ def test_a_configuration_that_cannot_be_read_is_refused_before_snakemake_sees_it
     run_workflow, tmp_path
 ):
     good, file = tmp_path / "good.yaml", tmp_path / "mine.yaml"
-    good.write_text("figures: {magnification: 1}\n")
-    for content in (None, "figures: {magnification: 1}\nfigures: {magnification: 2}\n"):
+    good.write_text("figures: {animation_frames: 1}\n")
+    for content in (None, "figures: {animation_frames: 1}\nfigures: {animation_frames: 2}\n"):
         if content is not None:
             file.write_text(content)
         done = run_workflow("--configfile", str(good), str(file), "--cores", "1")

@@ -34,10 +34,9 @@ def validate(model: type[BaseModel], data: Any, source: str) -> Any:
         return model.model_validate(data)
     except ValidationError as error:
         lines = complaints(error, data)
-        more = [f"and {len(lines) - _MOST_LINES} more"] if len(lines) > _MOST_LINES else []
-        raise InputError(
-            *(f"{source}: {line}" for line in [*lines[:_MOST_LINES], *more])
-        ) from error
+        if len(lines) > _MOST_LINES:
+            lines[_MOST_LINES:] = [f"and {len(lines) - _MOST_LINES} more"]
+        raise InputError(*(f"{source}: {line}" for line in lines)) from error
 
 
 def load_mechanism(path: Path | str) -> Mechanism:
@@ -136,15 +135,14 @@ def resolve(
     source: str = "configuration",
     whole: bool = True,
 ) -> dict[str, Scenario]:
-    """The scenarios that a configuration runs."""
+    """The scenarios that a configuration runs; `whole`: with sections that only have defaults."""
     defaults = _DEFAULT_SECTIONS if whole else {}
-    found = {}
+    scenarios = {}
     for name, layers in scenario_layers(config, folders, source).items():
         where = f"{source}, scenario {name}"
-        found[name] = validate(
-            Scenario, defaults | _with_drive_file(merged(layers), folders, where), where
-        )
-    return found
+        data = defaults | _with_drive_file(merged(layers), folders, where)
+        scenarios[name] = validate(Scenario, data, where)
+    return scenarios
 
 
 def check_all_sections(scenario: Scenario, name: str, source: str = "configuration") -> None:
@@ -162,32 +160,30 @@ def scenario_layers(
             raise InputError(f"{source}: key '{key}' was removed; {Scenario.removed[key]}")
         if key not in allowed:
             raise InputError(f"{source}: unknown key '{key}'; {did_you_mean(key, allowed)}")
-    base = {key: value for key, value in config.items() if key not in Configuration.model_fields}
-    asked = validate(
-        Configuration, {key: value for key, value in config.items() if key not in base}, source
-    )
+    common = {key: config[key] for key in config if key in Scenario.model_fields}
+    settings = {key: config[key] for key in config if key not in common}
+    settings = validate(Configuration, settings, source)
     layers = {}
-    for name in asked.run or asked.scenarios:
+    for name in settings.run or settings.scenarios:
         where = f"{source}, scenario {name}"
-        if name not in asked.scenarios:
-            raise InputError(f"{source}: run lists '{name}'; {did_you_mean(name, asked.scenarios)}")
+        if name not in settings.scenarios:
+            hint = did_you_mean(name, settings.scenarios)
+            raise InputError(f"{source}: run lists '{name}'; {hint}")
         if name in _RESERVED:
             raise InputError(f"{where}: the name is reserved for other results; choose another one")
-        given = [Layer(source, base), Layer(where, asked.scenarios[name] or {})]
-        lowest = next((layer for layer in reversed(given) if "mechanism" in layer.data), None)
-        if lowest is None:
+        written = [Layer(source, common), Layer(where, settings.scenarios[name] or {})]
+        with_mechanism = [layer for layer in written if "mechanism" in layer.data]
+        if not with_mechanism:
             raise InputError(
                 f"{where}: key 'mechanism' is missing; give the path of a mechanism file"
             )
-        layers[name] = [
-            *mechanism_layers(
-                lowest.data["mechanism"], folders, lowest.source, f"{where}: mechanism"
-            ),
-            *(
-                Layer(each.source, {k: v for k, v in each.data.items() if k != "mechanism"})
-                for each in given
-            ),
-        ]
+        top = with_mechanism[-1]
+        layers[name] = mechanism_layers(
+            top.data["mechanism"], folders, top.source, f"{where}: mechanism"
+        )
+        for layer in written:
+            sections = {key: layer.data[key] for key in layer.data if key != "mechanism"}
+            layers[name].append(Layer(layer.source, sections))
     return layers
 
 
@@ -199,8 +195,10 @@ def is_complete(config: Mapping[str, Any]) -> bool:
     """
     scenarios = config.get("scenarios")
     try:
-        own = [scenarios[name] for name in config.get("run", scenarios)]
-        return bool(own) and ("mechanism" in config or all("mechanism" in each for each in own))
+        contents = [scenarios[name] for name in config.get("run", scenarios)]
+        return bool(contents) and (
+            "mechanism" in config or all("mechanism" in content for content in contents)
+        )
     except (KeyError, TypeError):  # a missing scenario, or not mappings
         return False
 
@@ -208,37 +206,35 @@ def is_complete(config: Mapping[str, Any]) -> bool:
 def sources_of(
     scenario: Scenario, name: str, files: Sequence[Layer], folders: tuple[Path, ...] = (Path(),)
 ) -> list[tuple[str, str, str]]:
-    """The source of each value of a scenario: path of the key, source and value as text."""
-    written = sources(files)
-    own = f", scenario {name}"
-    places = {"": (), own: ("scenarios", name)}  # keys outside of mechanism files
-    found = {}
+    """Each key of a scenario with its source and its value as written."""
+    in_files = sources(files)
+    prefixes = {"": (), f", scenario {name}": ("scenarios", name)}  # outside of mechanism files
+    rows = {}
     for path, (value, source) in sources(scenario_layers(merged(files), folders, "")[name]).items():
-        found[path] = (
-            value,
-            written[*places[source], *path][1] + source if source in places else source,
-        )
+        if source in prefixes:
+            source = in_files[*prefixes[source], *path][1] + source
+        rows[path] = (value, source)
     for path, value in leaves(scenario.model_dump(mode="json")):
-        if not any(path[: len(known)] == known for known in found):
-            found[path] = (value, "default")
-    rows = (
+        if not any(path[: len(written)] == written for written in rows):
+            rows[path] = (value, "default")
+    return sorted(
         (".".join(path), source, json.dumps(value, ensure_ascii=False))
-        for path, (value, source) in found.items()
+        for path, (value, source) in rows.items()
     )
-    return sorted(rows)
 
 
 def load_campaign(path: Path | str) -> Campaign:
     """The campaign in a YAML or JSON file; relative paths in it start from its folder."""
     path = Path(path)
-    data = _with_mechanism(read_yaml(path), (path.parent,), f"{path}: ")
+    folders = (path.parent,)
+    data = _with_mechanism(read_yaml(path), folders, f"{path}: ")
     if isinstance(runs := data.get("runs"), list):
-        named = ((f"{path}: runs.{entry_name(runs, place)}", run) for place, run in enumerate(runs))
-        data = data | {
-            "runs": [with_effect_files(run, (path.parent,), name) for name, run in named]
-        }
+        keys = [f"{path}: runs.{entry_name(runs, number)}" for number in range(len(runs))]
+        data["runs"] = [
+            with_effect_files(run, folders, key) for run, key in zip(runs, keys, strict=True)
+        ]
     if isinstance(data.get("folder", ""), str):
-        data = data | {"folder": path.parent / data.get("folder", "")}
+        data["folder"] = path.parent / data.get("folder", "")
     return validate(Campaign, data, str(path))
 
 

@@ -44,10 +44,8 @@ Law = Literal[
     "penalty",
 ]
 
-FIRM_FORCE, FIRM_PENETRATION = (
-    1e3,
-    1e-9,
-)  # limit of stiffness: [N] force, and [m] its smallest penetration
+FIRM_FORCE, FIRM_PENETRATION = 1e3, 1e-9
+"""Limit of stiffness: force [N] and its smallest penetration [m]."""
 
 BRISTLE_ACCELERATION = 1e4
 """[m/s^2] Default bristle_damping is critical for a body with this normal force per mass (1 kN on
@@ -128,15 +126,13 @@ class Contact(ConfigModel):
     )
 
     def errors(self) -> Iterator[str]:
-        needed, spare = ("restitution",), ("penalty_damping", "penalty_depth")
+        required, unused = ("restitution",), ("penalty_damping", "penalty_depth")
         if self.law == "penalty":
-            needed, spare = spare, ("restitution", "memory", "reference_approach_speed")
-        if missing := [key for key in needed if getattr(self, key) is None]:
-            yield (
-                f"law {self.law} requires {' and '.join(missing)}; add"
-                f" {'it' if len(missing) == 1 else 'them'}"
-            )
-        for key in self._given(spare):
+            required, unused = unused, ("restitution", "memory", "reference_approach_speed")
+        if missing := [key for key in required if getattr(self, key) is None]:
+            pronoun = "it" if len(missing) == 1 else "them"
+            yield f"law {self.law} requires {' and '.join(missing)}; add {pronoun}"
+        for key in self._set_keys(unused):
             yield (
                 f"law {self.law} does not use {key}; remove it or set it to null, or choose"
                 " another law"
@@ -146,7 +142,7 @@ class Contact(ConfigModel):
                 "memory published does not use reference_approach_speed; remove it, or choose"
                 " memory fading"
             )
-        for key in self._given(FRICTION_KEYS):
+        for key in self._set_keys(FRICTION_KEYS):
             readers = [name for name, law in FRICTION_LAWS.items() if key in law.reads]
             if self.friction_law not in readers:
                 yield (
@@ -176,7 +172,7 @@ class Contact(ConfigModel):
                 f" {unit}"
             )
 
-    def _given(self, keys: tuple[str, ...]) -> list[str]:
+    def _set_keys(self, keys: tuple[str, ...]) -> list[str]:
         return [key for key in keys if getattr(self, key) is not None]
 
     @property
@@ -198,7 +194,7 @@ class Contact(ConfigModel):
             "viscous_friction": 0.0,
             "bristle_stiffness": 1e5,  # friction 0.1 after a micrometre, the size of asperities
         }
-        values |= {key: getattr(self, key) for key in self._given(FRICTION_KEYS)}
+        values |= {key: getattr(self, key) for key in self._set_keys(FRICTION_KEYS)}
         critical = 2 * math.sqrt(values["bristle_stiffness"] / BRISTLE_ACCELERATION)
         return {"bristle_damping": critical} | values
 
@@ -252,11 +248,8 @@ class Joint(ConfigModel):
 def hertz_stiffness(joint: Joint) -> float:
     """K [N/m^1.5] of a journal in a bearing of the same material: conforming Hertz contact."""
     material = (1 - joint.contact.poisson_ratio**2) / joint.contact.youngs_modulus
-    return (
-        4
-        / (3 * 2 * material)
-        * math.sqrt(joint.bearing_radius * joint.journal_radius / joint.clearance)
-    )
+    radius = joint.bearing_radius * joint.journal_radius / joint.clearance
+    return 4 / (3 * 2 * material) * math.sqrt(radius)
 
 
 def _joint(name: str) -> Any:
@@ -271,12 +264,12 @@ def _joint(name: str) -> Any:
                 "must be 'ideal' or a mapping with journal, journal_radius, bearing_radius and"
                 " contact"
             )
-        made = Joint.model_validate(joint)
-        if made.journal not in carriers:
+        joint = Joint.model_validate(joint)
+        if joint.journal not in carriers:
             raise ValueError(
                 f"journal must be '{carriers[0]}' or '{carriers[1]}', the bodies of this joint"
             )
-        return made
+        return joint
 
     return Annotated[Literal["ideal"] | Joint, WrapValidator(read)]
 
@@ -330,16 +323,8 @@ class Slider(ConfigModel):
     offset: Length = Field(0.0, description="the slide is the line y = offset")
 
 
-_DIRECTIONS = {
-    "down": -90,
-    "up": 90,
-    "left": 180,
-    "right": 0,
-    "-y": -90,
-    "+y": 90,
-    "-x": 180,
-    "+x": 0,
-}
+_DIRECTIONS = {"right": 0, "up": 90, "left": 180, "down": -90}
+_DIRECTIONS |= {"+x": 0, "+y": 90, "-x": 180, "-y": -90}
 """Angles [deg] from +x; +x points from the crank pivot along the slide."""
 
 
@@ -405,11 +390,11 @@ class Mechanism(ConfigModel):
             )
         for name, arm in _INERTIA_ARM.items():
             link = getattr(self, name)
-            most = link.mass * (arm * link.length) ** 2
-            if link.inertia > most:
+            largest = link.mass * (arm * link.length) ** 2
+            if link.inertia > largest:
                 yield (
                     f"{name}.inertia {link.inertia:g} kg*m^2 is too large for mass {link.mass:g} kg"
-                    f" and length {link.length:g} m; give at most {most:.3g} kg*m^2 (check the"
+                    f" and length {link.length:g} m; give at most {largest:.3g} kg*m^2 (check the"
                     " units)"
                 )
         clearances = sum(self.clearance(name) for name in self.loose)
@@ -420,11 +405,11 @@ class Mechanism(ConfigModel):
                 " crank cannot turn; lengthen the rod, shorten the crank, or check the units of"
                 " the lengths and radii"
             )
-        places = [(effect.name, effect.place) for effect in self.effects if not effect.SEVERAL]
-        for name, place in places:
-            if places.count((name, place)) > 1:
+        sites = [(effect.name, effect.place) for effect in self.effects if not effect.SEVERAL]
+        for name, site in sites:
+            if sites.count((name, site)) > 1:
                 yield (
-                    f"effects: {name} at {place} is listed more than once; combine its parameters"
+                    f"effects: {name} at {site} is listed more than once; combine its parameters"
                     " in one entry"
                 )
         if any(effect.changes_data(self) for effect in self.effects):
@@ -460,30 +445,28 @@ class Mechanism(ConfigModel):
     def effect(self, name: str, site: str | None = None) -> Any:
         """Parameters of the effect `name`, at `site` if it has several; None if it is not
         listed."""
-        found = (
-            one.parameters for one in self.effects if one.name == name and site in (None, one.place)
-        )
-        return next(found, None)
+        for effect in self.effects:
+            if effect.name == name and site in (None, effect.place):
+                return effect.parameters
+        return None
 
     @property
     def gravity(self) -> np.ndarray:
         """Gravitational acceleration, shape (2,) [m/s^2]; zero unless the effect is listed."""
-        listed = self.effect("gravity")
-        size = listed.acceleration_m_s2 if listed else 0.0
-        return size * np.array([math.cos(self.gravity_direction), math.sin(self.gravity_direction)])
+        gravity, direction = self.effect("gravity"), self.gravity_direction
+        size = gravity.acceleration_m_s2 if gravity else 0.0
+        return size * np.array([math.cos(direction), math.sin(direction)])
 
     def mirrored(self) -> "Mechanism":
         """The mirror image in y = 0, in which a clockwise crank turns counter-clockwise."""
-        return self.model_copy(
-            update={
-                "crank": self.crank.model_copy(
-                    update={"mass_centre_across": -self.crank.mass_centre_across}
-                ),
-                "slider": self.slider.model_copy(update={"offset": -self.slider.offset}),
-                "gravity_direction": -self.gravity_direction,
-                "effects": tuple(effect.mirrored() for effect in self.effects),
-            }
-        )
+        across = -self.crank.mass_centre_across
+        update = {
+            "crank": self.crank.model_copy(update={"mass_centre_across": across}),
+            "slider": self.slider.model_copy(update={"offset": -self.slider.offset}),
+            "gravity_direction": -self.gravity_direction,
+            "effects": tuple(effect.mirrored() for effect in self.effects),
+        }
+        return self.model_copy(update=update)
 
     def check_contacts(self, speed: float) -> None:
         """InputError where a loose joint's contact is too soft for its loads at a crank speed of
@@ -493,18 +476,17 @@ class Mechanism(ConfigModel):
         weight and effects.
         """
         crank, rod = self.crank, self.rod
-        swing = (
-            crank.length * speed**2 * (1 + crank.length / rod.length)
-        )  # of the slider at its outer dead centre
-        acceleration = swing + float(np.hypot(*self.gravity))
-        moved = {"piston_pin": self.slider.mass, "crank_pin": rod.mass + self.slider.mass}
-        moved["crank_pivot"] = crank.mass + moved["crank_pin"]
-        stated = sum(effect.largest_force(2 * crank.length) for effect in self.effects)
+        # of the slider at its outer dead centre
+        inertial = crank.length * speed**2 * (1 + crank.length / rod.length)
+        acceleration = inertial + float(np.hypot(*self.gravity))
+        masses = {"piston_pin": self.slider.mass, "crank_pin": rod.mass + self.slider.mass}
+        masses["crank_pivot"] = crank.mass + masses["crank_pin"]
+        force = sum(effect.largest_force(2 * crank.length) for effect in self.effects)
         for name in self.loose:
-            if why := self.joint(name).too_soft_for(moved[name] * acceleration + stated):
+            if reason := self.joint(name).too_soft_for(masses[name] * acceleration + force):
                 raise InputError(
-                    f"mechanism.joints.{name}: {why} (load: inertia at {speed * 30 / math.pi:.4g}"
-                    " rpm, weight and effects)"
+                    f"mechanism.joints.{name}: {reason} (load: inertia at"
+                    f" {speed * 30 / math.pi:.4g} rpm, weight and effects)"
                 )
 
     def applied(self) -> "Mechanism":
@@ -513,17 +495,17 @@ class Mechanism(ConfigModel):
 
         InputError where the modified data are invalid.
         """
-        folded = [effect for effect in self.effects if effect.changes_data(self)]
-        if not folded:
+        of_data = [effect for effect in self.effects if effect.changes_data(self)]
+        if not of_data:
             return self
         data = self.model_dump()
-        data["effects"] = [effect.model_dump() for effect in self.effects if effect not in folded]
-        for effect in folded:
+        data["effects"] = [effect.model_dump() for effect in self.effects if effect not in of_data]
+        for effect in of_data:
             effect.apply(data)
         try:
             return Mechanism.model_validate(data)
         except ValidationError as error:
-            names = ", ".join(effect.name for effect in folded)
+            names = ", ".join(effect.name for effect in of_data)
             raise InputError(
                 f"with the effects {names}: {'; '.join(complaints(error, data))}"
             ) from error

@@ -42,7 +42,7 @@ TOLERANCE_SHARE = 1e-4
 SampleCount = whole_number(ge=1, le=MOST_SAMPLES)
 Iterations = whole_number(ge=1, le=10_000_000)
 
-_OWN_SHARE, _OWN_DIGITS = 0.05, 6  # default box: half width over the lengths, and digits [m]
+_BOX_SHARE, _BOX_DIGITS = 0.05, 6  # default box: half width over the lengths, and digits [m]
 _LENGTH_ROUNDING = 1e-9  # [m] 564 mm and 0.564 m are equal
 _CLEARANCE_ROUNDING = 1e-9  # relative: a clearance is the difference of two radii
 
@@ -127,11 +127,10 @@ class Simulate(ConfigModel):
     @property
     def highest_speed(self) -> float:
         """Largest speed [rad/s] of the crank; 0 for a measured angle."""
-        if isinstance(self.drive, MeasuredDrive):
+        if self.drive.kind == "measured":
             return 0.0
-        return max(
-            abs(self.speed), self.drive.no_load_speed if isinstance(self.drive, MotorDrive) else 0.0
-        )
+        no_load_speed = self.drive.no_load_speed if self.drive.kind == "motor" else 0.0
+        return max(abs(self.speed), no_load_speed)
 
     def errors(self) -> Iterator[str]:
         if self.speed == 0 and self.drive.kind == "constant":
@@ -143,25 +142,26 @@ class Simulate(ConfigModel):
                 "speed is negative, but a measured drive takes its direction from the angles;"
                 " remove speed"
             )
-        per_revolution = self.samples_per_revolution
-        if self.revolutions * per_revolution > MOST_SAMPLES:
-            product = (
-                f"revolutions {self.revolutions} times samples_per_revolution {per_revolution}"
+        if self.revolutions * self.samples_per_revolution > MOST_SAMPLES:
+            yield (
+                f"revolutions {self.revolutions} times samples_per_revolution"
+                f" {self.samples_per_revolution} is more than {MOST_SAMPLES:g} samples; lower one"
+                " of them"
             )
-            yield f"{product} is more than {MOST_SAMPLES:g} samples; lower one of them"
 
 
 def check_tolerance(mechanism: Mechanism, options: Simulate) -> None:
     """InputError where the tolerance is too large for the clearances."""
-    clearance, name = min(
-        ((mechanism.clearance(name), name) for name in mechanism.loose), default=(math.inf, "")
-    )
-    most = TOLERANCE_SHARE * clearance
-    if options.tolerance > most * (1 + _CLEARANCE_ROUNDING):
+    if not mechanism.loose:
+        return
+    name = min(mechanism.loose, key=mechanism.clearance)
+    clearance = mechanism.clearance(name)
+    largest = TOLERANCE_SHARE * clearance
+    if options.tolerance > largest * (1 + _CLEARANCE_ROUNDING):
         raise InputError(
             f"simulate.tolerance {options.tolerance:g} m is more than {TOLERANCE_SHARE:g} of the"
             f" clearance {clearance:g} m of {name}, the smallest of the loose joints; steps would"
-            f" miss contacts: give at most {most:.3g} m, or make the joint ideal"
+            f" miss contacts: give at most {largest:.3g} m, or make the joint ideal"
         )
 
 
@@ -203,55 +203,54 @@ class Surrogate(ConfigModel):
     )
 
     def errors(self) -> Iterator[str]:
-        layers = (1, *self.hidden, 1)
-        weights = sum((sources + 1) * neurons for sources, neurons in pairwise(layers))
+        layers = pairwise((1, *self.hidden, 1))
+        weights = sum((inputs + 1) * neurons for inputs, neurons in layers)
         if weights > MOST_WEIGHTS:
-            layers = list(self.hidden)[:10]
             yield (
-                f"hidden {layers} has {weights} weights, more than {MOST_WEIGHTS}; use fewer"
-                " neurons"
+                f"hidden {list(self.hidden)[:10]} has {weights} weights, more than {MOST_WEIGHTS};"
+                " use fewer neurons"
             )
 
 
 _END = {"type": ["number", "string"]}
+_RANGE = {"type": "array", "items": _END, "minItems": 2, "maxItems": 2}
 
 
-def _limits(kind: Any, exact: bool = True) -> Any:
-    """Type of a range [lower, upper]; an exact value gives two equal bounds."""
+def _range(kind: Any) -> Any:
+    """Type of a range [lower, upper], which is not empty."""
+    return Annotated[tuple[kind, kind], AfterValidator(lambda ends: _in_order(ends, True))]
 
-    def ordered(value: Any) -> Any:
-        low, high = value if isinstance(value, tuple) else (0.0, 1.0)
-        if low > high or (low == high and not exact):
-            raise ValueError("is in the wrong order or empty; write the lower bound first")
-        return value
 
-    if not exact:
-        return Annotated[tuple[kind, kind], AfterValidator(ordered)]
+def _value_or_range(kind: Any) -> Any:
+    """Type of a range [lower, upper]; a single value gives two equal bounds."""
+
+    def with_two_ends(value: Any) -> Any:
+        return value if isinstance(value, list | tuple) else (checked(kind, value),) * 2
+
     return Annotated[
         tuple[kind, kind],
-        BeforeValidator(
-            lambda value: value if isinstance(value, list | tuple) else (checked(kind, value),) * 2
-        ),
-        AfterValidator(ordered),
-        WithJsonSchema(
-            {"anyOf": [_END, {"type": "array", "items": _END, "minItems": 2, "maxItems": 2}]}
-        ),
+        BeforeValidator(with_two_ends),
+        AfterValidator(lambda ends: _in_order(ends, False)),
+        WithJsonSchema({"anyOf": [_END, _RANGE]}),
     ]
 
 
-Lengths = _limits(PositiveLength)
-Angles = _limits(Angle)
+def _in_order(ends: Any, is_open: bool) -> Any:
+    low, high = ends
+    if low > high or (is_open and low == high):
+        raise ValueError("is in the wrong order or empty; write the lower bound first")
+    return ends
+
+
+Lengths = _value_or_range(PositiveLength)
+Angles = _value_or_range(Angle)
 
 
 class Box(ConfigModel):
     """Bounds of the link lengths."""
 
-    crank_length: _limits(PositiveLength, exact=False) = Field(
-        description="bounds of the crank's length"
-    )
-    rod_length: _limits(PositiveLength, exact=False) = Field(
-        description="bounds of the rod's length"
-    )
+    crank_length: _range(PositiveLength) = Field(description="bounds of the crank's length")
+    rod_length: _range(PositiveLength) = Field(description="bounds of the rod's length")
 
     def errors(self) -> Iterator[str]:
         if self.crank_length[1] >= self.rod_length[0]:
@@ -263,23 +262,15 @@ class Box(ConfigModel):
 
 
 class Genetic(ConfigModel):
-    """Genetic algorithm with the paper's settings."""
+    """Genetic algorithm with the paper's settings: 2 elites, 80 % crossover."""
+
+    removed: ClassVar = dict.fromkeys(
+        ("elites", "crossover_fraction"), "delete it: the paper's 2 elites and 0.8 are used"
+    )
 
     population: whole_number(ge=4, le=10_000) = Field(20, description="individuals")
     generations: whole_number(ge=1, le=10_000) = Field(50, description="generations")
-    elites: whole_number(ge=0, le=10_000) = Field(
-        2, description="best individuals that are kept unchanged"
-    )
-    crossover_fraction: OpenFraction = Field(
-        0.8, description="share of the other children; the rest mutate"
-    )
     seed: Seed = Field(0, description="seed")
-
-    def errors(self) -> Iterator[str]:
-        if self.elites >= self.population:
-            yield (
-                f"elites {self.elites} must be less than population {self.population}; lower elites"
-            )
 
 
 class Ensemble(ConfigModel):
@@ -375,8 +366,8 @@ class Optimise(ConfigModel):
         )
 
     def errors(self) -> Iterator[str]:
-        whole = type(self).model_fields["window"].default
-        if self.objective != "transmission_angle" and self.window != whole:
+        default = type(self).model_fields["window"].default
+        if self.objective != "transmission_angle" and self.window != default:
             yield (
                 f"window belongs to the transmission angle; remove it: {self.objective} is of a"
                 " settled revolution"
@@ -386,11 +377,10 @@ class Optimise(ConfigModel):
 class Figures(ConfigModel):
     """Options of the figures."""
 
+    removed: ClassVar = {"magnification": "delete it: it is chosen automatically"}
+
     animation_frames: whole_number(ge=1, le=600) = Field(
         120, description="frames of the first revolution"
-    )
-    magnification: quantity("", gt=0) | None = Field(
-        None, description="of the clearances in the animation; null: automatic"
     )
 
 
@@ -496,7 +486,7 @@ class Scenario(DrivenMechanism):
 
     def errors(self) -> Iterator[str]:
         """Checks only the sections that are present: a stage receives only those that it reads."""
-        self._search_around_own_lengths()
+        self._set_default_box()
         if self.paper and "networks" in self.model_fields_set and not self.networks:
             yield "paper = true requires networks: true; set it, or set paper to false"
         checks = (
@@ -511,93 +501,93 @@ class Scenario(DrivenMechanism):
             if sections <= self.model_fields_set:
                 yield from check()
 
-    def _search_around_own_lengths(self) -> None:
+    def _set_default_box(self) -> None:
+        """Without boxes, search around the mechanism's lengths; the crank length is constant
+        unless the constraints determine it."""
         if self.optimise.boxes:
             return
         applied = self.mechanism.applied()
-        crank, rod = (
-            tuple(round(length * (1 + side * _OWN_SHARE), _OWN_DIGITS) for side in (-1, 1))
-            for length in (applied.crank.length, applied.rod.length)
-        )
-        found = {"boxes": {"own": Box(crank_length=crank, rod_length=rod)}}
-        if not self.optimise.constraints.decide_crank:
-            kept = {"crank_length": (applied.crank.length,) * 2}
-            found["constraints"] = self.optimise.constraints.model_copy(update=kept)
-        object.__setattr__(self, "optimise", self.optimise.model_copy(update=found))
+
+        def around(length: float) -> tuple[float, float]:
+            low, high = ((1 - _BOX_SHARE) * length, (1 + _BOX_SHARE) * length)
+            return round(low, _BOX_DIGITS), round(high, _BOX_DIGITS)
+
+        crank = applied.crank.length
+        box = Box(crank_length=around(crank), rod_length=around(applied.rod.length))
+        update: dict[str, Any] = {"boxes": {"own": box}}
+        constraints = self.optimise.constraints
+        if not constraints.decide_crank:
+            constant = {"crank_length": (crank, crank)}
+            update["constraints"] = constraints.model_copy(update=constant)
+        object.__setattr__(self, "optimise", self.optimise.model_copy(update=update))
 
     def _errors_of_samples(self) -> Iterator[str]:
-        samples, intervals = (
-            self.simulate.samples_per_revolution,
-            self.surrogate.training_points - 1,
-        )
+        samples = self.simulate.samples_per_revolution
+        intervals = self.surrogate.training_points - 1
         if samples % intervals or samples < 5 * intervals:
-            product = (
-                f"a multiple of surrogate.training_points - 1 = {intervals}, at least five times it"
+            yield (
+                f"simulate.samples_per_revolution {samples} must be a multiple of"
+                f" surrogate.training_points - 1 = {intervals}, at least five times it"
             )
-            yield f"simulate.samples_per_revolution {samples} must be {product}"
 
     def _errors_of_lengths(self) -> Iterator[str]:
-        applied, boxes, width = (
-            self.mechanism.applied(),
-            self.optimise.boxes,
-            self.optimise.rod_tolerance,
-        )
+        applied, boxes = self.mechanism.applied(), self.optimise.boxes
         crank, rod, offset = applied.crank.length, applied.rod.length, abs(applied.slider.offset)
-        if width is not None and width > 0.1 * rod:
-            tolerance = f"optimise.rod_tolerance {1e3 * width:g} mm"
+        tolerance = self.optimise.rod_tolerance
+        if tolerance is not None and tolerance > 0.1 * rod:
             yield (
-                f"{tolerance} is more than a tenth of the rod, {1e3 * rod:g} mm; give its unit,"
-                " such as 35 um"
+                f"optimise.rod_tolerance {1e3 * tolerance:g} mm is more than a tenth of the rod,"
+                f" {1e3 * rod:g} mm; give its unit, such as 35 um"
             )
         if not any(
-            _holds(box.crank_length, crank) and _holds(box.rod_length, rod)
+            _contains(box.crank_length, crank) and _contains(box.rod_length, rod)
             for box in boxes.values()
         ):
-            lengths = f"crank {1e3 * crank:g} mm and rod {1e3 * rod:g} mm"
             yield (
-                f"optimise.boxes ({', '.join(boxes)}): none contains the original {lengths}; give"
-                " bounds around them"
+                f"optimise.boxes ({', '.join(boxes)}): none contains the original crank"
+                f" {1e3 * crank:g} mm and rod {1e3 * rod:g} mm; give bounds around them"
             )
         for name, box in boxes.items():
             crank, rod = box.crank_length[1], box.rod_length[0]
             if crank + offset >= rod:
-                lengths = f"a crank of {1e3 * crank:g} mm with an offset of {1e3 * offset:g} mm"
                 yield (
-                    f"optimise.boxes.{name}: {lengths} cannot turn with a rod of {1e3 * rod:g} mm;"
-                    " lengthen the rod"
+                    f"optimise.boxes.{name}: a crank of {1e3 * crank:g} mm with an offset of"
+                    f" {1e3 * offset:g} mm cannot turn with a rod of {1e3 * rod:g} mm; lengthen the"
+                    " rod"
                 )
 
     def _errors_of_objective(self) -> Iterator[str]:
         """Sections that concern the transmission angle only."""
-        set_so = {
+        if self.optimise.objective == "transmission_angle":
+            return
+        settings = {
             "networks: true": self.networks,
             "sweep.best_lengths": self.sweep.best_lengths,
             "optimise_robust.uncertain": self.optimise_robust.uncertain,
         }
-        if self.optimise.objective != "transmission_angle" and (
-            given := [key for key, on in set_so.items() if on]
-        ):
-            objective = f"optimise.objective {self.optimise.objective}"
-            yield (
-                f"{objective} cannot be combined with {given[0]}, which is for transmission_angle;"
-                " remove one"
-            )
+        for key, is_set in settings.items():
+            if is_set:
+                yield (
+                    f"optimise.objective {self.optimise.objective} cannot be combined with {key},"
+                    " which is for transmission_angle; remove one"
+                )
 
     def _errors_of_measures(self) -> Iterator[str]:
-        known = {
-            column.name for column in measured(self.sweep.best_lengths, self.sweep.printed_numbers)
-        }
+        columns = measured(self.sweep.best_lengths, self.sweep.printed_numbers)
+        names = {column.name for column in columns}
         for name in self.sensitivity.measures if self.sensitivity else ():
-            if name not in known:
+            if name not in names:
                 key = "printed_numbers" if name in PRINTED_OPTIMA.names else "best_lengths"
                 yield f"sensitivity.measures: {name} is not computed; set sweep.{key} to true"
 
     def _errors_of_revolutions(self) -> Iterator[str]:
         settled, revolutions = self.optimise.ensemble.settled_revolution, self.simulate.revolutions
         if settled > revolutions:
-            key = f"optimise.ensemble.settled_revolution {settled}"
-            yield f"{key} is more than simulate.revolutions, {revolutions}; reduce it"
+            yield (
+                f"optimise.ensemble.settled_revolution {settled} is more than"
+                f" simulate.revolutions, {revolutions}; reduce it"
+            )
 
 
-def _holds(bounds: tuple[float, float], length: float) -> bool:
+def _contains(bounds: tuple[float, float], length: float) -> bool:
     return bounds[0] - _LENGTH_ROUNDING <= length <= bounds[1] + _LENGTH_ROUNDING

@@ -34,80 +34,40 @@ _TWO_MEANINGS = re.compile(
 """Numbers and words that differ between YAML 1.1, which Snakemake reads, and YAML 1.2."""
 
 
+_NO_QUOTES_BEFORE = r"(?m)^[^#'\"\n]*?"
+_DECIMAL_COMMAS = (
+    # a number between entries that are separated by comma and space
+    rf"{_NO_QUOTES_BEFORE}\[(?=[^\]\n]*, )[^\]\n]*?(?<![\w.,])([-+]?\d+,\d+)(?![\d.,])",
+    # a key without value
+    rf"{_NO_QUOTES_BEFORE}\{{[^}}\n]*:\s*([-+]?\d+,\d+)(?![\d.])[^,:}}\n]*[,}}]",
+)
+"""Numbers such as 2,4 in brackets and braces, where a comma separates entries."""
+
+
 class _StrictLoader(yaml.SafeLoader):
-    """YAML without ambiguous values, decimal commas and duplicate keys; dates are text."""
+    """YAML without ambiguous values and duplicate keys; dates are text."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node:
         node = super().compose_node(parent, index)
-        _refuse_decimal_commas(node, is_key=isinstance(parent, yaml.MappingNode) and index is None)
-        if (
-            isinstance(node, yaml.ScalarNode)
-            and node.style is None
-            and _TWO_MEANINGS.fullmatch(node.value)
-        ):
-            problem = (
-                f"{node.value} differs between YAML versions; write a plain decimal number, true "
-                f'or false, or "{node.value}" in quotation marks for a text'
-            )
-            raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
-        lines: dict[str, int] = {}
-        for key, _ in node.value if isinstance(node, yaml.MappingNode) else ():
-            name, line = str(key.value), key.start_mark.line + 1
-            if name in lines:
+        if isinstance(node, yaml.ScalarNode):
+            if node.style is None and _TWO_MEANINGS.fullmatch(node.value):
                 problem = (
-                    f"the key '{name}' is a duplicate, in lines {lines[name]} and {line};"
-                    " remove one"
+                    f"{node.value} differs between YAML versions; write a plain decimal number,"
+                    f' true or false, or "{node.value}" in quotation marks for a text'
                 )
-                raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
-            lines[name] = line
+                raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
+        elif isinstance(node, yaml.MappingNode):
+            lines: dict[str, int] = {}
+            for key, _ in node.value:
+                name, line = str(key.value), key.start_mark.line + 1
+                if name in lines:
+                    problem = (
+                        f"the key '{name}' is a duplicate, in lines {lines[name]} and {line};"
+                        " remove one"
+                    )
+                    raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
+                lines[name] = line
         return node
-
-
-def _refuse_decimal_commas(node: yaml.Node, is_key: bool) -> None:
-    """An error for numbers such as 2,4 in braces and brackets, where a comma separates entries.
-
-    In a list such as [0,3, 0,9] spaces after the other commas show what is meant; [0,3] is 0 and 3.
-    """
-    if isinstance(node, yaml.ScalarNode):
-        end = node.end_mark.pointer
-        has_value = node.end_mark.buffer[end : end + 20].lstrip().startswith(":")
-        if (is_key and not has_value) or re.match("0[0-9]", node.value):
-            _refuse(node, _with_point(node))
-    elif isinstance(node, yaml.SequenceNode) and node.flow_style:
-        numbers = [_with_point(entry) for entry in node.value[1:]]
-        before = [_text_before(entry) for entry in node.value[1:]]
-        is_spaced = any(re.search(", +$", text) for text in before)
-        if is_spaced and all(
-            bool(one) == text.endswith(",") for one, text in zip(numbers, before, strict=True)
-        ):
-            for entry, number in zip(node.value[1:], numbers, strict=True):
-                _refuse(entry, number, ", or a space after every comma")
-
-
-def _with_point(node: yaml.Node) -> str:
-    """The number that a decimal comma before an unquoted `node` would give, with a decimal point;
-    else ''."""
-    if (
-        not isinstance(node, yaml.ScalarNode)
-        or node.style
-        or not re.match(r"[0-9]+(?![0-9.])", node.value)
-    ):
-        return ""
-    before = re.search(r"(?<![\w.,])([-+]?[0-9]+),$", _text_before(node))
-    return f"{before[1]}.{node.value}" if before else ""
-
-
-def _text_before(node: yaml.Node) -> str:
-    return node.start_mark.buffer[max(node.start_mark.pointer - 30, 0) : node.start_mark.pointer]
-
-
-def _refuse(node: yaml.Node, number: str, or_else: str = "") -> None:
-    if number:
-        given = number.replace(".", ",", 1)
-        problem = (
-            f"{given} has a decimal comma, which separates entries here; write {number}{or_else}"
-        )
-        raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
 
 
 def _day(loader: _StrictLoader, node: yaml.ScalarNode) -> str:
@@ -139,33 +99,37 @@ def read_yaml(path: Path | str) -> dict[str, Any]:
             f"{path}: is not text in UTF-8 (byte {error.start}); save the file as UTF-8"
         ) from error
     # YAML would read 1e-9 as text
-    content = (
-        read_json(text, str(path)) if str(path).endswith(".json") else _parse_yaml(text, str(path))
-    )
-    if isinstance(content, dict):
-        if missing := [".".join(key) for key, value in _items(content) if value == FILL_IN]:
-            keys = f"{joined(missing)} {'is' if len(missing) == 1 else 'are'} not filled in"
-            raise InputError(f"{path}: {keys}; replace each {FILL_IN} by the value, with its unit")
-        return content
-    what = "is empty" if content is None else "has no keys"
-    raise InputError(
-        f"{path}: {what}; write a mapping of keys to values, such as 'key: value', one per line"
-    )
+    parse = read_json if str(path).endswith(".json") else _parse_yaml
+    content = parse(text, str(path))
+    if not isinstance(content, dict):
+        problem = "is empty" if content is None else "has no keys"
+        raise InputError(
+            f"{path}: {problem}; write a mapping of keys to values, such as 'key: value', one per"
+            " line"
+        )
+    if missing := [".".join(key) for key, value in _entries(content) if value == FILL_IN]:
+        keys = f"{joined(missing)} {'is' if len(missing) == 1 else 'are'} not filled in"
+        raise InputError(f"{path}: {keys}; replace each {FILL_IN} by the value, with its unit")
+    return content
 
 
 def _parse_yaml(text: str, source: str) -> Any:
+    for pattern in _DECIMAL_COMMAS:
+        if comma := re.search(pattern, text):
+            number, line = comma[1], text.count("\n", 0, comma.start(1)) + 1
+            raise InputError(
+                f"{source}, line {line}: {number} has a decimal comma, which separates entries"
+                f" here; write {number.replace(',', '.')}, or a space after every comma"
+            )
     try:
         return yaml.load(text, _StrictLoader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        where = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        what = "" if type(error) is yaml.MarkedYAMLError else "is not YAML: "
-        raise InputError(f"{source}{where}: {what}{error.problem or error.context}") from error
-    except (
-        yaml.YAMLError,
-        ValueError,
-        RecursionError,
-    ) as error:  # invalid characters, endless digits, nesting
+        place = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        prefix = "" if type(error) is yaml.MarkedYAMLError else "is not YAML: "
+        raise InputError(f"{source}{place}: {prefix}{error.problem or error.context}") from error
+    # invalid characters, endless digits, nesting
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise InputError(f"{source}: is not YAML: {error}") from error
 
 
@@ -208,18 +172,15 @@ def merged(layers: Iterable[Layer]) -> dict[str, Any]:
 
 def sources(layers: Iterable[Layer]) -> dict[tuple[str, ...], tuple[Any, str]]:
     """The value and source of each key, by its path, after merging `layers`."""
-    known: dict[tuple[str, ...], tuple[Any, str]] = {}
+    values: dict[tuple[str, ...], tuple[Any, str]] = {}
     for layer in layers:
         for path, value in leaves(layer.data):
-            replaced = [
-                other
-                for other in known
-                if path[: len(other)] == other or other[: len(path)] == path
-            ]
-            for other in replaced:
-                del known[other]
-            known[path] = (value, layer.source)
-    return known
+            for lower in list(values):  # keys above and below it are replaced
+                depth = min(len(lower), len(path))
+                if lower[:depth] == path[:depth]:
+                    del values[lower]
+            values[path] = (value, layer.source)
+    return values
 
 
 def leaves(data: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -232,18 +193,15 @@ def leaves(data: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, .
         yield from leaves(value, (*path, str(key)))
 
 
-def _items(data: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """As `leaves`, and the items of lists, by their id or number."""
+def _entries(data: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """As `leaves`, and the entries of lists, by their id or number."""
     for key, value in leaves(data, path):
         if isinstance(value, list):
-            for number, item in enumerate(value):
-                name = item.get("id", number) if isinstance(item, Mapping) else number
-                yield from _items(item, (*key, str(name)))
+            for number, entry in enumerate(value):
+                name = entry.get("id", number) if isinstance(entry, Mapping) else number
+                yield from _entries(entry, (*key, str(name)))
         else:
             yield key, value
-
-
-_SPEEDS = {"speed", "no_load_speed"}  # of cranks and motors
 
 
 def plain_speeds(path: Path | str) -> list[str]:
@@ -251,71 +209,62 @@ def plain_speeds(path: Path | str) -> list[str]:
     files in SI units."""
     if str(path).endswith(".json"):
         return []
-    found = {}
-    for keys, value in _items(read_yaml(path)):
+    remarks = []
+    for keys, value in _entries(read_yaml(path)):
+        is_speed = not {"speed", "no_load_speed"}.isdisjoint(keys)
+        if not is_speed or keys[-1] == "number":  # of values of a sweep
+            continue
         try:
-            speed = (
-                float(value) if _SPEEDS & {*keys} and keys[-1] != "number" else None
-            )  # of values of a sweep
+            speed = float(value)
         except (TypeError, ValueError):  # with a unit
             continue
-        if speed is not None:
-            found[".".join(keys)] = speed
-    return [
-        f"{path}: {key} = {speed:g} has no unit and is read as {speed:g} rad/s,"
-        f" {60 * speed / tau:.5g} rpm; write '{speed:g} rad/s' or '{speed:g} rpm'"
-        for key, speed in found.items()
-    ]
+        remarks.append(
+            f"{path}: {'.'.join(keys)} = {speed:g} has no unit and is read as {speed:g} rad/s,"
+            f" {60 * speed / tau:.5g} rpm; write '{speed:g} rad/s' or '{speed:g} rpm'"
+        )
+    return remarks
 
 
-def mechanism_layers(mechanism: Any, folders: Sequence[Path], source: str, key: str) -> list[Layer]:
-    """The layers of a mechanism, from its deepest ``base`` to its own keys."""
-    layers: list[Layer] = []
-    passed: list[Path] = []
-    while True:
-        if isinstance(mechanism, str):
-            file = mechanism_file(mechanism, folders, key)
-            if file.resolve() in passed:
-                raise InputError(
-                    f"{key}: '{mechanism}' is its own base; remove the last reference to it"
-                )
-            passed.append(file.resolve())
-            mechanism, source, folders, key = (
-                read_yaml(file),
-                str(file),
-                (file.parent, *folders),
-                f"{file}: {BASE}",
+def mechanism_layers(
+    mechanism: Any,
+    folders: Sequence[Path],
+    source: str,
+    key: str,
+    files: tuple[Path, ...] = (),
+) -> list[Layer]:
+    """The layers of a mechanism, from its deepest ``base`` to its own keys; `files` are those that
+    refer to it."""
+    if isinstance(mechanism, str):
+        file = mechanism_file(mechanism, folders, key)
+        if file.resolve() in files:
+            raise InputError(
+                f"{key}: '{mechanism}' is its own base; remove the last reference to it"
             )
-        own = with_effect_files(mechanism, folders, key.removesuffix(f": {BASE}"))
-        if not isinstance(mechanism, Mapping) or BASE not in mechanism:
-            return [Layer(source, {"mechanism": own}), *reversed(layers)]
-        mechanism, key = own.pop(BASE), key if key.endswith(BASE) else f"{key}.{BASE}"
-        layers.append(Layer(source, {"mechanism": own}))
-        if not isinstance(mechanism, str):
-            raise InputError(f"{key} = {mechanism!r}: must be the path of a mechanism file")
+        content, folders = read_yaml(file), (file.parent, *folders)
+        return mechanism_layers(content, folders, str(file), str(file), (*files, file.resolve()))
+    content = with_effect_files(mechanism, folders, key)
+    layer = Layer(source, {"mechanism": content})
+    if not isinstance(content, Mapping) or BASE not in content:
+        return [layer]
+    base, key = content.pop(BASE), f"{key}{': ' if files else '.'}{BASE}"
+    if not isinstance(base, str):
+        raise InputError(f"{key} = {base!r}: must be the path of a mechanism file")
+    return [*mechanism_layers(base, folders, source, key, files), layer]
 
 
 def with_effect_files(mechanism: Any, folders: Sequence[Path], key: str) -> Any:
     """The content of a `mechanism`, or of a run, with the files of its effects resolved in
     `folders`."""
-    if not isinstance(mechanism, Mapping):
-        return mechanism
-    mechanism = dict(mechanism)
-    if isinstance(effects := mechanism.get("effects"), list | tuple):
-        mechanism["effects"] = [
-            (
-                with_file(
-                    effect,
-                    "parameters",
-                    folders,
-                    f"{key}: effects.{effect.get('name')}.parameters.file",
-                )
-                if isinstance(effect, Mapping)
-                else effect
-            )
-            for effect in effects
-        ]
-    return mechanism
+    if not isinstance(mechanism, Mapping) or not isinstance(mechanism.get("effects"), list | tuple):
+        return dict(mechanism) if isinstance(mechanism, Mapping) else mechanism
+
+    def resolve(effect: Any) -> Any:
+        if not isinstance(effect, Mapping):
+            return effect
+        file_key = f"{key}: effects.{effect.get('name')}.parameters.file"
+        return with_file(effect, "parameters", folders, file_key)
+
+    return {**mechanism, "effects": [resolve(effect) for effect in mechanism["effects"]]}
 
 
 def with_file(
@@ -331,10 +280,8 @@ def with_file(
 
 def shipped_mechanisms() -> dict[str, Path]:
     """The shipped mechanism files by name; a name can replace a path."""
-    return {
-        file.stem: file
-        for file in sorted((Path(__file__).parents[1] / "data/mechanisms").glob("*.yaml"))
-    }
+    folder = Path(__file__).parents[1] / "data/mechanisms"
+    return {file.stem: file for file in sorted(folder.glob("*.yaml"))}
 
 
 def mechanism_file(mechanism: str, folders: Sequence[Path], key: str) -> Path:
@@ -351,8 +298,9 @@ def existing_file(
             return folder / path
     if named and path in named:
         return named[path]
-    places = ", ".join(dict.fromkeys(map(str, folders)))
-    more = f", or one of the names {', '.join(named)}" if named else ""
+    searched = ", ".join(dict.fromkeys(map(str, folders)))
+    names = f", or one of the names {', '.join(named)}" if named else ""
     raise InputError(
-        f"{key}: no file '{path}' (looked in {places}); give a path relative to one of these{more}"
+        f"{key}: no file '{path}' (looked in {searched}); give a path relative to one of these"
+        f"{names}"
     )

@@ -80,6 +80,11 @@ def feasible_mutation(
     return np.clip(mutants, region.lower, region.upper)
 
 
+ELITES, CROSSOVER_FRACTION = 2, 0.8
+"""The paper's settings: best individuals that are kept unchanged, and the share of the other
+children made by crossover; the rest mutate."""
+
+
 class _LengthProblem(Problem):
     """The objective as a pymoo problem; records all values."""
 
@@ -110,8 +115,8 @@ class _Evolution(Algorithm):
 
     def _infill(self):
         lengths, places = self.pop.get("X"), np.argsort(best_first(self.pop))
-        count, random = self.options.population - self.options.elites, self.random_state
-        crossed = round(self.options.crossover_fraction * count)
+        count, random = self.options.population - ELITES, self.random_state
+        crossed = round(CROSSOVER_FRACTION * count)
         parents = lengths[stochastic_uniform(rank_expectation(places), crossed + count, random)]
         children = intermediate_crossover(parents[:crossed], parents[crossed : 2 * crossed], random)
         mutants = feasible_mutation(parents[2 * crossed :], self.problem.region, random)
@@ -124,7 +129,7 @@ class _Evolution(Algorithm):
         return Population.new(X=lengths, origin=origins)
 
     def _advance(self, infills=None, **kwargs):
-        elite = self.pop[best_first(self.pop)[: self.options.elites]]
+        elite = self.pop[best_first(self.pop)[: ELITES]]
         elite.set("origin", ["elite"] * len(elite))
         self.pop = Population.merge(elite, infills)
 

@@ -84,10 +84,7 @@ def _film(sheet: Sheet, moves: list[Move], frames: int) -> tuple[np.ndarray, ...
 
 
 def magnification(scenario: Scenario) -> float:
-    """Factor of the clearances: configured, or such that the largest is at most a quarter of the
-    crank."""
-    if scenario.figures.magnification is not None:
-        return scenario.figures.magnification
+    """Factor of the clearances, by which the largest is about a quarter of the crank."""
     mechanism = scenario.mechanism.applied()
     largest = max((mechanism.joint(name).clearance for name in mechanism.loose), default=np.inf)
     return round_number(0.25 * mechanism.crank.length / largest)
