@@ -187,16 +187,18 @@ simulate: {revolutions: true} => simulate.revolutions = True ~ not true or false
 simulate: {revolutions: 2} => settled_revolution 4 ~ simulate.revolutions
 simulate: {samples_per_revolution: 720} => samples_per_revolution 720 ~ five times
 study: {members: 4} => key 'study' was removed ~ design: grid
-ensemble: {vary: {speed: {from: "0,1 rpm", to: 9, number: 3}}} => has a decimal comma; write '0.1 rpm'
-ensemble: {vary: {speed: {from: 1, to: 1e999, number: 3}}} => to = '1e999' must be
+ensemble: {members: 4} => key 'ensemble' was removed ~ starts: 15
+sweep: {number: 4, trajectories: [4]} => trajectories: there is no design 4; the last one is 3
 surrogate: {hidden: [100, 100]} => surrogate ~ hidden [100, 100] has 10401 weights, more than 5000
 surrogate: {seeds: [1, 1]} => seeds = [1, 1] ~ give each value once
 surrogate: {clearance_sampling: 20} => surrogate.clearance_sampling ~ was removed; delete it
 """
-PARTED = {"speed": {"from": 1, "to": 2, "number": 501}, "friction": [i / 100 for i in range(20)]}
 WIDER = [
     ({"simulate": {"speed": 10**400}}, "simulate.speed = 1000 ~ too large for a number"),
-    ({"ensemble": {"vary": PARTED}}, "501 of speed x 20 of friction are 10020 combinations"),
+    (
+        {"sweep": {"number": 10_000_000, "starts": 2}},
+        "10000000 designs with 2 start(s) each are more than 10000000 simulations",
+    ),
     (
         {
             "simulate": {"tolerance": 6e-8},
