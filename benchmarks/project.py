@@ -83,3 +83,18 @@ def workflow_command(report: str, *options: str) -> list[str]:
 def smoke_command(*options: str) -> list[str]:
     """The whole chain with the smoke configuration."""
     return workflow_command(SMOKE_REPORT, "--configfile", "config/smoke.yaml", *options)
+
+
+def peak_memory() -> float:
+    """Most memory [MiB] that this process has had."""
+    import resource
+
+    unit = 1024**2 if sys.platform == "darwin" else 1024  # bytes there, kibibytes elsewhere
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
+
+
+def exponent(numbers, seconds) -> float:
+    """Power of the number that the seconds grow with: 1 is linear."""
+    import numpy as np
+
+    return float(np.polyfit(np.log(numbers), np.log(seconds), 1)[0])

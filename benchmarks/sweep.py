@@ -20,8 +20,16 @@ from pathlib import Path
 
 import yaml
 
-from benchmarks.ensemble import exponent, peak_memory
-from benchmarks.project import ROOT, apart, copy_project, in_venv, row, run
+from benchmarks.project import (
+    ROOT,
+    apart,
+    copy_project,
+    exponent,
+    in_venv,
+    peak_memory,
+    row,
+    run,
+)
 from benchmarks.services import slurm as slurm_of_this_machine
 
 DESIGNS, CORES = 1000, 2

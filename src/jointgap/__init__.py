@@ -16,10 +16,6 @@ TYPE_CHECKING = False  # as checkers know it; typing would take longer to load t
 __version__ = "0.1.0"
 
 _PUBLIC = {
-    "jointgap.app.ensemble": (
-        "Motions",
-        "ensemble",
-    ),
     "jointgap.app.motion": (
         "Motion",
         "simulate",
@@ -78,7 +74,6 @@ __all__ = [
     "MeasuredDrive",
     "Mechanism",
     "Motion",
-    "Motions",
     "MotorDrive",
     "Optimise",
     "Optimum",
@@ -91,7 +86,6 @@ __all__ = [
     "Verdict",
     "analyse",
     "change",
-    "ensemble",
     "load_mechanism",
     "optimise",
     "preflight",
@@ -102,7 +96,6 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:  # what __getattr__ gives, for editors and type checkers
-    from jointgap.app.ensemble import Motions, ensemble
     from jointgap.app.motion import Motion, simulate
     from jointgap.app.optimum import Optimum, optimise
     from jointgap.app.preflight import Preflight, preflight
@@ -133,6 +126,8 @@ if TYPE_CHECKING:  # what __getattr__ gives, for editors and type checkers
 def __getattr__(name: str) -> object:
     """A public name, whose module is loaded when it is first asked for: ``import jointgap`` loads
     next to nothing."""
+    if name == "ensemble":
+        raise AttributeError("jointgap.ensemble was removed; use jointgap.sweep with starts=15")
     if name not in _HOME:
         raise AttributeError(
             f"module 'jointgap' has no attribute '{name}'", name=name, obj=sys.modules[__name__]

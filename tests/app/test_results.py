@@ -91,21 +91,6 @@ def test_a_motion_draws_itself_and_a_notebook_shows_it(run, ideal, tmp_path):
     refused(lambda call: call(), cases)
 
 
-def test_an_ensemble_is_on_disk_and_read_with_units(mechanism, tmp_path):
-    sweep = jg.ensemble(
-        mechanism, OPTIONS, folder=tmp_path, vary={"clearance": ["0.5 mm", "1 mm"]}, members=1
-    )
-    assert (
-        sweep.runs["clearance"].tolist() == [0.0005, 0.001]
-        and sweep.runs.attrs["units"]["clearance"] == "m"
-    )
-    assert sweep.samples.groupby("run").size().tolist() == [361, 361]
-    with pytest.raises(
-        jg.InputError, match=r"ensemble\.vary\.clearence: no such word; did you mean 'clearance'"
-    ):
-        jg.ensemble(mechanism, OPTIONS, folder=tmp_path, vary={"clearence": [1e-3]})
-
-
 def test_an_optimum_has_its_lengths_within_the_box_and_its_gain_as_simulated_again(
     mechanism, ideal
 ):

@@ -99,5 +99,5 @@ def test_a_sweep_that_is_asked_for_again_is_read_and_a_wrong_key_or_a_failure_is
     assert failed.remarks
     with pytest.raises(jg.InputError, match="no figures"):
         failed.plot()
-    monkeypatch.setattr("jointgap.designs.run.simulate_designs", None)
+    monkeypatch.setattr("jointgap.designs.dataset.simulate_designs", None)
     pd.testing.assert_frame_equal(sweep().designs, swept.designs)

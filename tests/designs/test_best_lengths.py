@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from jointgap.config import Scenario
-from jointgap.designs.run import best_crank_length, simulate_designs
+from jointgap.designs.dataset import simulate_designs
+from jointgap.designs.measures import best_crank_length
 from jointgap.designs.sampling import designs_of
 from jointgap.dynamics.kinematics import clearance_lift
 from jointgap.dynamics.simulation import simulate

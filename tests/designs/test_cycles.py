@@ -1,11 +1,15 @@
 """Statistics over revolutions against values by hand."""
 
+import json
 import math
 
 import numpy as np
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 
+from jointgap.app.cli import cli
+from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.designs.statistics import (
     contacts,
@@ -110,3 +114,25 @@ def test_the_section_takes_each_revolution_once_at_the_angle_asked_for(settled):
     )
     with pytest.raises(InputError, match="the motion has 12 revolutions"):
         poincare_section(run.samples, ["crank_pin"], 360, first=13)
+
+
+def test_the_command_prints_and_writes_the_statistics_of_a_simulated_motion(tmp_path):
+    sections = {
+        "mechanism": mechanism(friction=0.2).model_dump(),
+        "simulate": {"revolutions": 3, "samples_per_revolution": 360, "tolerance": 1e-9},
+    }
+    motion = ["--trajectory", tmp_path / "motion.parquet", "--events", tmp_path / "events.parquet"]
+
+    def call(*arguments) -> str:
+        command = [*map(str, arguments)]
+        done = CliRunner().invoke(cli, command, catch_exceptions=False)
+        assert done.exit_code == 0, done.output
+        return done.output
+
+    given = ["--options", json.dumps(sections), *motion]
+    call("simulate", *given)
+    output = call("cycles", *given, "--folder", tmp_path / "cycles", "--angle", "90 deg")
+    assert "from revolution 2 on: " in output and "crank_pin: flight" in output
+    section = parquet.read(schema.POINCARE_SECTION, tmp_path / "cycles/section.parquet")
+    assert list(section["revolution"]) == [2, 3, 2, 3]
+    assert len(parquet.read(schema.JOINT_REVOLUTIONS, tmp_path / "cycles/revolutions.parquet")) > 0

@@ -11,7 +11,7 @@ from jointgap.config import Scenario
 from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.core.schema import MEASURES
-from jointgap.designs.run import DIGEST, table_of
+from jointgap.designs.dataset import DIGEST, table_of
 from jointgap.designs.sampling import Designs, designs_of
 from jointgap.designs.sensitivity import SensitivityResult, compute_indices, sensitivity_indices
 from jointgap.designs.stages import sensitivity
@@ -195,7 +195,7 @@ def dataset(drawn: Designs, folder: Path) -> None:
     measured."""
     frame = swept(drawn, additive)
     blank = {name: np.nan for name in MEASURES.names if name != "stroke"}
-    frame = frame.assign(design=np.arange(len(frame)), steps=1, **blank)
+    frame = frame.assign(design=np.arange(len(frame)), start=0, steps=1, **blank)
     parquet.write(table_of(drawn), frame, folder / "part_000000.parquet", {DIGEST: drawn.digest})
 
 

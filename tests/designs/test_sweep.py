@@ -9,9 +9,16 @@ import pandas as pd
 import pytest
 
 from jointgap.config import Scenario
+from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
-from jointgap.designs import run
-from jointgap.designs.run import check_dataset, high_order_rms, simulate_designs, write_designs
+from jointgap.designs import dataset as designs_dataset
+from jointgap.designs.dataset import (
+    check_dataset,
+    read_designs,
+    simulate_designs,
+    write_designs,
+)
+from jointgap.designs.measures import high_order_rms
 from jointgap.designs.sampling import designs_of
 from jointgap.designs.stages import sweep
 from jointgap.designs.statistics import clearance_vectors
@@ -169,7 +176,29 @@ def test_the_number_of_workers_does_not_change_a_byte(measured, tmp_path):
     assert (tmp_path / "1.parquet").read_bytes() == (tmp_path / "3.parquet").read_bytes()
 
 
-def test_an_impossible_design_is_a_row_with_its_reason():
+def test_each_start_is_a_row_and_chosen_trajectories_are_written_as_simulated_alone(tmp_path):
+    asked = scenario(RANGE, number=3, starts=3, trajectories=[1], seed=7, design="latin_hypercube")
+    text = sweep(asked, tmp_path, 1)
+    rows = pd.read_parquet(tmp_path / "designs")
+    assert list(rows["design"]) == [0, 0, 0, 1, 1, 1, 2, 2, 2]
+    assert list(rows["start"]) == [0, 1, 2] * 3
+    designs = designs_of(asked)
+    vectors = np.random.default_rng(7).normal(0.0, 1e-7, (3, 6))  # of an ensemble with this seed
+    start = [*vectors[2][:4], 0.0, 0.0]  # the crank pivot is ideal
+    design = designs.scenario(designs.values(1, 1)[0])
+    alone = simulate(design.mechanism, design.simulate, start)
+    assert rows["steps"][5] == alone.steps
+    folder = tmp_path / "trajectories/design_1_start_2"
+    samples = parquet.read(schema.TRAJECTORY, folder / "trajectory.parquet")
+    np.testing.assert_array_equal(samples["r2"], alone.samples["r2"])
+    events = parquet.read(schema.EVENTS, folder / "events.parquet")
+    np.testing.assert_array_equal(events["time"], alone.events["time"])
+    medians = read_designs(designs, tmp_path / "designs", "design", "stroke", "reason")
+    assert list(medians["stroke"]) == list(rows.groupby("design")["stroke"].median())
+    assert "3 designs" in text
+
+
+def test_an_infeasible_design_is_a_row_with_its_reason():
     designs = designs_of(
         scenario({"mechanism.crank.mass_centre": {"from": "60 mm", "to": "200 mm"}}, number=8)
     )
@@ -193,7 +222,7 @@ def simulated(monkeypatch) -> list[int]:
         numbers.extend(range(first, first + count))
         return simulate_designs(designs, first, count, workers)
 
-    monkeypatch.setattr(run, "simulate_designs", recorded)
+    monkeypatch.setattr(designs_dataset, "simulate_designs", recorded)
     return numbers
 
 

@@ -10,8 +10,8 @@ import pytest
 from jointgap.config import Scenario
 from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
+from jointgap.designs.dataset import table_of, write_dataset
 from jointgap.designs.infer_settings import NUMBERS
-from jointgap.designs.run import table_of, write_dataset
 from jointgap.designs.sampling import designs_of
 from jointgap.designs.sensitivity import TABLES
 from jointgap.designs.stages import sweep_record, track_sweep

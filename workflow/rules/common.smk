@@ -243,7 +243,7 @@ def designs_of_sweep(name):
     sweep = SCENARIOS[name].sweep
     if not sweep.parameters:
         return {}
-    from jointgap.designs.run import check_folder  # loads scipy
+    from jointgap.designs.dataset import check_folder  # loads scipy
     from jointgap.designs.sampling import designs_of
 
     check_folder(
@@ -276,6 +276,7 @@ def part_options(wildcards):
     """What a job depends on, as a file: how many designs there are is no part of it where a sequence can be grown."""
     options = json.loads(DESIGN_STAGES["sweep-designs"].options(SCENARIOS[wildcards.scenario]))
     options["sweep"].pop("designs_per_job")
+    options["sweep"].pop("trajectories")
     if options["sweep"]["design"] == "sobol":
         options["sweep"].pop("number")
     return kept_options(wildcards.scenario, json.dumps(options))

@@ -3,7 +3,6 @@
 import errno
 import inspect
 import json
-import math
 import os
 import re
 import signal
@@ -146,13 +145,14 @@ cli.removed = {
         "use sweep.best_lengths: the frozen motion is as good (docs/how_to/sweep.md)",
     ),
     "clearance": "use `jointgap surrogate`, which trains a regularised network for each output",
+    "ensemble": "use `jointgap sweep` with sweep.starts: 15, and sweep.trajectories",
     "growth": "the page of a simulated scenario (`make run`) says up to which crank angle samples"
     " repeat",
     "rechain": "use `jointgap reoptimise` with the same arguments",
 }
 OF_SCENARIO, OF_CAMPAIGN = (f"Workflow: stages of a {part}" for part in ("scenario", "campaign"))
 cli.sections = {
-    "Your mechanism": ["look", "simulate", "ensemble", "cycles", "effects"],
+    "Your mechanism": ["look", "simulate", "cycles", "effects"],
     "Your measurement": ["new", "measure", "preflight", "analyse", "trend"],
     "Results": ["dashboard", "describe", "export"],
     "Configuration": ["config", "schema"],
@@ -433,47 +433,6 @@ def _aligned(rows: Sequence[Sequence[str]]) -> str:
         for row in rows
     )
     return "\n".join(line.rstrip() for line in lines)
-
-
-@cli.command()
-@options_option
-@need("--folder", "Folder to write samples.parquet, events.parquet and runs.parquet to.", FOLDER)
-@workers_option
-def ensemble(options: str, folder: Path, workers: int | None) -> None:
-    """Simulate an ensemble: all combinations of varied values, each from several starts.
-
-    The scenario's section `ensemble` lists what varies: speed, clearance, friction and restitution
-    (of all loose joints), or any key by its path. Failed runs are listed in runs.parquet with their
-    reason; the others continue.
-
-    \b
-    Example:
-      cat > mine.yaml <<END
-      mechanism: config/mechanisms/erkaya2009.yaml
-      simulate: {revolutions: 10, samples_per_revolution: 720, tolerance: 1e-9 m}
-      ensemble:
-        vary:
-          speed: {from: 200 rpm, to: 1200 rpm, number: 6}
-          friction: [0, 0.05, 0.2]
-          mechanism.slider.mass: [0.3 kg, 0.6 kg]
-        members: 5
-      END
-      jointgap ensemble --options mine.yaml --folder results/mine
-    """
-    from jointgap.config import parse_options
-    from jointgap.designs.ensemble import ensemble_runs, write_ensemble
-
-    scenario = parse_options(options)
-    varied = scenario.ensemble
-    total = math.prod(map(len, varied.vary.values())) * varied.members
-    runs = write_ensemble(
-        ensemble_runs(scenario.mechanism, scenario.simulate, varied), folder, workers, total
-    )
-    failed = runs.dropna(subset="reason")
-    for run, reason in zip(failed["run"], failed["reason"], strict=True):
-        click.echo(f"jointgap: run {run} failed: {reason}", err=True)
-    events, steps = runs["events"].sum(), runs["steps"].sum()
-    click.echo(f"{folder}: {len(runs)} runs, {len(failed)} failed; {events} events, {steps} steps")
 
 
 @cli.command()

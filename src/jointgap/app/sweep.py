@@ -17,7 +17,7 @@ from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.facts import Fact
 from jointgap.core.units import plain_numbers
 from jointgap.core.words import reading_unit
-from jointgap.designs.run import failures, table_of
+from jointgap.designs.dataset import failures, table_of
 from jointgap.designs.sampling import designs_of
 from jointgap.designs.stages import DESIGN_STAGES
 
@@ -45,7 +45,7 @@ class SweptDesigns(Result):
 
     @cached_property
     def designs(self) -> pd.DataFrame:
-        """One row per design: its parameters, its measures, and the reason of a failure.
+        """One row per design and start: parameters, measures, and the reason of a failure.
 
         In SI units (``attrs["units"]``). For large sweeps, `read` single columns instead.
         """
@@ -145,6 +145,8 @@ def sweep(
     seed: int | None = None,
     window: Sequence[float | str] | None = None,
     best_lengths: bool | None = None,
+    starts: int | None = None,
+    trajectories: Sequence[int] | None = None,
     designs_per_job: int | None = None,
     workers: int | None = None,
     **keys: Any,
@@ -179,6 +181,10 @@ def sweep(
         default the whole revolution.
     best_lengths : bool, optional
         Whether to compute the best lengths of each design by the paper's method; False by default.
+    starts : int, optional
+        Starts per design, all but the first slightly perturbed; 1 by default. Each has a row.
+    trajectories : sequence of int, optional
+        Numbers of the designs whose samples and events are written to ``trajectories``.
     designs_per_job : int, optional
         Designs per file; 5000 by default.
     workers : int, optional
@@ -215,6 +221,8 @@ def sweep(
         seed=seed,
         window=window,
         best_lengths=best_lengths,
+        starts=starts,
+        trajectories=trajectories,
         designs_per_job=designs_per_job,
     )
     scenario = Scenario(

@@ -28,7 +28,6 @@ from jointgap.config.scenario import (
     MeasuredDrive,
     MotorDrive,
     Optimise,
-    Runs,
     Scenario,
     Simulate,
     Surrogate,

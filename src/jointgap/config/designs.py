@@ -140,6 +140,12 @@ class Sweep(ConfigModel):
     printed_numbers: bool = Field(
         False, description="compute the numbers that the paper prints of its optima"
     )
+    starts: whole_number(ge=1, le=10_000) = Field(
+        1, description="starts per design: all but the first perturbed by 0.1 um"
+    )
+    trajectories: Annotated[tuple[whole_number(ge=0), ...], AfterValidator(distinct)] = Field(
+        (), description="numbers of the designs whose samples and events are written too"
+    )
     designs_per_job: whole_number(ge=1, le=100_000) = Field(
         5000, description="designs per job and file"
     )
@@ -152,11 +158,16 @@ class Sweep(ConfigModel):
                         f"parameters.{key}: a grid requires a list of values, or from, to and"
                         " number"
                     )
-            if self.designs > MOST_DESIGNS:
-                yield (
-                    f"the grid has {self.designs} combinations, more than {MOST_DESIGNS}; give"
-                    " fewer values"
-                )
+        if self.designs * self.starts > MOST_DESIGNS:
+            yield (
+                f"{self.designs} designs with {self.starts} start(s) each are more than"
+                f" {MOST_DESIGNS} simulations; give fewer values or starts"
+            )
+        if self.trajectories and max(self.trajectories) >= self.designs:
+            yield (
+                f"trajectories: there is no design {max(self.trajectories)}; the last one is"
+                f" {self.designs - 1}"
+            )
 
     @property
     def designs(self) -> int:

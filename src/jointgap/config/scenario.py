@@ -7,7 +7,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, field_validator
 
 from jointgap.config.designs import (
@@ -15,7 +14,6 @@ from jointgap.config.designs import (
     OptimiseRobust,
     Sensitivity,
     Sweep,
-    Uniform,
     Window,
     measured,
 )
@@ -28,13 +26,11 @@ from jointgap.core.units import (
     OpenFraction,
     PositiveLength,
     quantity,
-    split_quantity,
     unit_factor,
 )
 
 MOST_SAMPLES = 20_000_000  # per run: 10 GB with all columns
 MOST_WEIGHTS = 5000  # per network: 200 MB per matrix of its training
-MOST_COMBINATIONS = 10_000  # of varied values: each is a mechanism in memory
 
 TOLERANCE_SHARE = 1e-4
 """Largest tolerance over the clearance; larger steps would miss contacts."""
@@ -384,65 +380,6 @@ class Figures(ConfigModel):
     )
 
 
-def _spread(values: Any) -> Any:
-    """A list of values; ``{from: 200 rpm, to: 1200 rpm, number: 6}`` becomes one."""
-    if isinstance(values, list | tuple) and values:
-        return values
-    if not isinstance(values, dict) or set(values) != {"from", "to", "number"}:
-        raise ValueError(
-            "must be a list of values, or {from: ..., to: ..., number: ...} for equidistant values"
-        )
-    span = Uniform.model_validate(values)
-    (low, unit), (high, other) = (split_quantity(str(end)) for end in (span.from_, span.to))
-    if unit != other:
-        raise ValueError(
-            f"from has the unit '{unit}' and to the unit '{other}'; give both in the same unit"
-        )
-    if not math.isfinite(float(high) - float(low)):
-        raise ValueError(f"from = {span.from_!r} and to = {span.to!r} must be finite")
-    between = [
-        float(f"{value:.12g}") for value in np.linspace(float(low), float(high), span.number)
-    ]
-    return [f"{value!r} {unit}" for value in between] if unit else between
-
-
-_SPAN = {
-    "type": "object",
-    "additionalProperties": False,
-    "required": ["from", "number", "to"],
-    "properties": {"from": _END, "to": _END, "number": {"type": "integer", "minimum": 2}},
-}
-VariedValues = Annotated[
-    tuple[Any, ...],
-    BeforeValidator(_spread),
-    WithJsonSchema({"anyOf": [{"type": "array", "minItems": 1}, _SPAN]}),
-]
-
-
-class Runs(ConfigModel):
-    """The runs of an ensemble: all combinations of varied values, each from several starts."""
-
-    vary: dict[str, VariedValues] = Field(
-        {}, description="lists of values, or from, to, number, by parameter"
-    )
-    members: whole_number(ge=1, le=10_000) = Field(
-        10, description="starts per combination, one not perturbed"
-    )
-    perturbation: PositiveLength = Field(
-        1e-7, description="standard deviation of the perturbed initial positions"
-    )
-    seed: Seed = Field(0, description="seed of the perturbations")
-
-    def errors(self) -> Iterator[str]:
-        combinations = math.prod(map(len, self.vary.values()))
-        if combinations > MOST_COMBINATIONS:
-            factors = " x ".join(f"{len(values)} of {name}" for name, values in self.vary.items())
-            yield (
-                f"{factors} are {combinations} combinations, more than {MOST_COMBINATIONS}; give"
-                " fewer values"
-            )
-
-
 class DrivenMechanism(ConfigModel):
     """A mechanism with its drive and sampling."""
 
@@ -462,6 +399,7 @@ class Scenario(DrivenMechanism):
 
     removed: ClassVar = {
         "study": "use sweep with design: grid, as in config/map.yaml",
+        "ensemble": "use sweep with starts: 15, and design: grid for combinations of values",
         **dict.fromkeys(
             ("design_networks", "compare_searches"),
             "use sweep.best_lengths: the frozen motion is as good (docs/how_to/sweep.md)",
@@ -478,7 +416,6 @@ class Scenario(DrivenMechanism):
     surrogate: Surrogate = Surrogate()
     optimise: Optimise = Optimise()
     figures: Figures = Figures()
-    ensemble: Runs = Runs()
     sweep: Sweep = Sweep()
     sensitivity: Sensitivity | None = None
     infer_settings: InferSettings | None = None

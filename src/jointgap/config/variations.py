@@ -302,14 +302,3 @@ def unit_of(base: DrivenMechanism, key: str, source: str) -> str:
             f"{named}: is not a number with a unit; list its values instead of a range"
         )
     return units.pop().replace("1", "")
-
-
-def stored_value(
-    changed: DrivenMechanism, key: str, value: Any, source: str
-) -> float | int | str | bool | None:
-    """A varied value in the table of runs: in SI, as read by the scenario."""
-    path, named = _paths(changed, key, f"{source}.{key}")[0], f"{source}.{key}"
-    if path[-1] == "clearance":
-        return float(f"{value_at(changed, path[:-1], named).clearance:.12g}")
-    stored = value_at(changed, path, named)
-    return stored if isinstance(stored, float | int | str | bool | None) else str(value)

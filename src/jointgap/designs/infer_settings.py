@@ -205,7 +205,7 @@ def nearest_configuration(found: InferredSettings) -> str:
         f"The nearest settings to all printed numbers of the paper: design {int(chosen['design'])}"
         f" of a sweep; largest error {_percent(chosen['farthest'])}."
     )
-    content["optimise"] = {"window": list(found.designs.counting(chosen).window)}
+    content["optimise"] = {"window": list(found.designs.error_definition(chosen).window)}
     content["surrogate"] = {"iterations": 2000, "seeds": [0]}
     whole = {
         "run": [NEAREST_NAME],

@@ -25,7 +25,7 @@ from jointgap.core.plot import Drawing, Panel, Quantity, Sheet
 from jointgap.core.progress import report_progress
 from jointgap.core.publish import numbers
 from jointgap.core.words import format_name, percent, reading_unit
-from jointgap.designs.sampling import Designs, axes_of, drawn_values
+from jointgap.designs.sampling import Designs, axes_of, values_at
 from jointgap.designs.sweep import parameter_table
 from jointgap.dynamics.kinematics import transmission_angle
 from jointgap.dynamics.parallel import Outcome, Run, rod_and_slider, simulate_runs
@@ -113,7 +113,7 @@ def uncertain_of(scenario: Scenario) -> Designs:
 def fresh_draws(uncertain: Designs, count: int) -> list[dict[str, Any]]:
     """Values by key of `count` samples, independent of each other and of those of the search."""
     chance = np.random.default_rng([uncertain.sweep.seed, _FRESH])
-    return drawn_values(uncertain.axes, chance.random((count, len(uncertain.axes))))
+    return values_at(uncertain.axes, chance.random((count, len(uncertain.axes))))
 
 
 def scenario_of(uncertain: Designs, values: dict[str, Any]) -> DrivenMechanism:

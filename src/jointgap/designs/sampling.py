@@ -13,31 +13,37 @@ import numpy as np
 from scipy import stats
 from scipy.stats import qmc
 
-from jointgap.config import DrivenMechanism, Scenario
+from jointgap.config import DrivenMechanism, Mechanism, Scenario
 from jointgap.config.designs import Sweep, Values, measured
 from jointgap.config.variations import unit_of, with_values
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import JOINTS
 from jointgap.core.schema import Column
 from jointgap.core.units import to_si
+from jointgap.dynamics.simulation import perturbed_start
 from jointgap.lengths.objective import MEASURES
 from jointgap.paper.printed import departures
 
 SOURCE = "sweep.parameters"
 """The section of swept parameters in error messages."""
 
-COUNTING = {"window_start": "rad", "window_end": "rad", "error_measure": "", "revolution": ""}
-"""Parameters that define the error measure, with their units; '' for words and whole numbers, which
-need a list."""
+ERROR_PARAMETERS = {
+    "window_start": "rad",
+    "window_end": "rad",
+    "error_measure": "",
+    "revolution": "",
+}
+"""Parameters that define the error in the printed numbers, with their units; '' for words and whole
+numbers, which need a list."""
 
+PERTURBATION = 1e-7  # [m] standard deviation of the clearance vectors at a perturbed start
 _ROUNDING = 1e-9  # [rad]
-_FARTHEST_TAIL = (
-    5.0  # [standard deviations] beyond: one in three million values of a normal distribution
-)
-_TRIED = 64  # designs searched for a feasible one
+# [standard deviations] beyond: one in three million values of a normal distribution
+_FARTHEST_TAIL = 5.0
+_MOST_TRIALS = 64  # designs searched for a feasible one
 
 
-class ErrorCounting(NamedTuple):
+class ErrorDefinition(NamedTuple):
     """Definition of the error of the transmission angle in the paper's printed numbers."""
 
     window: tuple[float, float]  # First and last crank angle of the revolution [rad]
@@ -58,30 +64,32 @@ class Axis:
     def varies(self) -> bool:
         return self.values is None or len(self.values) > 1
 
+    @property
+    def is_logarithmic(self) -> bool:
+        """Whether it is a range with a log-uniform distribution."""
+        return self.values is None and self.law.dist.name == "loguniform"
+
     def at(self, quantiles: np.ndarray) -> list:
         """Values at `quantiles`, (n,) in [0, 1)."""
         if self.values is not None:
-            return [self.values[int(place)] for place in np.floor(quantiles * len(self.values))]
+            return [self.values[int(index)] for index in quantiles * len(self.values)]
         # 14 digits: powers and logarithms differ between machines in the last bit
         return [float(f"{value:.14g}") for value in self.law.ppf(quantiles)]
 
     @cached_property
     def column(self) -> Column:
         """Its column in the table of designs."""
-        kinds = {type(value) for value in self.values or (0.0,)}
-        kind = "bool" if kinds == {bool} else "text" if str in kinds else "float"
-        return Column(
-            self.key, self.unit or ("1" if kind == "float" else ""), f"{self.key}, swept", kind
-        )
+        types = {type(value) for value in self.values or (0.0,)}
+        kind = "bool" if types == {bool} else "text" if str in types else "float"
+        unit = self.unit or ("1" if kind == "float" else "")
+        return Column(self.key, unit, f"{self.key}, swept", kind)
 
 
-def drawn_values(axes: tuple[Axis, ...], quantiles: np.ndarray) -> list[dict[str, Any]]:
-    """Values by key, from the `quantiles` (n, axes) in [0, 1) of n designs."""
-    columns = [axis.at(own) for axis, own in zip(axes, quantiles.T, strict=True)]
-    return [
-        dict(zip((axis.key for axis in axes), row, strict=True))
-        for row in zip(*columns, strict=True)
-    ]
+def values_at(axes: tuple[Axis, ...], quantiles: np.ndarray) -> list[dict[str, Any]]:
+    """Values by key of n designs, from their `quantiles` (n, axes) in [0, 1)."""
+    columns = [axis.at(column) for axis, column in zip(axes, quantiles.T, strict=True)]
+    keys = [axis.key for axis in axes]
+    return [dict(zip(keys, values, strict=True)) for values in zip(*columns, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -105,20 +113,26 @@ class Designs:
 
     def values(self, first: int, count: int) -> list[dict[str, Any]]:
         """Values by key of `count` designs from number `first`."""
-        return drawn_values(self.axes, self._quantiles(first, count))
+        return values_at(self.axes, self._quantiles(first, count))
 
     def scenario(self, values: Mapping[str, Any]) -> DrivenMechanism:
         """Mechanism and simulation of a design; InputError where it is infeasible."""
-        self.counting(values)
-        others = {key: value for key, value in values.items() if key not in COUNTING}
-        return with_values(self.base, others, self.source)
+        self.error_definition(values)
+        changes = {key: value for key, value in values.items() if key not in ERROR_PARAMETERS}
+        return with_values(self.base, changes, self.source)
 
-    def counting(self, values: Mapping[str, Any]) -> ErrorCounting:
+    def starts(self, mechanism: Mechanism) -> np.ndarray:
+        """Initial clearance vectors (starts, 6) [m] of each design: zero, then normally distributed
+        in the loose joints."""
+        random = np.random.default_rng(self.sweep.seed)
+        vectors = random.normal(0.0, PERTURBATION, (self.sweep.starts, 6))
+        vectors[0] = 0.0
+        return perturbed_start(vectors, mechanism.loose)
+
+    def error_definition(self, values: Mapping[str, Any]) -> ErrorDefinition:
         """Definition of the error for a design; InputError where it is invalid."""
-        start, end = (
-            values.get(f"window_{side}", own)
-            for side, own in zip(("start", "end"), self.sweep.window, strict=True)
-        )
+        start, end = self.sweep.window
+        start, end = values.get("window_start", start), values.get("window_end", end)
         measure, revolution = values.get("error_measure", "rms"), values.get("revolution", 1)
         turns = self.base.simulate.revolutions
         if not 0.0 <= start < end <= 2.0 * math.pi + _ROUNDING:
@@ -136,13 +150,12 @@ class Designs:
                 f"{SOURCE}.revolution = {revolution!r}: must be an integer from 1 to"
                 f" simulate.revolutions, {turns}"
             )
-        return ErrorCounting((float(start), float(end)), measure, int(revolution))
+        return ErrorDefinition((float(start), float(end)), measure, int(revolution))
 
     @cached_property
     def digest(self) -> str:
         """Twelve hexadecimal digits of everything that determines a row, except the code; the
-        number of designs counts only where it changes the samples.
-        """
+        number of designs counts only where it changes the samples."""
         sweep = self.sweep
         content = {
             "mechanism": self.base.mechanism.model_dump(mode="json"),
@@ -155,29 +168,29 @@ class Designs:
             "design": [sweep.design, sweep.seed, None if sweep.design == "sobol" else self.number],
             "window": sweep.window,
         }
+        content |= {"starts": sweep.starts} if sweep.starts > 1 else {}
         content |= {"best_lengths": True} if sweep.best_lengths or sweep.printed_numbers else {}
         content |= {"printed_numbers": True} if sweep.printed_numbers else {}
-        return hashlib.sha256(
-            json.dumps(content, sort_keys=True, default=float).encode()
-        ).hexdigest()[:12]
+        text = json.dumps(content, sort_keys=True, default=float)
+        return hashlib.sha256(text.encode()).hexdigest()[:12]
 
     def _quantiles(self, first: int, count: int) -> np.ndarray:
         """(count, axes) in [0, 1)."""
-        d, seed = len(self.axes), self.sweep.seed
+        dimensions, seed = len(self.axes), self.sweep.seed
         if self.sweep.design == "sobol":
-            engine = qmc.Sobol(d, scramble=True, rng=seed)
+            engine = qmc.Sobol(dimensions, scramble=True, rng=seed)
             if first:
                 engine.fast_forward(first)
             with warnings.catch_warnings():
-                # warns unless a part's size is a power of two, but these are parts of a longer
-                # sequence
+                # about parts whose size is no power of two; these belong to a longer sequence
                 warnings.filterwarnings("ignore", "The balance properties", UserWarning)
                 return engine.random(count)
         if self.sweep.design == "latin_hypercube":
-            return qmc.LatinHypercube(d, rng=seed).random(self.number)[first : first + count]
+            samples = qmc.LatinHypercube(dimensions, rng=seed).random(self.number)
+            return samples[first : first + count]
         sizes = [len(axis.values) for axis in self.axes]
-        places = np.stack(np.unravel_index(np.arange(first, first + count), sizes), axis=1)
-        return (places + 0.5) / sizes
+        indices = np.unravel_index(np.arange(first, first + count), sizes)
+        return (np.stack(indices, axis=1) + 0.5) / sizes
 
 
 def designs_of(scenario: Scenario) -> Designs:
@@ -188,31 +201,31 @@ def designs_of(scenario: Scenario) -> Designs:
             f"{SOURCE}: is empty; give parameters with ranges or lists, such as clearance: {{from:"
             " 0.1 mm, to: 0.5 mm}"
         )
-    if (counted := COUNTING.keys() & sweep.parameters.keys()) and not sweep.printed_numbers:
+    error_keys = ERROR_PARAMETERS.keys() & sweep.parameters.keys()
+    if error_keys and not sweep.printed_numbers:
         raise InputError(
-            f"{SOURCE}.{min(counted)}: defines the error of the paper's printed numbers; set"
+            f"{SOURCE}.{min(error_keys)}: defines the error of the paper's printed numbers; set"
             " sweep.printed_numbers to true, or remove this parameter"
         )
     base = DrivenMechanism(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
     designs = Designs(base, axes_of(base, sweep.parameters, SOURCE, sweep.design == "grid"), sweep)
     for axis in designs.axes:
-        for value in axis.values if COUNTING.get(axis.key) == "" else ():
-            designs.counting({axis.key: value})
-    possible = _first_possible(designs)
-    if sweep.printed_numbers and (others := departures(possible.mechanism, possible.simulate)):
+        for value in axis.values if ERROR_PARAMETERS.get(axis.key) == "" else ():
+            designs.error_definition({axis.key: value})
+    feasible = _first_feasible(designs)
+    if sweep.printed_numbers and (differences := departures(feasible.mechanism, feasible.simulate)):
         raise InputError(
             "sweep.printed_numbers: the paper's numbers do not apply to this mechanism"
-            f" ({'; '.join(others)}); remove it, or sweep only settings that the paper does not"
-            " print"
+            f" ({'; '.join(differences)}); remove it, or sweep only settings that the paper does"
+            " not print"
         )
     return designs
 
 
-def _first_possible(designs: Designs) -> DrivenMechanism:
-    """The first feasible design. Infeasible ones among others are rows of the table with their
-    reason."""
+def _first_feasible(designs: Designs) -> DrivenMechanism:
+    """The first feasible design. Infeasible designs are rows of the table with their reason."""
     errors = []
-    for values in designs.values(0, min(_TRIED, designs.number)):
+    for values in designs.values(0, min(_MOST_TRIALS, designs.number)):
         try:
             return designs.scenario(values)
         except InputError as error:
@@ -220,21 +233,18 @@ def _first_possible(designs: Designs) -> DrivenMechanism:
     raise errors[0]
 
 
-_SAME = {
+def _of_joints(*keys: str) -> tuple[str, ...]:
+    return tuple(f"mechanism.joints.{joint}.{key}" for joint in JOINTS for key in (*keys, "loose"))
+
+
+_SET_BY_WORD = {
     "speed": ("simulate.speed",),
     "crank_length": ("mechanism.crank.length", "mechanism.crank.mass_centre"),
     "rod_length": ("mechanism.rod.length", "mechanism.rod.mass_centre"),
-    **{
-        word: tuple(
-            f"mechanism.joints.{joint}.{end}" for joint in JOINTS for end in (path, "loose")
-        )
-        for word, path in {
-            "clearance": "bearing_radius",
-            "friction": "contact.friction",
-            "restitution": "contact.restitution",
-            "stiffness": "contact.stiffness",
-        }.items()
-    },
+    "clearance": _of_joints("bearing_radius"),
+    "friction": _of_joints("contact.friction"),
+    "restitution": _of_joints("contact.restitution"),
+    "stiffness": _of_joints("contact.stiffness"),
 }
 """By word, the paths that it sets or that determine its value."""
 
@@ -242,19 +252,24 @@ _SAME = {
 def axes_of(
     base: DrivenMechanism, parameters: Mapping[str, Any], section: str, grid: bool = False
 ) -> tuple[Axis, ...]:
+    """Axes of the `parameters` in a `section`."""
     axes = tuple(_axis(base, key, spec, section, grid) for key, spec in parameters.items())
-    for word, paths in _SAME.items():
-        # the later one would override the earlier without a message
-        if word in parameters and (twice := parameters.keys() & set(paths)):
+    for word, paths in _SET_BY_WORD.items():
+        duplicates = parameters.keys() & set(paths)
+        if word in parameters and duplicates:
             raise InputError(
-                f"{section}: {word} and {min(twice)} set the same value; give one of them"
+                f"{section}: {word} and {min(duplicates)} set the same value; give one of them"
             )
     return axes
 
 
 def _axis(base: DrivenMechanism, key: str, spec: Any, section: str, grid: bool) -> Axis:
     source, is_list = f"{section}.{key}", isinstance(spec, Values)
-    unit = COUNTING.get(key) if section == SOURCE else None
+    unit = ERROR_PARAMETERS.get(key) if section == SOURCE else None
+    if unit == "":
+        if not is_list:
+            raise InputError(f"{source}: accepts no range; list its values, such as {key}: [...]")
+        return Axis(key, "", spec.values)
     if unit is None:
         try:
             unit = unit_of(base, key, section)
@@ -263,12 +278,8 @@ def _axis(base: DrivenMechanism, key: str, spec: Any, section: str, grid: bool) 
                 raise
             with_values(base, {key: spec.values[0]}, section)  # rejects unknown keys
             return Axis(key, "", spec.values)
-    elif not unit and is_list:
-        return Axis(key, "", spec.values)
-    elif not unit:
-        raise InputError(f"{source}: accepts no range; list its values, such as {key}: [...]")
     if not is_list:
-        return _ranged(key, unit, spec, source, grid)
+        return _range_axis(key, unit, spec, source, grid)
     values = tuple(_si(value, unit, source) for value in spec.values)
     if len(set(values)) < len(values):
         raise InputError(f"{source}: {list(spec.values)} contains equal values; give each once")
@@ -282,14 +293,11 @@ def _si(value: Any, unit: str, source: str) -> float:
         raise InputError(f"{source} = {value!r}: {error}") from error
 
 
-def _ranged(key: str, unit: str, spec: Any, source: str, grid: bool) -> Axis:
-    given = {
-        name.rstrip("_"): value for name, value in spec if name not in ("distribution", "number")
-    }
+def _range_axis(key: str, unit: str, spec: Any, source: str, grid: bool) -> Axis:
     si = {
-        name: _si(value, unit, f"{source}.{name}")
-        for name, value in given.items()
-        if value is not None
+        name.rstrip("_"): _si(value, unit, f"{source}.{name.rstrip('_')}")
+        for name, value in spec
+        if name not in ("distribution", "number") and value is not None
     }
     low, high, kind = si.get("from", -math.inf), si.get("to", math.inf), spec.distribution
     if not low < high:
@@ -301,34 +309,36 @@ def _ranged(key: str, unit: str, spec: Any, source: str, grid: bool) -> Axis:
         raise InputError(
             f"{source}.from = {spec.from_!r}: a log_uniform range must begin above zero"
         )
-    if kind == "triangular" and not low <= si["peak"] <= high:
-        raise InputError(f"{source}.peak = {spec.peak!r}: must lie between from and to")
-    if kind == "normal" and si["deviation"] <= 0:
-        raise InputError(f"{source}.deviation = {spec.deviation!r}: must be above zero")
     if grid:
         spaced = (np.geomspace if kind == "log_uniform" else np.linspace)(low, high, spec.number)
         return Axis(key, unit, tuple(float(f"{value:.12g}") for value in spaced))
     if kind == "normal":
-        mean, deviation = si["mean"], si["deviation"]
-        a, b = (low - mean) / deviation, (high - mean) / deviation
-        if a > _FARTHEST_TAIL or b < -_FARTHEST_TAIL:
-            raise InputError(
-                f"{source}: from and to exclude all values within {_FARTHEST_TAIL:g} standard"
-                " deviations of the mean; give another mean, or a uniform range"
-            )
-        law = stats.truncnorm(a=a, b=b, loc=mean, scale=deviation)
+        law = _normal(low, high, si["mean"], si["deviation"], source)
     elif kind == "triangular":
+        if not low <= si["peak"] <= high:
+            raise InputError(f"{source}.peak = {spec.peak!r}: must lie between from and to")
         law = stats.triang(c=(si["peak"] - low) / (high - low), loc=low, scale=high - low)
+    elif kind == "log_uniform":
+        law = stats.loguniform(a=low, b=high)
     else:
-        law = (
-            stats.uniform(loc=low, scale=high - low)
-            if kind == "uniform"
-            else stats.loguniform(a=low, b=high)
-        )
+        law = stats.uniform(loc=low, scale=high - low)
     axis = Axis(key, unit, law=law)
-    first, second = axis.at(np.array([0.25, 0.75]))
-    if first == second:
+    quartile, other_quartile = axis.at(np.array([0.25, 0.75]))
+    if quartile == other_quartile:
         raise InputError(
-            f"{source}: all values round to {first:.14g} (14 digits); give a wider range"
+            f"{source}: all values round to {quartile:.14g} (14 digits); give a wider range"
         )
     return axis
+
+
+def _normal(low: float, high: float, mean: float, deviation: float, source: str) -> Any:
+    """A normal distribution, truncated at `low` and `high`."""
+    if deviation <= 0:
+        raise InputError(f"{source}.deviation = {deviation!r}: must be above zero")
+    a, b = (low - mean) / deviation, (high - mean) / deviation
+    if a > _FARTHEST_TAIL or b < -_FARTHEST_TAIL:
+        raise InputError(
+            f"{source}: from and to exclude all values within {_FARTHEST_TAIL:g} standard"
+            " deviations of the mean; give another mean, or a uniform range"
+        )
+    return stats.truncnorm(a=a, b=b, loc=mean, scale=deviation)

@@ -489,7 +489,7 @@ _METHOD = (
 _MORE = (
     "Simulate more designs (a larger `sweep.number` keeps existing ones), or use narrower ranges."
     " If this does not help, the motion is not reproducible, and only means over revolutions or"
-    " starts (`jointgap ensemble`) can be compared."
+    " starts (`sweep.starts`) can be compared."
 )
 
 

@@ -133,7 +133,7 @@ def sweep_designs(
 ) -> None:
     """Simulate and measure a part of the sweep's designs, for `jointgap sweep`; designs in the file
     are kept."""
-    from jointgap.designs.run import write_designs
+    from jointgap.designs.dataset import write_designs
     from jointgap.designs.sampling import designs_of
 
     write_designs(
@@ -151,6 +151,10 @@ def sweep(scenario: "Scenario", folder: _Folder, workers: Workers) -> str:
     with their reason. Finished designs are kept: an interrupted sweep resumes, and a larger number
     extends a Sobol sequence. A grid of two or three parameters is also drawn as a map.
 
+    `starts: 15` simulates each design from 15 slightly different starts, a row each; the page shows
+    medians over the starts. The samples and events of the designs in `trajectories` are written
+    too, as by `jointgap simulate`.
+
     \b
     Example:
       cat > mine.yaml <<END
@@ -165,7 +169,7 @@ def sweep(scenario: "Scenario", folder: _Folder, workers: Workers) -> str:
       END
       jointgap sweep --options mine.yaml --folder results/mine
     """
-    from jointgap.designs.run import write_dataset
+    from jointgap.designs.dataset import write_dataset, write_trajectories
     from jointgap.designs.sampling import designs_of
     from jointgap.designs.sweep import draw, page, with_largest_force
 
@@ -173,6 +177,7 @@ def sweep(scenario: "Scenario", folder: _Folder, workers: Workers) -> str:
     check_writable(folder / "summary.html", folder / "summary.md")
     code = DESIGN_STAGES["sweep-designs"].digest
     write_dataset(designs, dataset, scenario.sweep.designs_per_job, code, workers)
+    write_trajectories(designs, folder / "trajectories")
     frame = with_largest_force(designs, dataset)
     return _write(folder, page(designs, dataset, frame), {}, draw(designs, frame))
 
@@ -196,7 +201,7 @@ def sensitivity(scenario: "Scenario", designs: _Designs, folder: _Folder) -> str
       results/mine/sensitivity
     """
     from jointgap.config.designs import Sensitivity
-    from jointgap.designs.run import checked_dataset
+    from jointgap.designs.dataset import checked_dataset
     from jointgap.designs.sensitivity import draw, page, sensitivity_indices
 
     found = sensitivity_indices(
@@ -231,6 +236,7 @@ def infer_settings(scenario: "Scenario", designs: _Designs, folder: _Folder) -> 
       jointgap infer-settings --options mine.yaml --designs results/mine/sweep/designs \
         --folder results/mine/infer_settings
     """
+    from jointgap.designs.dataset import checked_dataset
     from jointgap.designs.infer_settings import (
         NEAREST_FILE,
         check,
@@ -238,7 +244,6 @@ def infer_settings(scenario: "Scenario", designs: _Designs, folder: _Folder) -> 
         nearest_configuration,
         page,
     )
-    from jointgap.designs.run import checked_dataset
 
     check(scenario)
     found = infer(checked_dataset(scenario, designs), scenario.infer_settings, designs)

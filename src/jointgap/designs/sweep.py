@@ -17,7 +17,7 @@ from jointgap.core.page import FigureBlock, Page, Paragraph, TableBlock
 from jointgap.core.plot import Drawing, Panel, Quantity, Sheet
 from jointgap.core.publish import name_and_factor
 from jointgap.core.words import format_name, format_unit, joined, number, reading_unit
-from jointgap.designs.run import checked_dataset, failures
+from jointgap.designs.dataset import checked_dataset, failures
 from jointgap.designs.sampling import Axis, Designs
 
 _COLUMNS = {column.name: column for column in ALL_MEASURES}
