@@ -160,8 +160,9 @@ def call(*arguments):
 
 
 def test_statistics_of_a_simulated_motion_are_printed_and_written(tmp_path):
-    motion = ["--trajectory", tmp_path / "motion.parquet", "--events", tmp_path / "events.parquet"]
-    call("simulate", "--options", sections_of(), *motion)
+    call("simulate", "--options", sections_of(), "--results", tmp_path)
+    folder = tmp_path / "simulate"
+    motion = ["--trajectory", folder / "trajectory.parquet", "--events", folder / "events.parquet"]
     output = call(
         "cycles",
         "--options",
