@@ -73,7 +73,7 @@ def swept(designs: int, cores: int, folder: str) -> dict[str, float]:
     """Wall and processor seconds of a sweep, those of its simulations alone, and peak memory
     [MiB]."""
     from jointgap.config import resolve
-    from jointgap.designs.stages import sweep
+    from jointgap.designs.stages import write_sweep
     from jointgap.dynamics import parallel
 
     alone: dict[int, float] = {}
@@ -91,10 +91,10 @@ def swept(designs: int, cores: int, folder: str) -> dict[str, float]:
     scenario = resolve(config(designs), (ROOT,), whole=False)["sweep"]
     with tempfile.TemporaryDirectory() as other:  # loads the compiled code
         few = scenario.sweep.model_copy(update={"number": 4})
-        sweep(scenario.model_copy(update={"sweep": few}), Path(other), cores)
+        write_sweep(scenario.model_copy(update={"sweep": few}), Path(other), cores)
     alone.clear()
     wall, processor = time.perf_counter(), time.process_time()
-    sweep(scenario, Path(folder), cores)
+    write_sweep(scenario, Path(folder), cores)
     return {
         "wall": time.perf_counter() - wall,
         "processor": time.process_time() - processor,

@@ -79,7 +79,7 @@ def test_a_removed_command_and_a_port_that_cannot_be_are_refused():
 
 
 def test_a_mistake_ends_the_command_with_one_line_and_code_two(tmp_path):
-    outputs = ["--trajectory", tmp_path / "t.parquet", "--events", tmp_path / "e.parquet"]
+    outputs = ["--results", tmp_path]
     command = [
         sys.executable,
         "-m",
@@ -111,7 +111,7 @@ def test_config_prints_the_warnings_of_a_run(tmp_path):
 
 
 def test_a_file_or_an_option_that_is_wrong_in_itself_is_reported(tmp_path):
-    file, written = tmp_path / "mine.yaml", tmp_path / "motion.parquet"
+    file, results = tmp_path / "mine.yaml", tmp_path / "results"
 
     def told(content, words):
         file.write_text(content)
@@ -127,9 +127,9 @@ def test_a_file_or_an_option_that_is_wrong_in_itself_is_reported(tmp_path):
     ]
     each(told, cases)
     nested = f'{{"mechanism": {"[" * 20_000}{"]" * 20_000}}}'
-    outputs = ("--trajectory", written, "--events", tmp_path / "events.parquet")
-    assert refusal("simulate", "--options", nested, *outputs).startswith("--options: is not JSON")
-    assert not written.exists()
+    error = refusal("simulate", "--options", nested, "--results", results)
+    assert error.startswith("--options: is not JSON")
+    assert not results.exists()
     assert "no such effect; did you mean 'gas_pressure'?" in refusal("effects", "gas_presure")
     assert "'sensor_gain'" in refusal("effects", "amplifier_gain") and "'gas_pressure'" in refusal(
         "effects", "gas_force"
@@ -145,20 +145,7 @@ OPTIONS = {
 
 
 def simulate(folder, options=OPTIONS):
-    files = (
-        "--trajectory",
-        folder / "simulate/trajectory.parquet",
-        "--events",
-        folder / "simulate/events.parquet",
-    )
-    return jointgap("simulate", "--options", json.dumps(options), *files)
-
-
-def learned(folder, *more):
-    """Commands that learn from a motion, and write to a folder."""
-    trajectory = ("--trajectory", folder / "simulate/trajectory.parquet")
-    fit = (*trajectory, "--fit", folder / "fit", "--errors", folder / "errors")
-    yield ("surrogate", *fit, "--history", folder / "history", "--output-name", "r2")
+    return jointgap("simulate", "--options", json.dumps(options), "--results", folder)
 
 
 def test_a_trajectory_of_other_options_is_refused_by_every_stage_that_reads_it(tmp_path):
@@ -171,7 +158,8 @@ def test_a_trajectory_of_other_options_is_refused_by_every_stage_that_reads_it(t
     other = json.dumps(OPTIONS | {"simulate": OPTIONS["simulate"] | {"speed": 30.0}})
     results = ("--results", tmp_path)
     stages = [("kinematics", *results), ("optimise", *results), ("compare", *results)]
-    for command in (*stages, ("figures", *results, "--figure", "orbits"), *learned(tmp_path)):
+    stages += [("surrogate", *results, "--output-name", "r2")]
+    for command in (*stages, ("figures", *results, "--figure", "orbits")):
         assert "give the options it was simulated with" in refusal(*command, "--options", other)
     assert [path.name for path in tmp_path.iterdir()] == ["simulate"]
     assert "no tables to publish" in refusal(
@@ -183,9 +171,9 @@ def test_where_all_joints_are_ideal_there_is_a_motion_and_nothing_to_learn_from_
     joints = {name: joint | {"loose": False} for name, joint in PAPERS["joints"].items()}
     options = {"mechanism": PAPERS | {"joints": joints}, "simulate": OPTIONS["simulate"]}
     assert simulate(tmp_path, options).returncode == 0
-    for command in learned(tmp_path):
-        line = refusal(*command, "--options", json.dumps(options))
-        assert "all joints are ideal" in line and "make a joint loose" in line
+    command = ("surrogate", "--results", tmp_path, "--output-name", "r2")
+    line = refusal(*command, "--options", json.dumps(options))
+    assert "all joints are ideal" in line and "make a joint loose" in line
 
 
 def test_outputs_that_cannot_be_written_are_found_out_before_anything_is_computed(tmp_path):

@@ -15,6 +15,7 @@ from jointgap.designs.dataset import DIGEST, table_of
 from jointgap.designs.sampling import Designs, designs_of
 from jointgap.designs.sensitivity import SensitivityResult, compute_indices, sensitivity_indices
 from jointgap.designs.stages import sensitivity
+from jointgap.scenario.results import ScenarioResults
 from tests.dynamics.cases import mechanism, options
 
 MADE = mechanism(friction=0.1)
@@ -212,11 +213,11 @@ def scenario(number: int) -> Scenario:
 def test_the_stage_says_on_its_page_what_decides_and_finds_the_same_again(tmp_path):
     made = scenario(64)
     drawn, folder = designs_of(made), tmp_path / "sensitivity"
-    dataset(drawn, tmp_path / "designs")
-    text = sensitivity(made, tmp_path / "designs", folder)
+    dataset(drawn, tmp_path / "sweep/designs")
+    text = sensitivity(ScenarioResults(tmp_path, made))
     assert "Clearance has the largest total index for 1 of 1 measures" in text
     assert "noise" not in text  # no design has it
-    again = sensitivity_indices(drawn, tmp_path / "designs", made.sensitivity)
+    again = sensitivity_indices(drawn, tmp_path / "sweep/designs", made.sensitivity)
     for table, frame in again.tables.items():
         parquet.write(table, frame, written := tmp_path / Path(table.path).name)
         assert written.read_bytes() == (folder / written.name).read_bytes()

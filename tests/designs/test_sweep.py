@@ -20,7 +20,7 @@ from jointgap.designs.dataset import (
 )
 from jointgap.designs.measures import high_order_rms
 from jointgap.designs.sampling import designs_of
-from jointgap.designs.stages import sweep
+from jointgap.designs.stages import write_sweep
 from jointgap.designs.statistics import clearance_vectors
 from jointgap.dynamics.simulation import simulate
 from tests.catalogue import refused
@@ -233,12 +233,12 @@ def dataset(folder: Path) -> dict[str, bytes]:
 def test_a_grown_sweep_simulates_no_design_again_and_ends_with_the_files_of_one_that_was_never_smaller(
     simulated, tmp_path
 ):
-    text = sweep(scenario(RANGE, number=8, designs_per_job=3), tmp_path / "at once", 1)
+    text = write_sweep(scenario(RANGE, number=8, designs_per_job=3), tmp_path / "at once", 1)
     assert "8 designs" in text
     assert simulated == list(range(8))
     simulated.clear()
     for number in (1, 4, 8):
-        sweep(scenario(RANGE, number=number, designs_per_job=3), tmp_path / "grown", 1)
+        write_sweep(scenario(RANGE, number=number, designs_per_job=3), tmp_path / "grown", 1)
     assert simulated == list(range(8))
     assert dataset(tmp_path / "grown") == dataset(tmp_path / "at once")
 
@@ -248,12 +248,12 @@ def test_a_killed_sweep_goes_on_with_the_parts_that_are_missing_or_damaged(
     simulated, tmp_path, left
 ):
     made = scenario(RANGE, number=4, designs_per_job=2)
-    sweep(made, tmp_path, 1)
+    write_sweep(made, tmp_path, 1)
     whole, part = dataset(tmp_path), tmp_path / "designs/part_000001.parquet"
     simulated.clear()
     part.unlink() if left is None else part.write_bytes(whole[part.name][:left])
     (tmp_path / "designs/.part_000001-abc.parquet").write_bytes(b"PAR1")  # as if it had been killed
-    sweep(made, tmp_path, 1)
+    write_sweep(made, tmp_path, 1)
     assert simulated == [2, 3]
     assert dataset(tmp_path) == whole
 
@@ -277,7 +277,7 @@ def test_a_sweep_over_another_measured_angle_is_another_sweep(tmp_path):
 def test_a_folder_that_holds_anything_else_is_refused_before_anything_is_simulated(
     simulated, tmp_path
 ):
-    sweep(scenario(RANGE, number=5, designs_per_job=2), tmp_path, 1)
+    write_sweep(scenario(RANGE, number=5, designs_per_job=2), tmp_path, 1)
     simulated.clear()
     before, part = dataset(tmp_path), "part_000001.parquet: contains designs 2 to 3"
     cases = [
@@ -291,7 +291,7 @@ def test_a_folder_that_holds_anything_else_is_refused_before_anything_is_simulat
         ),
     ]
     refused(
-        lambda ranges, *sizes: sweep(
+        lambda ranges, *sizes: write_sweep(
             scenario(ranges, number=sizes[0], designs_per_job=sizes[1]), tmp_path, 1
         ),
         cases,
@@ -356,7 +356,7 @@ def test_high_orders_are_those_above_the_tenth():
 def test_a_grid_of_two_parameters_is_drawn_as_a_map(tmp_path):
     grid = {"clearance": [2e-4, 4e-4], "friction": [0.05, 0.1]}
     made = scenario(grid, design="grid")
-    sweep(made, tmp_path, workers=1)
+    write_sweep(made, tmp_path, workers=1)
     drawn, designs = (
         pd.read_parquet(tmp_path / "map.parquet"),
         pd.read_parquet(tmp_path / "designs"),

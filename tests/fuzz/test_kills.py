@@ -30,15 +30,8 @@ OPTIONS = {
     },
 }
 COMMANDS = {
-    "simulate": (
-        "--options",
-        "mine.yaml",
-        "--trajectory",
-        "out/motion.parquet",
-        "--events",
-        "out/events.parquet",
-    ),
-    "sweep": ("--options", "mine.yaml", "--folder", "out/swept", "--workers", "1"),
+    "simulate": ("--options", "mine.yaml", "--results", "out"),
+    "sweep": ("--options", "mine.yaml", "--results", "out", "--workers", "1"),
 }
 
 

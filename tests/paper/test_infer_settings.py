@@ -18,6 +18,7 @@ from jointgap.designs.infer_settings import (
 )
 from jointgap.designs.sampling import designs_of
 from jointgap.designs.stages import infer_settings, sweep
+from jointgap.scenario.results import ScenarioResults
 from tests.draws import check_rate
 from tests.dynamics.cases import mechanism, options
 
@@ -105,13 +106,16 @@ def test_what_cannot_be_inferred_is_refused_before_anything_is_simulated(sweep, 
 @pytest.mark.integration
 def test_from_a_sweep_come_page_tables_and_a_scenario_of_the_nearest_settings(tmp_path):
     scenario = asked(16)
-    sweep(scenario, tmp_path / "sweep", 1)
-    text = infer_settings(scenario, tmp_path / "sweep/designs", tmp_path / "infer")
+    results = ScenarioResults(tmp_path, scenario)
+    sweep(results, workers=1)
+    text = infer_settings(results)
     assert "## Nearest designs" in text and "nan" not in text
     nearest = (
-        pd.read_parquet(tmp_path / "infer/designs.parquet").query("error_measure == 'rms'").iloc[0]
+        pd.read_parquet(tmp_path / "infer_settings/designs.parquet")
+        .query("error_measure == 'rms'")
+        .iloc[0]
     )
-    written = yaml.safe_load((tmp_path / "infer/nearest_scenario.yaml").read_text())
+    written = yaml.safe_load((tmp_path / "infer_settings/nearest_scenario.yaml").read_text())
     made = resolve(written, (tmp_path,), whole=False)[NEAREST_NAME]
     contact = made.mechanism.joint("piston_pin").contact
     assert (contact.friction, contact.restitution) == pytest.approx(

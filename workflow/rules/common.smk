@@ -8,6 +8,7 @@ from pathlib import Path
 from jointgap.campaign.campaign_files import campaigns
 from jointgap.campaign.figures import FIGURES as CAMPAIGN_FIGURES
 from jointgap.campaign.stages import CAMPAIGN_STAGES
+from jointgap.core.code_digest import code_digest
 from jointgap.config import Constraints, check_all_sections, resolve
 from jointgap.core.files import write_text
 from jointgap.core.joints import JOINT_NUMBERS, outputs
@@ -102,7 +103,7 @@ def made_by(stages, folder):
             for name in FIGURES.get(stage.name, ())
             for kind in ("png", "svg", "parquet")
         ]
-        paths += [*stage.outputs("{part}"), *pictures]
+        paths += [*stage.outputs(), *pictures]
     return [f"{folder}/{path}" for path in dict.fromkeys(paths)]
 
 
@@ -172,13 +173,6 @@ def command_of_scenario(stage):
             published_options(scenario) if name == "track-sweep" else options_file(scenario, name)
         )
         more = ["--results", f"results/{scenario}"]
-        if "folder" in stage.command_options:
-            more = ["--folder", f"results/{scenario}/{name.replace('-', '_')}"]
-        more += (
-            ["--designs", f"results/{scenario}/sweep/designs"]
-            if "designs" in stage.command_options
-            else []
-        )
         more += ["--output-name", wildcards.output] if name == "surrogate" else []
         more += ["--workers", stage.threads] if stage.threads > 1 else []
         more += named_options("--beside", siblings(scenario), name) if name == "compare" else []
@@ -232,9 +226,15 @@ def every_campaign(wildcards=None):
 def digest_of_report(wildcards):
     """Changes with the code of the report."""
     from jointgap.app.report import write_report
-    from jointgap.core.code_digest import code_digest
 
     return code_digest(write_report)
+
+
+def digest_of_overview(wildcards):
+    """Changes with the code of the comparison of the scenarios."""
+    from jointgap.scenario.overview import write_overview
+
+    return code_digest(write_overview)
 
 
 @cache

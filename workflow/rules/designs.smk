@@ -22,7 +22,7 @@ rule sweep_designs:
         "{wildcards.scenario}: sweep, {wildcards.part}"
     shell:
         "jointgap sweep-designs --options {params.options:q} --first {params.part[0]} --number {params.part[1]}"
-        " --designs {output:q} --workers 1 > {log:q} 2>&1"
+        " --results results/{wildcards.scenario} --designs {output:q} --workers 1 > {log:q} 2>&1"
 
 
 rule swept:

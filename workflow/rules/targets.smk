@@ -13,14 +13,14 @@ rule overview:
             for path in ("comparison.parquet", "figures/resimulation.png")
         ],
     output:
-        [f"results/{path}" for path in SCENARIO_STAGES["overview"].outputs()],
+        multiext("results/overview", ".md", ".html", ".parquet"),
     log:
         "results/logs/overview.log",
     conda:
         "../envs/jointgap.yaml"
     params:
-        scenarios=lambda wildcards: named_options("--scenario", COMPARED, "overview"),
-        code=lambda wildcards: STAGES["overview"].digest,
+        scenarios=lambda wildcards: named_options("--scenario", COMPARED, "compare"),
+        code=digest_of_overview,
     message:
         "put the scenarios side by side"
     shell:

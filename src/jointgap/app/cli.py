@@ -4,29 +4,23 @@ import errno
 import inspect
 import json
 import os
-import re
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from jointgap.campaign.stages import CAMPAIGN_STAGES, run_stage
+from jointgap.campaign.stages import CAMPAIGN_STAGES
 from jointgap.core import schema as known
 from jointgap.core.files import check_writable, write_text
 from jointgap.core.progress import progress_listener
-from jointgap.core.schema import Table
-from jointgap.core.stage import Stage
+from jointgap.core.stage import Option, Stage, Stages, options_of
 from jointgap.designs.stages import DESIGN_STAGES
-from jointgap.scenario.stages import SCENARIO_STAGES
-
-if TYPE_CHECKING:
-    from jointgap.campaign.state import CampaignState
-    from jointgap.scenario.results import ScenarioResults
+from jointgap.scenario.stages import SCENARIO_STAGES, open_results
 
 FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
@@ -47,42 +41,38 @@ def need(flag: str, meaning: str, kind: click.Path = FILE) -> Callable:
     return click.option(flag, type=kind, required=True, help=meaning)
 
 
-def open_results(
-    options: str, path: Path, places: Mapping[str, Path] | None = None
-) -> "ScenarioResults":
-    """The results of a scenario."""
-    from jointgap.config import parse_options
-    from jointgap.config.yaml_files import plain_speeds
-    from jointgap.scenario.results import ScenarioResults
-
-    for remark in [] if options.lstrip().startswith("{") else plain_speeds(options):
-        click.echo(f"jointgap: {remark}", err=True)
-    return ScenarioResults(path, parse_options(options), places)
+def click_option(name: str, option: Option) -> Callable:
+    """The option or argument of a command for an `option` of a stage."""
+    settings = dict(option.settings)
+    if "type" in settings:
+        kind = settings["type"]
+        settings["type"] = {"file": FILE, "folder": FOLDER}.get(kind) or click.IntRange(min=kind)
+    if not option.flags[0].startswith("-"):
+        return click.argument(name, **settings)
+    return click.option(*option.flags, name, **settings)
 
 
-def add_command(
-    stage: Stage, command: Callable[..., str | None], options: Sequence[Callable], section: str
-) -> None:
-    """Add the subcommand of a stage, with `options` and those annotated in its function."""
+def add_command(stages: Stages, stage: Stage, section: str) -> None:
+    """Add the subcommand of a stage."""
+    state_options = options_of(stages.open_state)
 
-    def show(**given: Any) -> None:
-        if shown := command(**given):
-            click.echo(shown)
+    def command(**values: Any) -> None:
+        arguments = {name: values.pop(name) for name in state_options}
+        if text := stages.run(stages[stage.name], stages.open_state(**arguments), **values):
+            click.echo(text)
 
-    kinds, own = {"file": FILE, "folder": FOLDER}, []
-    for name, option in stage.command_options.items():
-        kind = option.settings.get("type")
-        given = (
-            {}
-            if kind is None
-            else {"type": kinds[kind] if kind in kinds else click.IntRange(min=kind)}
-        )
-        own.append(click.option(*option.flags, name, **option.settings | given))
-    for option in reversed([*options, *own]):
-        show = option(show)
-    cli.command(stage.name, help=stage.help)(show)
+    options = state_options | options_of(stages.run) | stage.command_options
+    for name, option in reversed(options.items()):
+        command = click_option(name, option)(command)
+    cli.command(stage.name, help=stage.help)(command)
     if not any(stage.name in names for names in cli.sections.values()):
         cli.sections[section].append(stage.name)
+
+
+REMOVED_OPTIONS = (
+    *("--trajectory", "--events", "--fit", "--history", "--errors"),
+    *("--folder", "--designs"),
+)
 
 
 class SectionedGroup(click.Group):
@@ -104,6 +94,13 @@ class SectionedGroup(click.Group):
         """Run the subcommand; Ctrl-C ends it with the exit code of an interrupted program."""
         try:
             return super().invoke(ctx)
+        except click.NoSuchOption as error:
+            if error.option_name in REMOVED_OPTIONS:
+                ctx.fail(
+                    f"{error.option_name} was removed; use --results, the folder of the results of"
+                    " the scenario."
+                )
+            raise
         except KeyboardInterrupt:
             click.echo("jointgap: interrupted", err=True)
             ctx.exit(128 + signal.SIGINT)
@@ -156,86 +153,26 @@ cli.sections = {
     "Your measurement": ["new", "measure", "preflight", "analyse", "trend"],
     "Results": ["dashboard", "describe", "export"],
     "Configuration": ["config", "schema"],
-    OF_SCENARIO: ["report"],
+    OF_SCENARIO: ["report", "overview"],
     OF_CAMPAIGN: [],
 }
 
-_campaign = click.argument("campaign", type=FILE)
-_folder = click.option(
+for _stages, _section in (
+    (CAMPAIGN_STAGES, OF_CAMPAIGN),
+    (SCENARIO_STAGES, OF_SCENARIO),
+    (DESIGN_STAGES, OF_SCENARIO),
+):
+    for _stage in _stages.values():
+        add_command(_stages, _stage, _section)
+
+
+@cli.command()
+@click.argument("campaign", type=FILE)
+@click.option(
     "--folder",
     type=FOLDER,
     help="Folder of the campaign's results; default: results/campaigns/NAME.",
 )
-_go_on = click.option(
-    "--go-on",
-    is_flag=True,
-    help="Continue if an optional stage fails; the verdict lists what is missing.",
-)
-_then = click.option(
-    "--then",
-    type=click.Choice(
-        [name for name, stage in CAMPAIGN_STAGES.items() if not stage.command_options]
-    ),
-    metavar="STAGE",
-    multiple=True,
-    help="Further stage to run in the same process, without options of its own; repeatable.",
-)
-
-
-def _end_if_something_failed(state: "CampaignState") -> None:
-    """Exit code 3 and a line per failed stage, if an optional stage failed."""
-    from jointgap.campaign.campaign_files import failures
-
-    failed = failures(state.folder)
-    for what, why in failed.items():
-        click.echo(
-            f"jointgap: failed: {what}: {why} (more: {state.folder.path / 'failed' / what}.txt)",
-            err=True,
-        )
-    if failed:
-        raise SystemExit(3)
-
-
-def _campaign_command(name: str) -> None:
-    def command(
-        campaign: Path, folder: Path | None, then: tuple[str, ...], go_on: bool, **given: Any
-    ) -> str:
-        from jointgap.campaign.state import CampaignState
-        from jointgap.core.errors import InputError
-
-        part, parts = given.get("part", 0), given.get("parts", 1)
-        if part >= parts:
-            raise InputError(
-                f"--part {part}: must be 0 to {parts - 1} with --parts {parts}; give a smaller"
-                " part, or more --parts"
-            )
-        state = CampaignState(campaign, folder)
-        stages = [CAMPAIGN_STAGES[each] for each in (name, *then)]
-        state.folder.check_writable(*(path for each in stages for path in each.outputs(part)))
-        adding = (
-            set(CAMPAIGN_STAGES) - {*CAMPAIGN_STAGES.needed_for("confirm"), "conclude"}
-            if go_on
-            else ()
-        )
-        shown = []
-        for each in stages:
-            shown.append(
-                run_stage(each, state, each.name in adding, **(given if each.name == name else {}))
-            )
-        if name == "conclude" and not go_on:
-            _end_if_something_failed(state)
-        return "\n".join(filter(None, shown))
-
-    add_command(CAMPAIGN_STAGES[name], command, [_campaign, _folder, _then, _go_on], OF_CAMPAIGN)
-
-
-for _name in CAMPAIGN_STAGES:
-    _campaign_command(_name)
-
-
-@cli.command()
-@_campaign
-@_folder
 @click.option("--anyway", is_flag=True, help="Go on where channels contradict each other.")
 def analyse(campaign: Path, folder: Path | None, anyway: bool) -> None:
     """Identify the effect that the model of CAMPAIGN lacks: all stages, up to verdict.json, summary
@@ -246,6 +183,7 @@ def analyse(campaign: Path, folder: Path | None, anyway: bool) -> None:
     """
     from jointgap.app.run_summary import verdict_lines
     from jointgap.campaign.analyse import analyse as analyse_campaign
+    from jointgap.campaign.campaign_files import end_after_failures
     from jointgap.campaign.page import show
     from jointgap.campaign.state import CampaignState
 
@@ -253,7 +191,7 @@ def analyse(campaign: Path, folder: Path | None, anyway: bool) -> None:
     analyse_campaign(campaign, state.folder.path, pictures=True, anyway=anyway)
     show(state)
     click.echo("\n".join(verdict_lines(state.folder.path)))
-    _end_if_something_failed(state)
+    end_after_failures(state.folder)
 
 
 @cli.group()
@@ -496,87 +434,24 @@ def _quantity(option: str, text: str, unit: str) -> float:
         raise InputError(f"{option} {text!r}: {error}") from error
 
 
-def _flagged(stage: Stage) -> dict[str, Table]:
-    """Tables of a stage with an option of their own for the file, by its name."""
-    named = stage.writes and set(stage.reads) <= {known.TRAJECTORY}
-    return (
-        {Path(table.path).stem: table for table in (*stage.reads, *stage.writes)} if named else {}
-    )
-
-
-def _results_command(stage: Stage) -> None:
-    flagged = _flagged(stage)
-
-    def command(options: str, results: Path | None, **given: Any) -> str | None:
-        files = {flag: given.pop(flag) for flag in flagged}
-        if results is None and None in files.values():
-            missing = next(flag for flag, file in files.items() if file is None)
-            raise click.UsageError(f"Missing option '--{missing}' (or '--results' for all tables).")
-        places = {flagged[flag].name: file for flag, file in files.items() if file is not None}
-        stored = open_results(options, results or Path(), places)
-        if "siblings" in given:
-            given["siblings"] = {
-                name: open_results(more, results.parent / name) for name, more in given["siblings"]
-            }
-        if stage.writes:
-            written = [stored.place(table, given.get("output", "")) for table in stage.writes]
-            check_writable(*written, *(stored.path / file for file in stage.files))
-        return stage.function(stored, **given)
-
-    meaning = (
-        "The scenario's results folder, from which tables are read and to which they are written."
-    )
-    own = [
-        options_option,
-        click.option("--results", type=FOLDER, required=not flagged, help=meaning),
-    ]
-    for flag, table in flagged.items():
-        meaning = f"{table.description[0].lower()}{table.description[1:]}"
-        verb = "read" if table in stage.reads else "write"
-        own.append(click.option(f"--{flag}", type=FILE, help=f"Parquet file to {verb}: {meaning}."))
-    add_command(stage, command, own, OF_SCENARIO)
-
-
-def _scenario_command(stage: Stage) -> None:
-    def command(options: str, **given: Any) -> str | None:
-        from jointgap.config import parse_options
-        from jointgap.core.errors import InputError
-
-        scenario = parse_options(options)
-        source = "--options" if options.lstrip().startswith("{") else options
-        keys = re.compile(rf"(?:{'|'.join(type(scenario).model_fields)})[.:]")
-        try:
-            return stage.function(scenario, **given)
-        except InputError as error:  # prefix lines about a key with the file
-            lines = (f"{source}: {line}" if keys.match(line) else line for line in error.args)
-            raise InputError(*lines) from error
-
-    add_command(stage, command, [options_option], OF_SCENARIO)
-
-
-def _overview(results: Path, scenarios: tuple[tuple[str, str], ...]) -> None:
-    stage = SCENARIO_STAGES["overview"]
-    check_writable(*(results / path for path in stage.outputs()))
-    stage.function(
-        {name: open_results(options, results / name) for name, options in scenarios}, results
-    )
-
-
 _scenarios = {"nargs": 2, "multiple": True, "help": "Name and options of a scenario, repeatable."}
 
-for _stage in (*SCENARIO_STAGES.values(), *DESIGN_STAGES.values()):
-    if _stage.name == "overview":
-        _where = need(
-            "--results",
-            "Folder of the scenarios' folders; receives overview.md, .html and .parquet.",
-            FOLDER,
-        )
-        _given = click.option("--scenario", "scenarios", required=True, **_scenarios)
-        add_command(_stage, _overview, [_where, _given], OF_SCENARIO)
-    elif "results" in inspect.signature(_stage.function).parameters:
-        _results_command(_stage)
-    else:
-        _scenario_command(_stage)
+
+@cli.command()
+@need(
+    "--results",
+    "Folder of the scenarios' folders; receives overview.md, .html and .parquet.",
+    FOLDER,
+)
+@click.option("--scenario", "scenarios", required=True, **_scenarios)
+def overview(results: Path, scenarios: tuple[tuple[str, str], ...]) -> None:
+    """Compare the optima of all scenarios: assumptions, frozen and re-simulated reductions."""
+    from jointgap.scenario.overview import write_overview
+
+    check_writable(*(results / f"overview.{suffix}" for suffix in ("md", "html", "parquet")))
+    write_overview(
+        {name: open_results(options, results / name) for name, options in scenarios}, results
+    )
 
 
 @cli.command()

@@ -19,7 +19,7 @@ from jointgap.core.units import plain_numbers
 from jointgap.core.words import reading_unit
 from jointgap.designs.dataset import failures, table_of
 from jointgap.designs.sampling import designs_of
-from jointgap.designs.stages import DESIGN_STAGES
+from jointgap.designs.stages import write_sweep
 
 
 @dataclass(frozen=True, repr=False)
@@ -230,5 +230,5 @@ def sweep(
         simulate=simulate_options(options, keys),
         sweep=load.validate(Sweep, plain_numbers(settings), "sweep"),
     )
-    DESIGN_STAGES["sweep"].function(scenario, Path(folder), workers)
+    write_sweep(scenario, Path(folder), workers)
     return SweptDesigns(Path(folder), designs_of(scenario))

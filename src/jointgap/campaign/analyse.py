@@ -33,7 +33,7 @@ def analyse(
     stages = [CAMPAIGN_STAGES[name] for name in names]
     check_same_file(state.file, state.folder.path)
     state.folder.check_writable(
-        *(path for name in (*names, "conclude") for path in CAMPAIGN_STAGES[name].outputs())
+        *(path for name in (*names, "conclude") for path in CAMPAIGN_STAGES[name].outputs(part=0))
     )
     _remove_conclusions(state.folder)
     # advice only if the verdict needs it

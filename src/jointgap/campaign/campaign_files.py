@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import sys
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -187,6 +188,16 @@ def failures(folder: "ResultsFolder") -> dict[str, str]:
     """The error of each optional step that failed, in a line, by step."""
     places = sorted((folder.path / "failed").glob("*.txt"))
     return {place.stem: place.read_text(encoding="utf-8").partition("\n")[0] for place in places}
+
+
+def end_after_failures(folder: "ResultsFolder") -> None:
+    """Exit code 3 and a line per failed step, if an optional step failed."""
+    failed = failures(folder)
+    for step, error in failed.items():
+        details = folder.path / "failed" / f"{step}.txt"
+        print(f"jointgap: failed: {step}: {error} (more: {details})", file=sys.stderr)
+    if failed:
+        raise SystemExit(3)
 
 
 def config_snapshot(campaign: "Campaign") -> "pd.DataFrame":

@@ -3,7 +3,9 @@
 Imports are inside the stages, as compiled dynamics load slowly."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from jointgap.campaign.campaign_files import (
@@ -24,7 +26,74 @@ from jointgap.core.stage import Option, Stage, Stages
 if TYPE_CHECKING:
     from jointgap.campaign.state import CampaignState
 
-CAMPAIGN_STAGES = Stages()
+
+def open_campaign(
+    campaign: Annotated[Path, Option("campaign", type="file")],
+    folder: Annotated[
+        Path | None,
+        Option(
+            "--folder",
+            type="folder",
+            help="Folder of the campaign's results; default: results/campaigns/NAME.",
+        ),
+    ],
+) -> "CampaignState":
+    """The state of a campaign."""
+    from jointgap.campaign.state import CampaignState
+
+    return CampaignState(campaign, folder)
+
+
+def run_campaign_stages(
+    first: Stage,
+    state: "CampaignState",
+    then: Annotated[
+        Sequence[str],
+        Option(
+            "--then",
+            metavar="STAGE",
+            multiple=True,
+            help=(
+                "Further stage to run in the same process, without options of its own; repeatable."
+            ),
+        ),
+    ] = (),
+    go_on: Annotated[
+        bool,
+        Option(
+            "--go-on",
+            is_flag=True,
+            help="Continue if an optional stage fails; the verdict lists what is missing.",
+        ),
+    ] = False,
+    **options: Any,
+) -> str:
+    """Run a stage and further ones."""
+    from jointgap.campaign.campaign_files import end_after_failures
+    from jointgap.core.errors import InputError, did_you_mean
+
+    part, parts = options.get("part", 0), options.get("parts", 1)
+    if part >= parts:
+        raise InputError(
+            f"--part {part}: must be 0 to {parts - 1} with --parts {parts}; give a smaller part, or"
+            " more --parts"
+        )
+    if unknown := [name for name in then if name not in CAMPAIGN_STAGES]:
+        hint = did_you_mean(unknown[0], CAMPAIGN_STAGES)
+        raise InputError(f"--then {unknown[0]}: no such stage; {hint}")
+    stages = {first: options} | {CAMPAIGN_STAGES[name]: {} for name in then}
+    state.folder.check_writable(*(path for stage in stages for path in stage.outputs(part=part)))
+    required = {*CAMPAIGN_STAGES.needed_for("confirm"), "conclude"} if go_on else CAMPAIGN_STAGES
+    texts = [
+        run_stage(stage, state, stage.name not in required, **arguments)
+        for stage, arguments in stages.items()
+    ]
+    if first.name == "conclude" and not go_on:
+        end_after_failures(state.folder)
+    return "\n".join(filter(None, texts))
+
+
+CAMPAIGN_STAGES = Stages(open_campaign, run_campaign_stages)
 stage = CAMPAIGN_STAGES.stage
 
 Anyway = Annotated[

@@ -1,6 +1,6 @@
 """A folder of results of a scenario or of a campaign."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 
 import pandas as pd
@@ -21,14 +21,12 @@ class ResultsFolder:
     table.
     """
 
-    def __init__(self, path: Path, places: Mapping[str, Path] | None = None):
+    def __init__(self, path: Path):
         self.path = path
-        self._places = dict(places or {})
 
     def place(self, table: Table | str, part: str = "") -> Path:
         """Path of `table` (of its `part`)."""
-        table = _table(table)
-        return self._places.get(table.name, self.path / table.at(part).path)
+        return self.path / _table(table).at(part).path
 
     def read(self, table: Table | str, part: str = "") -> pd.DataFrame:
         """The frame of `table` (of its `part`); errors as `parquet.read`."""

@@ -15,11 +15,21 @@ if TYPE_CHECKING:
 class Option:
     """Annotation of a stage function's argument: an option of its command.
 
-    `settings` are those of `click.option`, with type "file", "folder", or the smallest integer.
+    A flag without dashes is a positional argument. `settings` are those of `click.option`, with
+    type "file", "folder", or the smallest integer.
     """
 
     def __init__(self, *flags: str, **settings: Any):
         self.flags, self.settings = flags, settings
+
+
+def options_of(function: Callable[..., Any]) -> dict[str, Option]:
+    """Options of the annotated arguments of a function, by argument."""
+    return {
+        name: option
+        for name, annotation in function.__annotations__.items()
+        for option in getattr(annotation, "__metadata__", ())
+    }
 
 
 Workers = Annotated[
@@ -29,7 +39,7 @@ Workers = Annotated[
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage of a scenario or of a campaign; command, workflow rule and documentation are
+    """A stage: ``function(state, **options)``; command, workflow rule and documentation are
     generated from it."""
 
     name: str  # of the subcommand
@@ -50,12 +60,8 @@ class Stage:
 
     @property
     def command_options(self) -> dict[str, Option]:
-        """Options of its command, besides the common ones, by argument."""
-        return {
-            name: option
-            for name, annotation in self.function.__annotations__.items()
-            for option in getattr(annotation, "__metadata__", ())
-        }
+        """Options of its function, by argument."""
+        return options_of(self.function)
 
     @property
     def help(self) -> str:
@@ -76,17 +82,37 @@ class Stage:
         """Its sections of a scenario as JSON text in SI, for ``--options``."""
         return scenario.model_dump_json(include=set(self.sections), by_alias=True)
 
-    def outputs(self, part: int | str = 0) -> list[str]:
-        """Paths of its outputs in the folder of results; for a stage with parts, those of
-        `part`."""
-        return [
-            path.replace("{part}", str(part))
-            for path in (*(table.path for table in self.writes), *self.files)
-        ]
+    def outputs(self, **parts: Any) -> list[str]:
+        """Paths of its outputs in the folder of results, with `parts` in place of ``{part}`` and
+        ``{output}``."""
+        paths = [*(table.path for table in self.writes), *self.files]
+        for name, value in parts.items():
+            paths = [path.replace(f"{{{name}}}", str(value)) for path in paths]
+        return paths
+
+
+def run_stage(stage: Stage, state: Any, **options: Any) -> str | None:
+    """Run a stage if its outputs can be written; `state` is a `ResultsFolder`."""
+    state.check_writable(*stage.outputs(**options))
+    return stage.function(state, **options)
 
 
 class Stages(dict[str, Stage]):
-    """Stages by name, in order of execution."""
+    """Stages by name, in order of execution.
+
+    Attributes
+    ----------
+    open_state : callable
+        Opens the first argument of the stages: what they read and write.
+    run : callable
+        Runs a stage: ``run(stage, state, **options)``.
+
+    Annotated arguments of both are options of every command.
+    """
+
+    def __init__(self, open_state: Callable[..., Any], run: Callable[..., Any] = run_stage):
+        super().__init__()
+        self.open_state, self.run = open_state, run
 
     def stage(
         self, **record: Any

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from jointgap.core.files import check_writable, write_text
 from jointgap.core.schema import TABLES, Table
 from jointgap.core.stage import Option, Stages, Workers
+from jointgap.scenario.stages import open_results, run_scenario_stage
 
 if TYPE_CHECKING:  # slow to load
     import pandas as pd
@@ -26,27 +27,11 @@ if TYPE_CHECKING:  # slow to load
     from jointgap.core.publish import Record
     from jointgap.scenario.results import ScenarioResults
 
-DESIGN_STAGES = Stages()
+DESIGN_STAGES = Stages(open_results, run_scenario_stage)
 
+SWEPT_DESIGNS = "sweep/designs"
+"""Dataset of `jointgap sweep` in the folder of a scenario."""
 _SWEPT = ("mechanism", "simulate", "sweep")
-_Designs = Annotated[
-    Path,
-    Option(
-        "--designs",
-        type="folder",
-        required=True,
-        help="Folder of designs written by `jointgap sweep`.",
-    ),
-]
-_Folder = Annotated[
-    Path,
-    Option(
-        "--folder",
-        type="folder",
-        required=True,
-        help="Output folder: summary.html, tables and figures.",
-    ),
-]
 
 
 def _study(
@@ -99,7 +84,6 @@ def _write(
     tables: "Mapping[Table, pd.DataFrame]",
     figures: "Iterable[tuple[str, Drawing]]",
     figures_folder: str = ".",
-    place: Callable[[Table], Path] | None = None,
 ) -> str:
     """Write tables, figures and page of a study; returns the page as Markdown."""
     from jointgap.core import plot
@@ -109,13 +93,13 @@ def _write(
     for name, drawing in figures:
         plot.save(drawing, folder / figures_folder / name)
     for table, frame in tables.items():
-        write(table, frame, place(table) if place else folder / Path(table.path).name)
+        write(table, frame, folder / Path(table.path).name)
     return write_page(folder / "summary", page, figures_folder)
 
 
 @DESIGN_STAGES.stage(sections=_SWEPT)
 def sweep_designs(
-    scenario: "Scenario",
+    results: "ScenarioResults",
     first: Annotated[
         int, Option("--first", type=0, required=True, help="Number of the first design, from 0.")
     ],
@@ -137,12 +121,17 @@ def sweep_designs(
     from jointgap.designs.sampling import designs_of
 
     write_designs(
-        designs_of(scenario), first, number, designs, DESIGN_STAGES["sweep-designs"].digest, workers
+        designs_of(results.scenario),
+        first,
+        number,
+        designs,
+        DESIGN_STAGES["sweep-designs"].digest,
+        workers,
     )
 
 
 @_study(_SWEPT, minutes=60)
-def sweep(scenario: "Scenario", folder: _Folder, workers: Workers) -> str:
+def sweep(results: "ScenarioResults", workers: Workers) -> str:
     """Simulate and measure many designs: parameters with ranges, distributions or lists, sampled or
     on a grid.
 
@@ -167,8 +156,14 @@ def sweep(scenario: "Scenario", folder: _Folder, workers: Workers) -> str:
           friction: {from: 0, to: 0.2}
           crank_length: {distribution: normal, mean: 150 mm, deviation: 0.05 mm}
       END
-      jointgap sweep --options mine.yaml --folder results/mine
+      jointgap sweep --options mine.yaml --results results/mine
     """
+    return write_sweep(results.scenario, results.path / "sweep", workers)
+
+
+def write_sweep(scenario: "Scenario", folder: Path, workers: int | None = None) -> str:
+    """Simulate and measure the designs of a scenario's sweep, and write dataset, page and figures;
+    returns the page as Markdown."""
     from jointgap.designs.dataset import write_dataset, write_trajectories
     from jointgap.designs.sampling import designs_of
     from jointgap.designs.sweep import draw, page, with_largest_force
@@ -183,7 +178,7 @@ def sweep(scenario: "Scenario", folder: _Folder, workers: Workers) -> str:
 
 
 @_study((*_SWEPT, "sensitivity"), minutes=60)
-def sensitivity(scenario: "Scenario", designs: _Designs, folder: _Folder) -> str:
+def sensitivity(results: "ScenarioResults") -> str:
     """Compute Sobol indices of each measure of a sweep from a surrogate (variance-based
     sensitivity).
 
@@ -196,14 +191,15 @@ def sensitivity(scenario: "Scenario", designs: _Designs, folder: _Folder) -> str
 
     \b
     Example:
-      jointgap sweep --options mine.yaml --folder results/mine/sweep
-      jointgap sensitivity --options mine.yaml --designs results/mine/sweep/designs --folder
-      results/mine/sensitivity
+      jointgap sweep --options mine.yaml --results results/mine
+      jointgap sensitivity --options mine.yaml --results results/mine
     """
     from jointgap.config.designs import Sensitivity
     from jointgap.designs.dataset import checked_dataset
     from jointgap.designs.sensitivity import draw, page, sensitivity_indices
 
+    scenario, designs = results.scenario, results.path / SWEPT_DESIGNS
+    folder = results.path / "sensitivity"
     found = sensitivity_indices(
         checked_dataset(scenario, designs), designs, scenario.sensitivity or Sensitivity()
     )
@@ -214,7 +210,7 @@ def sensitivity(scenario: "Scenario", designs: _Designs, folder: _Folder) -> str
 
 
 @_study((*_SWEPT, "infer_settings"), files=("nearest_scenario.yaml",), minutes=60)
-def infer_settings(scenario: "Scenario", designs: _Designs, folder: _Folder) -> str:
+def infer_settings(results: "ScenarioResults") -> str:
     """Infer the paper's unreported settings from its printed numbers (rejection sampling).
 
     Reads the designs that `jointgap sweep` simulated with `sweep.printed_numbers`, and accepts
@@ -232,9 +228,8 @@ def infer_settings(scenario: "Scenario", designs: _Designs, folder: _Folder) -> 
         printed_numbers: true
         parameters: {friction: {from: 0, to: 0.3}, window_start: {from: 0 deg, to: 90 deg}}
       END
-      jointgap sweep --options mine.yaml --folder results/mine/sweep
-      jointgap infer-settings --options mine.yaml --designs results/mine/sweep/designs \
-        --folder results/mine/infer_settings
+      jointgap sweep --options mine.yaml --results results/mine
+      jointgap infer-settings --options mine.yaml --results results/mine
     """
     from jointgap.designs.dataset import checked_dataset
     from jointgap.designs.infer_settings import (
@@ -245,6 +240,8 @@ def infer_settings(scenario: "Scenario", designs: _Designs, folder: _Folder) -> 
         page,
     )
 
+    scenario, designs = results.scenario, results.path / SWEPT_DESIGNS
+    folder = results.path / "infer_settings"
     check(scenario)
     found = infer(checked_dataset(scenario, designs), scenario.infer_settings, designs)
     write_text(folder / NEAREST_FILE, nearest_configuration(found))
@@ -279,7 +276,7 @@ def optimise_robust(results: "ScenarioResults", workers: Workers) -> str:
 
     found = optimised(results.scenario, workers)
     shown = page(found, results.scenario, results.path.resolve().name)
-    _write(results.path / "optimise_robust", shown, found.tables, draw(found), place=results.place)
+    _write(results.path / "optimise_robust", shown, found.tables, draw(found))
     return "\n".join([headline(found), *verdict(found)])
 
 

@@ -1,6 +1,7 @@
 """Comparison of the scenarios of a run: table `overview` and its page."""
 
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -14,12 +15,15 @@ from jointgap.core.page import (
     Page,
     Paragraph,
     TableBlock,
+    write_page,
     written_today,
 )
+from jointgap.core.parquet import write
 from jointgap.core.schema import OVERVIEW
 from jointgap.core.words import format_falls, format_range
 from jointgap.paper.compare import joints_claim, looseness_variants, variant_optimum
 from jointgap.scenario.figures import FIGURES
+from jointgap.scenario.results import ScenarioResults
 
 NEEDED = ("fit_errors", "optimise_optima", "optimise_resimulated", "comparison")
 """Tables of a scenario required for its row."""
@@ -32,6 +36,15 @@ _TEXT = (
     " and 5-95 % of an ensemble. Training and held-out MSE: outputs at or below the paper's"
     " training error."
 )
+
+
+def write_overview(scenarios: Mapping[str, ScenarioResults], folder: Path) -> None:
+    """Write the table overview and its page to a `folder`."""
+    table = overview(
+        {name: (results.read_all(NEEDED), results.scenario) for name, results in scenarios.items()}
+    )
+    write_page(folder / "overview", overview_page(table))
+    write(OVERVIEW, table, folder / OVERVIEW.path)
 
 
 def overview(loaded: Mapping[str, tuple[Mapping[str, pd.DataFrame], Scenario]]) -> pd.DataFrame:

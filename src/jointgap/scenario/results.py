@@ -1,6 +1,6 @@
 """The tables of one scenario."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +14,11 @@ from jointgap.core.schema import TRAJECTORY, Table
 
 
 class ScenarioResults(ResultsFolder):
-    """Reads and writes the tables of one scenario."""
+    """Reads and writes the tables of one scenario, which was read from the file `source`."""
 
-    def __init__(self, path: Path, scenario: Scenario, places: Mapping[str, Path] | None = None):
-        super().__init__(path, places)
-        self.scenario = scenario
+    def __init__(self, path: Path, scenario: Scenario, source: str = "--options"):
+        super().__init__(path)
+        self.scenario, self.source = scenario, source
 
     @property
     def name(self) -> str:

@@ -1,14 +1,15 @@
 """The stages of a scenario in their order. Each imports its packages only when it runs."""
 
 import json
+import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from jointgap.core import schema
 from jointgap.core.files import write_text
-from jointgap.core.stage import Option, Stages
+from jointgap.core.stage import Option, Stage, Stages, run_stage
 from jointgap.networks import OF_NETWORKS
 
 if TYPE_CHECKING:
@@ -17,7 +18,50 @@ if TYPE_CHECKING:
     from jointgap.config import Scenario
     from jointgap.scenario.results import ScenarioResults
 
-SCENARIO_STAGES = Stages()
+
+def open_results(
+    options: Annotated[
+        str,
+        Option(
+            "--options",
+            required=True,
+            help="The scenario: path of a YAML or JSON file (config/README.md), or JSON text.",
+        ),
+    ],
+    results: Annotated[
+        Path,
+        Option(
+            "--results",
+            type="folder",
+            required=True,
+            help="Folder of the scenario's results, which is read and written.",
+        ),
+    ],
+) -> "ScenarioResults":
+    """The results of a scenario."""
+    from jointgap.config import parse_options
+    from jointgap.config.yaml_files import plain_speeds
+    from jointgap.scenario.results import ScenarioResults
+
+    is_text = options.lstrip().startswith("{")
+    for remark in () if is_text else plain_speeds(options):
+        print(f"jointgap: {remark}", file=sys.stderr)
+    return ScenarioResults(results, parse_options(options), "--options" if is_text else options)
+
+
+def run_scenario_stage(stage: Stage, results: "ScenarioResults", **options: Any) -> str | None:
+    """Run a stage; errors about a key begin with the file of the scenario."""
+    from jointgap.core.errors import InputError
+
+    try:
+        return run_stage(stage, results, **options)
+    except InputError as error:
+        section = re.compile(rf"(?:{'|'.join(type(results.scenario).model_fields)})[.:]")
+        lines = (f"{results.source}: {ln}" if section.match(ln) else ln for ln in error.args)
+        raise InputError(*lines) from error
+
+
+SCENARIO_STAGES = Stages(open_results, run_scenario_stage)
 
 
 def stages_of(scenario: "Scenario") -> list[str]:
@@ -66,7 +110,7 @@ def simulate(results: "ScenarioResults") -> None:
     \b
     Example:
       echo '{mechanism: config/mechanisms/erkaya2009.yaml, simulate: {speed: 300 rpm}}' > mine.yaml
-      jointgap simulate --options mine.yaml --trajectory motion.parquet --events events.parquet
+      jointgap simulate --options mine.yaml --results results/mine
 
     Available effects: `jointgap effects`. All keys: config/README.md.
     """
@@ -238,18 +282,17 @@ def explore(results: "ScenarioResults") -> None:
 def compare(
     results: "ScenarioResults",
     siblings: Annotated[
-        Mapping[str, "ScenarioResults"],
+        Sequence[tuple[str, str]],
         Option(
             "--beside",
             nargs=2,
             multiple=True,
             help=(
                 "Name and options of a scenario that differs only in its loose joints; its results"
-                " are in the folder "
-                "next to --results. Repeatable."
+                " are in the folder next to --results. Repeatable."
             ),
         ),
-    ],
+    ] = (),
 ) -> None:
     """Compare every number and claim of the paper with the results."""
     from jointgap.core.page import write_page
@@ -257,11 +300,13 @@ def compare(
     from jointgap.paper.compare import compare as compared
 
     frames = results.read_all(NEEDED)  # first: rejects a trajectory of other options
-    variants = [
-        variant_optimum(name, each.scenario, each.read("optimise_resimulated"))
-        for name, each in {results.path.name: results, **siblings}.items()
+    variants = [(results.path.name, results)]
+    variants += [(name, open_results(text, results.path.parent / name)) for name, text in siblings]
+    optima = [
+        variant_optimum(name, variant.scenario, variant.read("optimise_resimulated"))
+        for name, variant in variants
     ]
-    result = compared(frames, results.scenario, variants)
+    result = compared(frames, results.scenario, optima)
     write_page(results.path / "comparison", comparison_page(result, results.scenario))
     results.write("comparison", result)
 
@@ -290,27 +335,6 @@ def summarise(results: "ScenarioResults") -> str:
         results.path / "summary.json", json.dumps(known, indent=2, ensure_ascii=False) + "\n"
     )
     return "\n".join([known["headline"], *(f"- {remark}" for remark in remarked)])
-
-
-@SCENARIO_STAGES.stage(
-    reads=(*_COMPUTED, schema.COMPARISON),
-    writes=(schema.OVERVIEW,),
-    files=("overview.md", "overview.html"),
-    sections=_PAGE,
-)
-def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
-    """Compare the optima of all scenarios: assumptions, frozen and re-simulated reductions."""
-    from jointgap.core.page import write_page
-    from jointgap.core.parquet import write
-    from jointgap.scenario import overview as pages
-
-    needed = {
-        name: (results.read_all(pages.NEEDED), results.scenario)
-        for name, results in scenarios.items()
-    }
-    result = pages.overview(needed)
-    write_page(folder / "overview", pages.overview_page(result))
-    write(schema.OVERVIEW, result, folder / schema.OVERVIEW.path)
 
 
 @SCENARIO_STAGES.stage(
