@@ -125,7 +125,7 @@ def test_a_fault_of_the_encoder_is_read_as_its_law_says_and_moves_nothing_else(f
 def test_a_fault_of_the_encoder_can_be_taken_out_of_a_record_with_the_torque(fault, run):
     (label, values), law = fault
     model, measurements, exact = faulty(law, "constant_speed", run)
-    faults = Faults([(chosen(model, label), values)], bool(run), {})
+    faults = Faults([(chosen(model, label), values)], -1.0 if run else 1.0, {})
     corrected = faults.taken_out(measurements.runs["slow"]).crank_angle
     assert corrected == pytest.approx(exact["slow"], abs=1e-6)
 

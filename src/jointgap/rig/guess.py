@@ -101,8 +101,12 @@ class Column:
     def named(self, channel: str) -> float:
         """Number of words that fit a channel."""
         required = frozenset(CHANNEL_KINDS[channel].required_words.split())
-        needed = _matches(self.words, required)
-        return 0.0 if required and not needed else needed + _matches(self.words, _WORDS[channel])
+        required_count = _matches(self.words, required)
+        return (
+            0.0
+            if required and not required_count
+            else required_count + _matches(self.words, _WORDS[channel])
+        )
 
     def may_be(self, channel: str) -> bool:
         """Whether the unit fits, or no other channel fits the heading better by more than a
@@ -215,14 +219,14 @@ def read_runs(files: Sequence[Path]) -> list[_Run]:
 
 def continued(values: np.ndarray) -> tuple[np.ndarray, float]:
     """An angle without gaps and without jumps back, and the size of these jumps or 0."""
-    known = np.flatnonzero(np.isfinite(values))
-    angle, jump = values[known], 0.0
+    places = np.flatnonzero(np.isfinite(values))
+    angle, jump = values[places], 0.0
     steps = np.diff(angle)
     back = np.abs(steps) > 0.5 * np.ptp(angle)
     if back.any() and not back.all():
         jump = float(np.median(np.abs(steps[back] - np.median(steps[~back]))))
         angle = np.unwrap(angle, period=jump)
-    return np.interp(np.arange(values.size), known, angle), jump
+    return np.interp(np.arange(values.size), places, angle), jump
 
 
 def progress(values: np.ndarray) -> float:
@@ -246,8 +250,8 @@ def period_of(x: np.ndarray, channels: Sequence[np.ndarray]) -> float:
     grid = np.linspace(x[0], x[-1], min(4 * x.size, 8192))
     correlation = np.zeros(grid.size)
     for values in channels:
-        known = np.isfinite(values)
-        y = np.interp(grid, x[known], values[known])
+        is_read = np.isfinite(values)
+        y = np.interp(grid, x[is_read], values[is_read])
         power = np.abs(np.fft.rfft((y - y.mean()) / max(y.std(), 1e-300), 2 * y.size)) ** 2
         correlation += np.fft.irfft(power)[: y.size] / np.arange(y.size, 0, -1) / len(channels)
     apart = np.flatnonzero(correlation < 0.4)
@@ -267,12 +271,12 @@ def period_of(x: np.ndarray, channels: Sequence[np.ndarray]) -> float:
 def orders_of(turns: np.ndarray, values: np.ndarray) -> np.ndarray | None:
     """Mean and four complex orders of `values`: Re sum c_k exp(2 pi i k turns); None if most of it
     does not repeat."""
-    known = np.isfinite(values)
-    turning = np.exp(1j * tau * np.outer(turns[known], np.arange(1, 5)))
-    columns = np.column_stack([np.ones(known.sum()), turning.real, turning.imag])
-    weights = np.linalg.lstsq(columns, values[known], rcond=None)[0]
-    residual = values[known] - columns @ weights
-    if residual.size < 20 or not np.var(residual) < 0.6 * np.var(values[known]):
+    is_read = np.isfinite(values)
+    turning = np.exp(1j * tau * np.outer(turns[is_read], np.arange(1, 5)))
+    columns = np.column_stack([np.ones(is_read.sum()), turning.real, turning.imag])
+    weights = np.linalg.lstsq(columns, values[is_read], rcond=None)[0]
+    residual = values[is_read] - columns @ weights
+    if residual.size < 20 or not np.var(residual) < 0.6 * np.var(values[is_read]):
         return None
     return np.append(weights[0], weights[1:5] - 1j * weights[5:])
 
@@ -534,8 +538,8 @@ class Guesses:
         if not unit and lengths[base]:
             usual = (name for name in units if LENGTHS[0] < lengths[name] < LENGTHS[1])
             unit = next(usual, base)
-            for known in list(self.lengths.values())[:1]:
-                unit = min(units, key=lambda name: abs(log(lengths[name] / known)))
+            for crank_length in list(self.lengths.values())[:1]:
+                unit = min(units, key=lambda name: abs(log(lengths[name] / crank_length)))
         unit = unit or base
         if not lengths[unit]:
             return unit, f"no unit; {unit} assumed"
