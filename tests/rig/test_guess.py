@@ -70,33 +70,6 @@ RIGS = {
         {},
     ),
     "names of channels": ({name: (name, CHANNELS[name]) for name in samples(200)}, {}),
-    "letters": (
-        {"time": ("A", "s"), "crank_angle": ("B", "deg"), "crank_torque": ("C", "N*m")}
-        | {
-            "slider_acceleration": ("D", "m/s^2"),
-            "slider_position": ("E", "mm"),
-            "slider_velocity": ("F", "m/s"),
-        }
-        | {"crank_speed": ("G", "rpm")},
-        {},
-    ),
-    "numbered": (
-        {
-            "time": ("ch0", "s"),
-            "crank_angle": ("ch1", "turn/2048", lambda counts: np.round(counts) % 2048),
-        }
-        | {"crank_torque": ("ch2", "N*m"), "slider_acceleration": ("ch3", "m/s^2")},
-        {},
-    ),
-    "counter of 16 bits": (
-        {"time": ("time_ms", "ms"), "slider_acceleration": ("accel_g", "g_n")}
-        | {"crank_angle": ("Enc", "turn/1024", lambda counts: (np.round(counts) + 60000) % 65536)},
-        {},
-    ),
-    "without an angle": (
-        {"time": ("t", "s"), "slider_acceleration": ("a", "m/s^2"), "crank_torque": ("M", "N*m")},
-        {},
-    ),
     "without times": (
         {
             "crank_angle": ("theta", "rad"),
@@ -188,7 +161,7 @@ def test_a_signal_needs_its_factor_a_pressure_its_bore_and_texts_and_constants_a
     tmp_path, monkeypatch
 ):
     files = written(
-        tmp_path, SENSORS | {"crank_torque": ("I", "N*m"), "slider_acceleration": ("U", "m/s^2")}
+        tmp_path, SENSORS | {"crank_torque": ("I", "N*m"), "slider_acceleration": ("acc_V", "m/s^2")}
     )
     for file in files:
         table = pd.read_csv(file)
@@ -198,11 +171,8 @@ def test_a_signal_needs_its_factor_a_pressure_its_bore_and_texts_and_constants_a
         )
     content, text = guessed(tmp_path, files, monkeypatch)
     assert content["channels"]["crank_torque"] == {"column": "I", "unit": "A", "scale": FILL_IN}
-    assert content["channels"]["slider_acceleration"] == {
-        "column": "U",
-        "unit": "V",
-        "scale": FILL_IN,
-    }
+    signal = {"column": "acc_V", "unit": "V", "scale": FILL_IN}
+    assert content["channels"]["slider_acceleration"] == signal
     pressure = {"column": "bar", "unit": "bar", "bore": FILL_IN, "ambient_pressure": FILL_IN}
     assert content["channels"]["cylinder_pressure"] == pressure
     assert all(f'# column "{heading}"' in text for heading in ("Index", "state", "off")), text
@@ -226,16 +196,6 @@ def test_files_of_two_loggers_are_joined_by_their_names_and_one_run_is_split(tmp
     )  # the offset of the clocks cannot be told from it
     content, _ = guessed(tmp_path, files[:1], monkeypatch, "one")
     assert [run["role"] for run in content["runs"]] == ["split"]
-
-
-def test_the_zero_of_the_encoder_is_a_nuisance_unless_the_slider_confirms_it(tmp_path, monkeypatch):
-    def nuisance(name, shift):
-        sensors = SENSORS | {"crank_angle": ("th", "deg", lambda deg: (deg + shift) % 360.0)}
-        files = written(tmp_path, sensors | {"slider_position": ("x", "mm")})
-        return guessed(tmp_path, files, monkeypatch, name)[0]["nuisance"]
-
-    assert "encoder_zero" not in nuisance("right", 0.0)
-    assert nuisance("wrong", 40.0)["encoder_zero"] == "180 deg"
 
 
 def test_what_is_not_filled_in_is_one_error_with_file_and_keys_and_then_the_campaign_is_read(
