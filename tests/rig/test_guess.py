@@ -161,7 +161,8 @@ def test_a_signal_needs_its_factor_a_pressure_its_bore_and_texts_and_constants_a
     tmp_path, monkeypatch
 ):
     files = written(
-        tmp_path, SENSORS | {"crank_torque": ("I", "N*m"), "slider_acceleration": ("acc_V", "m/s^2")}
+        tmp_path,
+        SENSORS | {"crank_torque": ("I", "N*m"), "slider_acceleration": ("acc_V", "m/s^2")},
     )
     for file in files:
         table = pd.read_csv(file)

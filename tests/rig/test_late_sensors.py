@@ -105,19 +105,6 @@ def test_a_delay_shifts_a_reading_in_time_and_a_share_of_it_the_lagged_one(senso
     assert both[3:] == pytest.approx(lagging[:-3], abs=1e-9)
 
 
-def test_sensors_that_are_late_by_one_time_are_an_encoder_that_is_ahead():
-    model = rig(
-        None, ("time", *READ), drive="measured_angle", sensors={"crank_angle": {"resolution": 1e-5}}
-    )
-    ahead = read(model, ("encoder_lag", {"lag_s": -1e-3}))
-    late_ones = read(
-        model, *((f"sensor_delay:{channel}", {"delay_s": 1e-3}) for channel in READ[1:])
-    )
-    for channel, values in ahead.items():
-        assert values == pytest.approx(late_ones[channel], abs=1e-6 * np.std(values))
-    assert chosen(model, "encoder_lag").coordinates[0].low < -1e-3
-
-
 def test_with_one_compared_channel_a_late_sensor_and_a_late_encoder_are_one_explanation(tmp_path):
     """Against a measured angle either says the same: the position is late."""
     rng, runs = np.random.default_rng(4), {}

@@ -63,32 +63,27 @@ def _numbers(run: CampaignRun, recording: Recording) -> list[dict]:
         spread = float(np.std(tau / np.diff(passed), ddof=1)) if passed.size > 2 else np.nan
     rows = []
     for name, values in recording.all_channels.items():
-        encoder, noise = name == "crank_angle", recording.noise[name]
-        ends = [float(np.nanmin(values)), float(np.nanmax(values))]
-        if encoder:
-            ends = sorted(run.side * end for end in ends)
-        row = {
-            "run": run.id,
-            "channel": name,
-            "unit": CHANNELS[name],
-            "role": run.role,
-            "samples": samples,
-        }
-        row |= {
-            "gaps": int(np.count_nonzero(~np.isfinite(values))),
-            "cycles": int(revolutions + 1e-6),
-        }
-        row |= {
-            "samples_per_revolution": samples / revolutions,
-            "mean_speed": mean,
-            "speed_spread": spread,
-        }
-        row |= {
-            "low": ends[0],
-            "high": ends[1],
-            "scatter": np.nan if encoder else cycle_scatter(angle, values),
-        }
-        rows.append(row | {"stated_noise": np.nan if noise is None else noise})
+        is_encoder = name == "crank_angle"
+        side, noise = run.side if is_encoder else 1.0, recording.noise[name]
+        low, high = sorted([side * float(np.nanmin(values)), side * float(np.nanmax(values))])
+        rows.append(
+            {
+                "run": run.id,
+                "channel": name,
+                "unit": CHANNELS[name],
+                "role": run.role,
+                "samples": samples,
+                "gaps": int(np.count_nonzero(~np.isfinite(values))),
+                "cycles": int(revolutions + 1e-6),
+                "samples_per_revolution": samples / revolutions,
+                "mean_speed": mean,
+                "speed_spread": spread,
+                "low": low,
+                "high": high,
+                "scatter": np.nan if is_encoder else cycle_scatter(angle, values),
+                "stated_noise": np.nan if noise is None else noise,
+            }
+        )
     return rows
 
 

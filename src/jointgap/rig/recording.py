@@ -95,13 +95,12 @@ class Measurements:
 
 def noise_of(campaign: Campaign, run: str) -> dict[str, float | None]:
     """`Recording.noise` of a `run` of the `campaign`."""
-    noise = {
-        name: channel.noise_of(run) for name, channel in campaign.channels.items() if name != "time"
-    }
-    return {
-        name: None if sd is None else float(sd * campaign.factor(name))
-        for name, sd in noise.items()
-    }
+    noise = {}
+    for name, channel in campaign.channels.items():
+        if name != "time":
+            sd = channel.noise_of(run)
+            noise[name] = None if sd is None else float(sd * campaign.factor(name))
+    return noise
 
 
 def to_frame(measurements: Measurements) -> pd.DataFrame:
@@ -112,9 +111,11 @@ def to_frame(measurements: Measurements) -> pd.DataFrame:
             "channel": channel,
             "sample": np.arange(values.size),
             "time": recording.time,
+            "crank_angle": recording.crank_angle,
+            "value": values,
+            "held_out": recording.held_out,
+            "second_clock": channel in recording.second_clock,
         }
-        | {"crank_angle": recording.crank_angle, "value": values, "held_out": recording.held_out}
-        | {"second_clock": channel in recording.second_clock}
         for recording in measurements.runs.values()
         for channel, values in recording.all_channels.items()
     ]
