@@ -3,7 +3,6 @@ something."""
 
 import math
 
-import numpy as np
 import pytest
 
 from jointgap.config import EFFECTS
@@ -86,28 +85,6 @@ def test_a_harmonic_force_is_phased_by_the_clock_of_the_record_of_each_run():
         "frequency_Hz": 7.3,
         "phase_rad": 0.0,
     }
-
-
-@pytest.mark.parametrize(
-    "label, lowest", [("speed_fluctuation", 1.0), ("crank_periodic_torque", 3.0)]
-)
-def test_half_orders_are_tried_for_one_run_alone(label, lowest):
-    """Of several runs nobody knows in which of the two turns of a four-stroke engine each began."""
-    several = campaign(mechanism(), ("time", "crank_angle", "slider_acceleration", "crank_torque"))
-    alone = several.model_copy(
-        update={"runs": (several.runs[0].model_copy(update={"role": "split"}),)}
-    )
-    candidates = [
-        chosen(build_model(own, recorded(own, kept=4)), label) for own in (several, alone)
-    ]
-    tried = [
-        next(p for p in one.coordinates if p.name == "order").search_values for one in candidates
-    ]
-    assert (min(tried[0]), min(np.diff(tried[0])), min(tried[1])) == (
-        lowest,
-        1.0,
-        0.5,
-    ) and 2.5 in tried[1]
 
 
 @pytest.mark.parametrize("loose", [(), PINS])

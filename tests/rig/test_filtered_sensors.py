@@ -121,7 +121,7 @@ def test_a_stated_high_pass_acts_as_the_fault_does_and_a_stated_average_as_its_f
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("channel", "corner"),
-    [("slider_acceleration", 0.5), ("crank_torque", 0.5), ("crank_torque", 0.05)],
+    [("slider_acceleration", 0.5), ("crank_torque", 0.05)],
 )
 def test_a_high_pass_of_a_sensor_is_named_with_the_friction_although_it_removes_the_mean(
     tmp_path, channel, corner
@@ -143,17 +143,6 @@ def test_a_high_pass_of_a_sensor_is_named_with_the_friction_although_it_removes_
     assert effects["slider_coulomb_friction", "slider"]["force_N"]["value"] == pytest.approx(
         FRICTION, rel=0.05
     )
-    assert verdict["gap"]["confirm"]["after"] < 1.1
-
-
-@pytest.mark.slow
-def test_with_the_high_pass_stated_the_friction_alone_is_named(tmp_path):
-    channels = {name: {"column": name, "unit": UNITS[name]} for name in READ}
-    channels["crank_torque"]["high_pass"] = "0.5 Hz"
-    verdict = analyse(behind(tmp_path, high_pass(0.5), channels=channels), tmp_path / "results")
-    (effect,) = verdict["effects"]
-    assert (verdict["verdict"], effect["name"]) == ("named", "slider_coulomb_friction")
-    assert effect["parameters"]["force_N"]["value"] == pytest.approx(FRICTION, rel=0.05)
     assert verdict["gap"]["confirm"]["after"] < 1.1
 
 
@@ -204,7 +193,7 @@ def swinging(folder: Path, late: float = 0.0, gate: float = 0.0) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("how", [{"gate": 0.05}, {"late": 0.0123}, {"late": -0.06}])
+@pytest.mark.parametrize("how", [{"gate": 0.05}, {"late": 0.0123}])
 def test_beside_a_counter_that_reads_means_or_a_second_clock_the_friction_is_named(tmp_path, how):
     verdict = analyse(swinging(tmp_path, **how), tmp_path / "results")
     (effect,) = verdict["effects"]

@@ -14,7 +14,6 @@ from jointgap.config.load import load_campaign
 from jointgap.core.errors import InputError
 from jointgap.rig.model import SliderCrankModel
 from jointgap.rig.read_files import read_measurements
-from tests.catalogue import refused
 from tests.rig.campaigns import MECHANISM, model_of, samples, written
 from tests.rig.rigs import read, seen
 
@@ -147,78 +146,64 @@ def test_every_run_has_the_pressure_of_its_own_table_or_of_its_record(tmp_path, 
     assert furthest(model_of(changed(path, own, without="cylinder_pressure"))) < 1e-3
 
 
-def test_loads_that_no_run_can_have_are_refused_and_idle_nuisances_are_remarked(tmp_path):
-    spring = {"name": "slider_spring", "parameters": {"stiffness_N_m": 1.0, "rest_position_m": 0.1}}
-    one = table(tmp_path, "gas", compressor)
-    path = rig(tmp_path, {run: [one] for run in RPM}, dict.fromkeys(RPM, compressor), hidden=())
+SPRING = {"name": "slider_spring", "parameters": {"stiffness_N_m": 1.0, "rest_position_m": 0.1}}
+NO_FILE = {"name": "slider_force_table", "parameters": {"file": "none.csv"}}
+
+
+@pytest.fixture
+def gas(tmp_path):
+    """A campaign with the pressure of a gas in its records: its file, content, and a reader of
+    changed content."""
+    load = table(tmp_path, "gas", compressor)
+    path = rig(tmp_path, {run: [load] for run in RPM}, dict.fromkeys(RPM, compressor), hidden=())
     content = yaml.safe_load(path.read_text())
 
-    def load(changes: dict) -> None:
-        path.write_text(yaml.safe_dump(content | changes))
-        load_campaign(path)
+    def read(run=None, channel=None, **keys):
+        if run is not None:
+            keys["runs"] = [content["runs"][0] | run, *content["runs"][1:]]
+        if channel is not None:
+            pressure = content["channels"]["cylinder_pressure"] | channel
+            keys["channels"] = content["channels"] | {"cylinder_pressure": pressure}
+        path.write_text(yaml.safe_dump(content | keys))
+        return load_campaign(path)
 
-    first, *others = content["runs"]
-    both = {**MECHANISM, "effects": [brake(1.0, 20.0)]}
-    unknown = {
-        "effects": [
-            {"name": "slider_force_table", "parameters": one["parameters"] | {"file": "none.csv"}}
-        ]
-    }
-    gauge = content["channels"]["cylinder_pressure"]
-    cases = [
+    return read
+
+
+@pytest.mark.parametrize(
+    "keys, words",
+    [
+        ({"run": {"effects": [SPRING]}}, "slider_spring is no load of a single run"),
         (
-            {"runs": [first | {"effects": [spring]}, *others]},
-            "runs.slow ~ slider_spring is no load of a single run",
+            {
+                "run": {"effects": [brake(1.0, 9.0)]},
+                "mechanism": {**MECHANISM, "effects": [brake(1.0, 20.0)]},
+            },
+            "(?s)crank_brake.*more than once",
         ),
-        (
-            {"runs": [first | {"effects": [brake(1.0, 9.0)]}, *others], "mechanism": both},
-            "crank_brake ~ more than once",
-        ),
-        (
-            {"runs": [first | unknown, *others]},
-            "runs.slow: effects.slider_force_table ~ no file 'none.csv'",
-        ),
-        (
-            {"channels": content["channels"] | {"cylinder_pressure": gauge | {"bore": None}}},
-            "requires bore",
-        ),
-        (
-            {"channels": content["channels"] | {"cylinder_pressure": gauge | {"noise": 1}}},
-            "a pressure is a known load",
-        ),
-        (
-            {"nuisance": {"pressure_zero": "5 %"}},
-            "pressure_zero is 0, so a percentage is not a range",
-        ),
-    ]
-    refused(load, cases)
-    load({"channels": content["channels"] | {"cylinder_pressure": gauge | {"unit": "mPa"}}})
-    assert any(
-        "largest pressure is only" in text
-        for text in read_measurements(load_campaign(path)).remarks
-    )
-    record = pd.read_csv(tmp_path / "slow.csv")
-    record.assign(cylinder_pressure=record["cylinder_pressure"] - 5e4).to_csv(
-        tmp_path / "slow.csv", index=False
-    )
-    load(
-        {
-            "channels": (
-                content["channels"] | {"cylinder_pressure": gauge | {"ambient_pressure": "1 bar"}}
-            )
-        }
-    )
-    with pytest.raises(
-        InputError,
-        match=r"slow\.csv, column cylinder_pressure, row \d+: negative absolute pressure",
-    ):
-        read_measurements(load_campaign(path))
-    load({"nuisance": {"crank_inertia": "20 %"}})
-    assert load_campaign(path).model_copy(update={"drive": "measured_angle"}).idle_nuisances == ()
-    (remark,) = [
-        text for text in read_measurements(load_campaign(path)).remarks if "crank_inertia" in text
-    ]
+        ({"run": {"effects": [NO_FILE]}}, "slider_force_table"),
+        ({"channel": {"bore": None}}, "requires bore"),
+        ({"channel": {"noise": 1}}, "a pressure is a known load"),
+        ({"nuisance": {"pressure_zero": "5 %"}}, "pressure_zero is 0, so a percentage is not"),
+    ],
+)
+def test_impossible_loads_are_refused(gas, keys, words):
+    with pytest.raises(InputError, match=words):
+        gas(**keys)
+
+
+def test_implausible_pressures_and_nuisances_without_effect_are_reported(gas, tmp_path):
+    remarks = read_measurements(gas(channel={"unit": "mPa"})).remarks
+    assert any("largest pressure is only" in remark for remark in remarks)
+    campaign = gas(nuisance={"crank_inertia": "20 %"})
+    assert campaign.model_copy(update={"drive": "measured_angle"}).idle_nuisances == ()
+    (remark,) = [text for text in read_measurements(campaign).remarks if "crank_inertia" in text]
     assert "requires drive: motor or measured_angle and is ignored" in remark
+    record = pd.read_csv(tmp_path / "slow.csv")
+    record["cylinder_pressure"] -= 5e4
+    record.to_csv(tmp_path / "slow.csv", index=False)
+    with pytest.raises(InputError, match=r"column cylinder_pressure, row .*negative absolute"):
+        read_measurements(gas(channel={"ambient_pressure": "1 bar"}))
 
 
 def test_an_engine_without_a_motor_settles_where_its_brake_takes_the_work_of_its_gas(tmp_path):
@@ -247,22 +232,6 @@ def coulomb_alone(found: dict, force: float = 4.0) -> None:
         high - low
     )  # the interval of 99 %: one draw of the noise
     assert found["gap"]["confirm"]["after"] == pytest.approx(1.0, abs=0.1)
-
-
-@pytest.mark.slow
-def test_friction_is_found_beside_a_double_acting_piston(tmp_path):
-    both = [
-        table(tmp_path, "head", compressor),
-        table(
-            tmp_path,
-            "crank",
-            lambda degrees: compressor(degrees + 180.0, 0.7),
-            side="crank",
-            bore="54 mm",
-        ),
-    ]
-    path = rig(tmp_path, dict.fromkeys(RPM, both), mechanism={**MECHANISM, "effects": both})
-    coulomb_alone(analyse(path, tmp_path / "results"))
 
 
 @pytest.mark.slow
@@ -324,21 +293,3 @@ def test_friction_and_the_inertia_of_a_flywheel_are_found_under_a_motor(tmp_path
     coulomb_alone(found)
     size = found["nuisances"]["crank_inertia"]
     assert size["value"] == pytest.approx(0.04, rel=0.05)
-
-
-@pytest.mark.slow
-def test_a_campaign_simulates_an_engine_whose_flywheel_settles_slowly(tmp_path):
-    """Its gas drives it against a brake, which is another one in each run."""
-    gas = table(tmp_path, "gas", lambda at: engine(at, 4.0), 720.0)
-    brakes = {
-        run: brake(torque, 40.0) for run, torque in {"slow": 12.0, "mid": 8.0, "fast": 6.0}.items()
-    }
-    flywheel = {"stall_torque": 0.0, "no_load_speed": 80.0, "inertia": 0.3}
-    keys = {"drive": "motor", "motor": flywheel, "mechanism": {**MECHANISM, "effects": [gas]}}
-    loads = {run: [gas, brakes[run]] for run in RPM}
-    motors = dict.fromkeys(RPM, {"kind": "motor"} | flywheel)
-    path = rig(tmp_path, loads, hidden=(), noise=0.0, motors=motors, **keys)
-    model = model_of(with_loads(path, {run: [brakes[run]] for run in RPM}))
-    for run in RPM:
-        away = read(model, run=run)["crank_angle"] - seen(model, run)["crank_angle"]
-        assert np.abs(away).max() < 1e-3  # half a step of the encoder is 1e-4

@@ -67,32 +67,6 @@ def test_of_a_lag_and_a_delay_the_true_one_is_named_with_the_friction_beside_it(
 
 
 @pytest.mark.slow
-def test_friction_is_named_beside_stamps_of_which_every_twelfth_is_late(tmp_path):
-    hidden = {"name": "slider_coulomb_friction", "parameters": {"force_N": 4.0}}
-    rng, runs = np.random.default_rng(7), {}
-    for run, rpm in {"slow": 120.0, "mid": 200.0, "fast": 320.0}.items():
-        table = samples(hidden, speed=rpm * np.pi / 30, revolutions=8, samples_per_revolution=60)[
-            120:
-        ]
-        table = table[["time", *READ]].reset_index(drop=True)
-        for name in READ:
-            sd = 1e-3 if name == "crank_angle" else 0.01 * table[name].std()
-            table[name] += sd * rng.standard_normal(len(table))
-        table.loc[5::12, "time"] += 0.5 * table["time"].diff().median()
-        runs[run] = rpm * np.pi / 30, table
-    document = analyse(written(tmp_path, runs), tmp_path / "results")
-    (effect,) = document["effects"]
-    force = effect["parameters"]["force_N"]
-    # this draw is 2.7 standard deviations off, with even stamps too; of eight draws the others are
-    # within 1.1
-    assert (
-        effect["name"] == "slider_coulomb_friction"
-        and abs(force["value"] - 4.0) < 3.0 * force["sd"] < 0.03
-    )
-    assert document["gap"]["confirm"]["after"] < 1.2
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cut", "stated"), [(np.floor, {"counts_per_turn": 4000}), (np.round, ROUNDED)]
 )
@@ -129,19 +103,6 @@ def test_a_delay_shifts_a_reading_in_time_and_a_share_of_it_the_lagged_one(senso
     )[name]
     assert delayed[3:] == pytest.approx(read(model)[name][:-3], abs=1e-9)
     assert both[3:] == pytest.approx(lagging[:-3], abs=1e-9)
-
-
-def test_sensors_that_are_late_by_one_time_are_an_encoder_that_is_ahead():
-    model = rig(
-        None, ("time", *READ), drive="measured_angle", sensors={"crank_angle": {"resolution": 1e-5}}
-    )
-    ahead = read(model, ("encoder_lag", {"lag_s": -1e-3}))
-    late_ones = read(
-        model, *((f"sensor_delay:{channel}", {"delay_s": 1e-3}) for channel in READ[1:])
-    )
-    for channel, values in ahead.items():
-        assert values == pytest.approx(late_ones[channel], abs=1e-6 * np.std(values))
-    assert chosen(model, "encoder_lag").coordinates[0].low < -1e-3
 
 
 def test_with_one_compared_channel_a_late_sensor_and_a_late_encoder_are_one_explanation(tmp_path):

@@ -101,7 +101,6 @@ def test_a_preflight_tells_the_smallest_size_of_a_law_of_the_campaign_file():
 @pytest.mark.parametrize(
     ("own", "hidden"),
     [
-        (DRAG, law("-c*v^3", c=0.1)),
         (CAM, on_crank("-m*|sin(theta)|", m=2.0)),
         (SEAL, law("-c*v*exp(-((x - x0)/0.05)^2)", c=5.0, x0=0.6)),
     ],
@@ -138,11 +137,3 @@ def test_a_law_of_the_campaign_file_is_named_with_its_size_beside_a_friction(tmp
         .notna()
         .all()
     )
-
-
-@pytest.mark.slow
-def test_a_law_of_the_campaign_file_that_does_not_act_is_not_named(tmp_path):
-    path = with_hidden(tmp_path, COULOMB, noise=0.01, candidates={"my_drag": DRAG})
-    verdict = analyse(path, tmp_path / "results")
-    assert verdict["verdict"] == "named"
-    assert [effect["name"] for effect in verdict["effects"]] == ["slider_coulomb_friction"]

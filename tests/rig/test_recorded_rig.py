@@ -10,7 +10,7 @@ import pytest
 
 from jointgap.campaign.analyse import analyse
 from jointgap.identification.fit import fit_hypothesis
-from jointgap.identification.noise import estimate_noise, noise_of_model
+from jointgap.identification.noise import estimate_noise
 from jointgap.identification.problem import Noise, Problem
 from jointgap.rig.model import build_model
 from jointgap.rig.read_files import read_measurements
@@ -176,33 +176,6 @@ def test_an_unsteady_crank_under_constant_speed_is_remarked_with_its_size_and_a_
     assert told == pytest.approx(
         100 * 0.12 * 1.3, rel=0.25
     )  # the first order and the second's crests
-
-
-def test_a_sensor_that_reads_backwards_needs_no_other_file_but_a_sign(tmp_path):
-    plain, back = (
-        read_measurements(
-            recorded_rig.campaign(tmp_path, QUIET, {"channels": sensors(slider_position=more)})
-        )
-        for more in ({}, {"sign": -1})
-    )
-    assert (
-        back.runs["r0"].channels["slider_position"] == -plain.runs["r0"].channels["slider_position"]
-    ).all()
-
-
-@pytest.mark.slow  # eight campaigns, each fitted from nominal
-def test_intervals_of_lengths_hold_the_truth_where_the_offset_is_free(tmp_path):
-    inside = []
-    for seed in range(1, 9):
-        model = model_of(tmp_path, SHORT, seed, nuisance=LAGGING)
-        found = fit_hypothesis(Problem(model, noise_of_model(model)))
-        sd = np.sqrt(np.diag(np.linalg.inv(found.jacobian.T @ found.jacobian)))
-        sds = {p.key: one for p, one in zip(found.parameters, sd, strict=True)}
-        true = {"crank_length": SHORT.crank, "rod_length": SHORT.rod, "slider_offset": SHORT.offset}
-        inside += [
-            abs(found.mapping[key] - value) < 1.645 * sds[key] for key, value in true.items()
-        ]
-    assert np.mean(inside) >= 0.8  # of 24, of which nine in ten should be
 
 
 @pytest.mark.slow  # a whole campaign, some 45 s

@@ -11,7 +11,6 @@ from jointgap.config.load import load_campaign
 from jointgap.rig.model import build_model, remaining_inconsistencies
 from jointgap.rig.read_files import read_measurements
 from jointgap.rig.sensors import Faults
-from tests.catalogue import each
 from tests.rig.recorded_files import write_rig
 from tests.rig.rigs import chosen
 from tests.rig.test_contradictions import OVER, measured
@@ -75,7 +74,7 @@ def test_taking_a_fault_out_is_the_inverse_of_putting_it_in(tmp_path):
     period = math.tau / model.plans["slow"].samples.speed
 
     def undone(fault, key, value, allowed):
-        faults = Faults([(chosen(model, f"{fault}:{name}"), {key: value})], False, {})
+        faults = Faults([(chosen(model, f"{fault}:{name}"), {key: value})], 1.0, {})
         again = faults.taken_out(recording).channels[name]
         for place, given in (
             ("before_filter", ()),
@@ -94,8 +93,9 @@ def test_taking_a_fault_out_is_the_inverse_of_putting_it_in(tmp_path):
         ("delay", "delay_s", 1e-4, 0.1),
         ("high_pass", "corner_Hz", 1.0, 0.05),
     ]
-    each(undone, [(f"sensor_{fault}", *rest) for fault, *rest in cases])
-    found = Faults([(chosen(model, "encoder_offset"), {"offset_rad": 0.4})], False, {}).taken_out(
+    for fault, *values in cases:
+        undone(f"sensor_{fault}", *values)
+    found = Faults([(chosen(model, "encoder_offset"), {"offset_rad": 0.4})], 1.0, {}).taken_out(
         recording
     )
     assert np.allclose(found.crank_angle, recording.crank_angle - 0.4)

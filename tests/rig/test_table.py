@@ -7,7 +7,6 @@ import pytest
 
 from jointgap.core.csv_files import Csv, read_columns
 from jointgap.core.errors import InputError
-from tests.catalogue import each, refused
 
 WANTED = ("t", "x")
 T, X = [0.0, 0.5, 1.0], [1.25, np.nan, -3e-3]
@@ -49,17 +48,16 @@ FORMS = [
 ]
 
 
-def test_tables_are_read_whatever_separator_and_decimal_mark_they_have(read):
-    def found(content):
-        values = read(content).values
-        np.testing.assert_array_equal(values["t"], T)
-        np.testing.assert_array_equal(values["x"], X)
+@pytest.mark.parametrize("content", FORMS)
+def test_tables_are_read_with_any_separator_and_decimal_mark(read, content):
+    values = read(content).values
+    np.testing.assert_array_equal(values["t"], T)
+    np.testing.assert_array_equal(values["x"], X)
 
-    each(found, FORMS)
-    given = read(
-        "t,x:x\n0:1\n1:2,5\n", wanted=("x",), separator=":", decimal=","
-    )  # taken instead of detected ones
-    np.testing.assert_array_equal(given.values["x"], [1.0, 2.5])
+
+def test_a_stated_separator_and_decimal_mark_are_used_instead_of_detected_ones(read):
+    columns = read("t,x:x\n0:1\n1:2,5\n", wanted=("x",), separator=":", decimal=",")
+    np.testing.assert_array_equal(columns.values["x"], [1.0, 2.5])
 
 
 def test_rows_are_lines_of_the_file_and_units_and_headings_are_where_they_are(read, tmp_path):
@@ -78,41 +76,39 @@ def test_rows_are_lines_of_the_file_and_units_and_headings_are_where_they_are(re
     old_and_new = "t,x\nold,headings\nt,x\n0,1\n1,2\n"
     found = read(old_and_new, skip_rows=2)
     assert (found.rows.tolist(), found.remarks) == ([4, 5], ())
-    cases = [
-        (1, "row 2: has no column 't' ~ give csv.skip_rows"),
+    for rows, words in (
+        (1, "row 2: has no column 't'"),
         (9, "no rows below the 9 of csv.skip_rows"),
-    ]
-    refused(lambda rows: read(old_and_new, skip_rows=rows), cases)
+    ):
+        with pytest.raises(InputError, match=words):
+            read(old_and_new, skip_rows=rows)
 
 
-def test_dates_are_seconds_since_the_first(read):
-    def seconds(*stamps):
-        content = "t;x\n" + "".join(
-            f"{stamp};{x}\n" for stamp, x in zip(stamps, (1, 2, 3), strict=True)
-        )
-        found = read(content, clock="t")
-        assert (
-            found.began is not None
-            and "dates are converted to seconds since 2026-03-01" in found.remarks[0]
-        )
-        np.testing.assert_allclose(found.values["t"], T, atol=1e-12)
-        with pytest.raises(InputError, match=r"column t, row 2: '2026.* is not a number"):
-            read(content)  # of a channel that is no time
-
-    stamps = [
+@pytest.mark.parametrize(
+    "stamps",
+    [
         ("2026-03-01T12:00:00.000", "2026-03-01T12:00:00.500", "2026-03-01T12:00:01.000"),
         ("2026-03-01 23:59:59,5", "2026-03-02 00:00:00", "2026-03-02 00:00:00,5"),
         ("2026-03-01T12:00:00+01:00", "2026-03-01T11:00:00.5Z", "2026-03-01T12:00:01+01:00"),
-    ]
-    each(seconds, stamps)
+    ],
+)
+def test_dates_are_seconds_since_the_first(read, stamps):
+    rows = "".join(f"{stamp};{x}\n" for x, stamp in enumerate(stamps))
+    columns = read(f"t;x\n{rows}", clock="t")
+    assert columns.began is not None
+    assert "dates are converted to seconds since 2026-03-01" in columns.remarks[0]
+    np.testing.assert_allclose(columns.values["t"], T, atol=1e-12)
+    with pytest.raises(InputError, match=r"column t, row 2: '2026.* is not a number"):
+        read(f"t;x\n{rows}")  # of a channel that is no time
+
+
+def test_a_missing_date_is_a_gap_and_a_wrong_one_is_refused(read):
     dates = pd.to_datetime(["2026-03-01T12:00:00", None, "2026-03-01T12:00:01"])
     found = read(pd.DataFrame({"t": dates, "x": [1.0, 2.0, 3.0]}), clock="t")
     np.testing.assert_array_equal(found.values["t"], [0.0, np.nan, 1.0])
-    wrong = [
-        ("yesterday", "column t, row 3: 'yesterday' is not a date"),
-        ("2026-13-01", "'2026-13-01' is not a date"),
-    ]
-    refused(lambda second: read(f"t,x\n2026-03-01T12:00:00,1\n{second},2\n", clock="t"), wrong)
+    for date in ("yesterday", "2026-13-01"):
+        with pytest.raises(InputError, match=f"column t, row 3: '{date}' is not a date"):
+            read(f"t,x\n2026-03-01T12:00:00,1\n{date},2\n", clock="t")
 
 
 def test_parquet_is_read_by_its_content_whatever_its_name_and_kind_of_number(read):
@@ -162,8 +158,17 @@ NO_TABLES = [
 ]
 
 
-def test_a_file_that_is_no_table_of_numbers_is_refused_with_the_place_and_the_mend(read, tmp_path):
-    refused(read, NO_TABLES, starts=str(tmp_path / "run.csv"))
-    for name in ("nowhere.csv", "."):
-        with pytest.raises(InputError, match="cannot be read"):
-            read_columns(tmp_path / name, WANTED, Csv())
+@pytest.mark.parametrize("content, words", NO_TABLES)
+def test_a_file_without_a_table_of_numbers_is_refused_with_place_and_fix(
+    read, tmp_path, content, words
+):
+    with pytest.raises(InputError) as error:
+        read(content)
+    assert str(error.value).startswith(str(tmp_path / "run.csv"))
+    assert all(word in str(error.value) for word in words.split(" ~ "))
+
+
+@pytest.mark.parametrize("name", ["nowhere.csv", "."])
+def test_a_file_that_cannot_be_read_is_refused(tmp_path, name):
+    with pytest.raises(InputError, match="cannot be read"):
+        read_columns(tmp_path / name, WANTED, Csv())

@@ -9,7 +9,6 @@ import pytest
 from jointgap.config.load import load_campaign
 from jointgap.core.errors import InputError
 from jointgap.rig.recording import from_frame, to_frame
-from tests.catalogue import each
 from tests.rig.recorded_files import CAMPAIGN, read_rig, table
 
 SPEED = 200 * np.pi / 30
@@ -54,193 +53,107 @@ def turn_back(turned):
     return turned - np.clip(turned - 2.5, 0.0, 0.5) * 2.0
 
 
-def test_a_crank_that_does_not_turn_on_is_reported_with_the_time_and_its_run_left_out(
-    read, tmp_path
-):
-    def left_out(course, words, until):
-        found = read(turning(course))
-        assert list(found.runs) == ["fast"]
-        (told,) = found.left_out.values()
-        assert (
-            f"run slow is not used: {told}" in found.remarks
-            and "slow.csv, column theta, row" in told
-        )
-        time = re.search(words, told)
-        assert time and float(time[1]) == pytest.approx(until, abs=0.05), told
-        own = load_campaign(tmp_path / "rig.yaml")
-        again = from_frame(to_frame(found), own, found.remarks, found.contradictions)
-        assert (list(again.runs), again.left_out) == (list(found.runs), found.left_out)
-
-    cases = [
-        (
-            run_up,
-            r"stands still until (\S+) s; cut the record there \(keep the later part",
-            0.3 + 0.06,
-        ),
-        (
-            run_down,
-            r"stands still from (\S+) s on; cut the record there \(keep the earlier part",
-            1.2 - 0.06,
-        ),
+@pytest.mark.parametrize(
+    "course, words, time",
+    [
+        (run_up, r"stands still until (\S+) s; .*\(keep the later part", 0.36),
+        (run_down, r"stands still from (\S+) s on; .*\(keep the earlier part", 1.14),
         (rest_between, r"stands still from (\S+) s to 1.0\d* s; .*\(make two runs of it", 0.75),
         (turn_back, r"reverses from (\S+) s to 0.9\d* s; ", 0.74),
-    ]
-    each(left_out, cases)
-    with pytest.raises(
-        InputError, match=r"(?s)rig-a: no run for fitting is usable.*slow.csv.*stands still until"
-    ):
+    ],
+)
+def test_a_run_whose_crank_stops_or_reverses_is_left_out_with_the_time(
+    read, tmp_path, course, words, time
+):
+    measurements = read(turning(course))
+    assert list(measurements.runs) == ["fast"]
+    (reason,) = measurements.left_out.values()
+    assert f"run slow is not used: {reason}" in measurements.remarks
+    assert "slow.csv, column theta, row" in reason
+    assert float(re.search(words, reason)[1]) == pytest.approx(time, abs=0.05)
+    campaign = load_campaign(tmp_path / "rig.yaml")
+    back = from_frame(
+        to_frame(measurements), campaign, measurements.remarks, measurements.contradictions
+    )
+    assert back.left_out == measurements.left_out
+
+
+def test_a_motor_may_start_from_rest_and_one_run_must_be_usable(read):
+    motor = {"stall_torque": "5 N*m", "no_load_speed": "300 rpm", "inertia": "0.01 kg*m^2"}
+    assert read(turning(run_up), {"drive": "motor", "motor": motor}).left_out == {}
+    with pytest.raises(InputError, match=r"(?s)no run for fitting is usable.*stands still until"):
         read(turning(run_up), {"runs": CAMPAIGN["runs"]} | ANGLE_DRIVES)
-    motor = {
-        "drive": "motor",
-        "motor": {"stall_torque": "5 N*m", "no_load_speed": "300 rpm", "inertia": "0.01 kg*m^2"},
-    }
-    assert read(turning(run_up), motor).left_out == {}  # which may start from rest
 
 
-def test_a_step_that_stays_is_reported_as_a_step_and_a_single_misread_angle_is_none(read):
-    """Lost pulses; a counter that overflows at a number of counts that is no whole number of
-    turns."""
+@pytest.mark.parametrize(
+    "drive, step", [("measured_angle", -40.0), ("constant_speed", 25.0), ("constant_speed", 6.0)]
+)
+def test_a_permanent_step_of_the_angle_is_reported_with_its_size(read, drive, step):
+    frame = turning(lambda turned: turned)
+    frame.loc[500:, "theta"] = (frame.theta[500:] + step) % 360.0
+    (reason,) = read(frame, {"drive": drive}).left_out.values()
+    assert float(re.search("step of (\\S+) deg", reason)[1]) == pytest.approx(step, abs=1.0)
+    assert "row 502" in reason
 
-    def told_as_step(drive, step):
-        frame = turning(lambda turned: turned)
-        frame.loc[500:, "theta"] = (frame.theta[500:] + step) % 360.0
-        found = read(frame, {"drive": drive})
-        (told,) = found.left_out.values()
-        assert float(re.search("step of (\\S+) deg", told)[1]) == pytest.approx(step, abs=1.0)
-        assert "row 502" in told and "double-counted" in told
-        assert not any("far from its neighbours" in remark for remark in found.remarks)
 
-    steps = [
-        ("measured_angle", -40.0),
-        ("constant_speed", 25.0),
-        ("measured_angle", 138.24),
-        ("constant_speed", 6.0),
-    ]
-    each(told_as_step, steps)
+def test_a_single_misread_angle_is_no_step(read):
     frame = turning(lambda turned: turned)
     frame.loc[500:501, "theta"] += 40.0
-    found = read(frame, {})
-    assert found.left_out == {} and any(
-        "far from its neighbours" in remark for remark in found.remarks
-    )
+    measurements = read(frame, {})
+    assert measurements.left_out == {}
+    assert any("far from its neighbours" in remark for remark in measurements.remarks)
 
 
-def test_a_crank_that_slows_down_in_every_turn_without_stopping_is_read(read):
-    fine = np.linspace(0.0, 10.0, 100_001)
-
-    def is_read(unsteadiness, count):
-        time = np.cumsum(1.0 / (1.0 + unsteadiness * np.cos(2 * np.pi * fine)))
-        time *= 10.0 / time[-1]
-        assert (
-            read(turning(lambda turned: np.interp(turned, time, fine), count=count)).left_out == {}
-        )
-
-    each(is_read, [(share, count) for share in (0.3, 0.95) for count in (180, 960)])
+def uneven(unsteadiness, turns=10.0):
+    """Course of a crank that slows down in every turn without stopping."""
+    fine = np.linspace(0.0, turns, 100_001)
+    time = np.cumsum(1.0 / (1.0 + unsteadiness * np.cos(2 * np.pi * fine)))
+    return lambda turned: np.interp(turned, turns * time / time[-1], fine)
 
 
-def test_stamps_that_are_late_in_a_pattern_are_told_and_moved_where_the_angle_is_even(read):
-    """At 60 to 120 samples a turn; where the angle is late too, the samples were."""
-
-    def told(count, every, share, drive, course=lambda turned: turned):
-        frame = turning(course, noise_deg=0.05, count=6 * count)
-        even, step = frame.t.to_numpy(copy=True), frame.t[1]
-        frame.loc[5::every, "t"] += share * step
-        found = read(frame, {"drive": drive})
-        how = (
-            f"row 7: every {every}th time is {'late' if share > 0 else 'early'} by {abs(share)} of"
-            " the sampling period"
-        )
-        assert any(how in remark and "its crank angle is not" in remark for remark in found.remarks)
-        assert (
-            found.runs["slow"].time == pytest.approx(even, abs=1e-9) and found.contradictions == ()
-        )
-
-    cases = [
-        (60, 12, 0.5, "constant_speed"),
-        (120, 12, 0.5, "measured_angle"),
-        (60, 7, -0.3, "measured_angle"),
-    ]
-    each(
-        told,
-        [
-            *cases,
-            (
-                60,
-                12,
-                0.5,
-                "measured_angle",
-                lambda turned: turned + 0.01 * np.sin(2 * np.pi * turned),
-            ),
-        ],
-    )
-    late = turning(lambda turned: turned, noise_deg=0.05, count=360)
-    late.loc[5::12, ["t", "theta"]] += [0.5 * late.t[1], 3.0]
-    for sound in (late, turning(lambda turned: turned, count=360)):
-        assert not any(
-            " time is " in remark for remark in read(sound.assign(theta=sound.theta % 360)).remarks
-        )
+@pytest.mark.parametrize("count", [180, 960])
+def test_a_crank_that_slows_down_in_every_turn_without_stopping_is_read(read, count):
+    assert read(turning(uneven(0.95), count=count)).left_out == {}
 
 
-def test_a_clock_that_was_set_is_told_with_its_row_and_how_much_and_a_pause_is_none(read):
-    def told(drive, jump, unsteady):
-        frame = turning(lambda turned: turned + unsteady * np.sin(2 * np.pi * turned), count=540)
-        frame.loc[300:, "t"] += jump
-        with pytest.raises(InputError) as error:
-            read(frame, {"drive": drive})
-        text = str(error.value)
-        assert (
-            "column t, row 302: " in text and f"set {'forward' if jump > 0 else 'back'} by " in text
-        )
-        size = float(re.search(r" by (\S+) s; ", text)[1])
-        assert size == pytest.approx(abs(jump), abs=2e-3)
-
-    jumps = [3600.0, 0.4, 0.05, -0.02, -0.4, -3600.0]
-    each(
-        told,
-        [("constant_speed", jump, 0.0) for jump in jumps]
-        + [("measured_angle", jump, 0.01) for jump in jumps],
-    )
-    for pause in (1, 8, 100, 250):
-        for unsteady in (0.0, 0.01, 0.05):
-            frame = turning(
-                lambda turned, share=unsteady: turned + share * np.sin(2 * np.pi * turned),
-                count=540,
-            )
-            assert read(frame.drop(index=range(200, 200 + pause))).left_out == {}
+def swinging(share, count=540):
+    return turning(lambda turned: turned + share * np.sin(2 * np.pi * turned), count=count)
 
 
-def test_an_encoder_that_reads_one_angle_over_a_part_of_each_turn_is_told_and_a_slow_or_coarse_one_is_not(
-    read,
-):
-    def told(drive, width, count, level):
-        frame = turning(lambda turned: turned, count=count)
-        dead = frame.theta.between(200.0, 200.0 + width)
-        first, text = (
-            int(np.flatnonzero(dead)[0]) + 2,
-            f"({np.count_nonzero(dead)} samples); leave these cells empty",
-        )
-        with pytest.raises(InputError) as error:
-            read(frame.assign(theta=frame.theta.mask(dead, level)), {"drive": drive})
-        assert f"column theta, row {first}: the angle is {level} deg" in str(
-            error.value
-        ) and text in str(error.value)
-        frame.loc[dead, "theta"] = np.nan
-        assert read(frame, {"drive": drive}).left_out == {}
+@pytest.mark.parametrize("drive, share", [("constant_speed", 0.0), ("measured_angle", 0.01)])
+@pytest.mark.parametrize("jump", [3600.0, 0.05, -0.4])
+def test_a_clock_that_was_set_is_reported_with_its_row_and_size(read, drive, share, jump):
+    frame = swinging(share)
+    frame.loc[300:, "t"] += jump
+    way = "forward" if jump > 0 else "back"
+    with pytest.raises(InputError, match=rf"row 302: .*set {way} by (\S+) s; ") as error:
+        read(frame, {"drive": drive})
+    size = float(re.search(r" by (\S+) s; ", str(error.value))[1])
+    assert size == pytest.approx(abs(jump), abs=2e-3)
 
-    each(
-        told,
-        [
-            ("constant_speed", 20, 540, 0),
-            ("measured_angle", 40, 540, 0),
-            ("constant_speed", 70, 360, 180),
-        ],
-    )
-    fine = np.linspace(0.0, 10.0, 100_001)
-    for unsteadiness, step in ((0.0, 10.0), (0.9, 1.0), (0.9, 5.0)):
-        time = np.cumsum(1.0 / (1.0 + unsteadiness * np.cos(2 * np.pi * fine)))
-        course = lambda turned, time=10.0 * time / time[-1]: np.interp(turned, time, fine)  # noqa: E731
-        frame = turning(course, noise_deg=0.0, count=1440)
-        assert read(frame.assign(theta=step * np.floor(frame.theta / step))).left_out == {}
+
+@pytest.mark.parametrize("pause, share", [(1, 0.05), (100, 0.0), (250, 0.01)])
+def test_a_pause_of_the_record_is_no_set_clock(read, pause, share):
+    assert read(swinging(share).drop(index=range(200, 200 + pause))).left_out == {}
+
+
+@pytest.mark.parametrize(
+    "drive, width, count, level", [("constant_speed", 20, 540, 0), ("measured_angle", 70, 360, 180)]
+)
+def test_a_dead_zone_of_the_encoder_is_refused_with_its_row(read, drive, width, count, level):
+    frame = turning(lambda turned: turned, count=count)
+    dead = frame.theta.between(200.0, 200.0 + width)
+    row = int(np.flatnonzero(dead)[0]) + 2
+    with pytest.raises(InputError, match=f"theta, row {row}: the angle is {level} deg over"):
+        read(frame.assign(theta=frame.theta.mask(dead, level)), {"drive": drive})
+    frame.loc[dead, "theta"] = np.nan
+    assert read(frame, {"drive": drive}).left_out == {}
+
+
+@pytest.mark.parametrize("unsteadiness, step", [(0.0, 10.0), (0.9, 5.0)])
+def test_a_slow_or_coarse_encoder_has_no_dead_zone(read, unsteadiness, step):
+    frame = turning(uneven(unsteadiness), noise_deg=0.0, count=1440)
+    assert read(frame.assign(theta=step * np.floor(frame.theta / step))).left_out == {}
 
 
 def test_a_torque_of_a_motor_that_is_off_is_compared_with_zero_once_its_noise_is_stated(read):

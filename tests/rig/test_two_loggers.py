@@ -8,7 +8,6 @@ import pytest
 
 from jointgap.core.errors import InputError
 from jointgap.rig.recording import from_frame, to_frame
-from tests.catalogue import refused
 from tests.rig.recorded_files import read_rig, samples, table
 
 LATE = 0.0123  # s
@@ -61,36 +60,29 @@ def load(folder):
     return load_campaign(folder / "rig.yaml")
 
 
-def test_a_column_must_be_in_exactly_one_of_two_files_and_their_times_must_overlap(tmp_path):
-    def read(torques, dropped, over):
-        two(tmp_path, **torques)
-        return read_rig(tmp_path, over, slow=table(200.0).drop(columns=dropped))
+THREE = {"runs": [TWO["runs"][0] | {"file": ["a.csv", "b.csv", "c.csv"]}, TWO["runs"][1]]}
 
-    refused(
-        lambda case: read(*case),
-        [
-            (({"x": 1.0}, ["M"], TWO), "both have the column 'x'; rename it"),
-            (({}, ["M", "x"], TWO), "neither has the column 'x'; correct"),
-            (({"t": 1e4 + np.arange(701) * 1e-3}, ["M"], TWO), "less than a revolution in common"),
-            (
-                (
-                    {},
-                    ["M"],
-                    {
-                        "runs": [
-                            TWO["runs"][0] | {"file": ["a.csv", "b.csv", "c.csv"]},
-                            TWO["runs"][1],
-                        ]
-                    },
-                ),
-                "of two",
-            ),
-        ],
-    )
+
+@pytest.mark.parametrize(
+    "columns, dropped, over, words",
+    [
+        ({"x": 1.0}, ["M"], TWO, "both have the column 'x'; rename it"),
+        ({}, ["M", "x"], TWO, "neither has the column 'x'; correct"),
+        ({"t": 1e4 + np.arange(701) * 1e-3}, ["M"], TWO, "less than a revolution in common"),
+        ({}, ["M"], THREE, "of two"),
+    ],
+)
+def test_each_column_is_in_one_of_two_files_and_their_times_overlap(
+    tmp_path, columns, dropped, over, words
+):
+    two(tmp_path, **columns)
+    with pytest.raises(InputError, match=words):
+        read_rig(tmp_path, over, slow=table(200.0).drop(columns=dropped))
+
+
+def test_a_second_file_must_have_a_channel_besides_time(tmp_path):
     pd.DataFrame({"t": np.arange(99.0), "other": 1.0}).to_csv(tmp_path / "slow_ni.csv")
-    with pytest.raises(
-        InputError, match=r"slow_ni\.csv: has no channel of the campaign besides time"
-    ):
+    with pytest.raises(InputError, match=r"slow_ni\.csv: has no channel of the campaign besides"):
         read_rig(tmp_path, TWO)
 
 
@@ -125,16 +117,14 @@ def with_speed(**key):
     }
 
 
-def test_a_speed_that_is_held_is_remarked_with_its_gate_and_one_that_is_not_is_not(tmp_path):
-    def found(gate, **key):
-        measurements = read_rig(
-            tmp_path, with_speed(**key), slow=varying(gate)[0], fast=varying(None, 2.0)[0]
-        )
-        return [one.remark for one in measurements.contradictions if one.kind == "held"]
-
-    (remark,) = found(0.05)
-    assert "held for 50 ms" in remark and "'average: 50 ms'" in remark
-    assert found(None) == found(0.05, average="50 ms") == []
+@pytest.mark.parametrize("gate, is_reported", [(0.05, True), (None, False)])
+def test_a_held_speed_is_reported_with_its_gate(tmp_path, gate, is_reported):
+    tables = {"slow": varying(gate)[0], "fast": varying(None, 2.0)[0]}
+    contradictions = read_rig(tmp_path, with_speed(), **tables).contradictions
+    remarks = [item.remark for item in contradictions if item.kind == "held"]
+    assert [("held for 50 ms" in text, "'average: 50 ms'" in text) for text in remarks] == (
+        [(True, True)] * is_reported
+    )
 
 
 def test_held_means_are_placed_at_the_ends_of_their_gates(tmp_path):

@@ -71,14 +71,14 @@ _COUNTED = {"counts_per_turn": ("turn", ""), "rate": ("s", "Hz")}
 the key."""
 
 _AMOUNT = [{"type": "number", "exclusiveMinimum": 0}, {"type": "string"}]
-_AMOUNTS = [
-    *_AMOUNT,
-    {"type": "null"},
-    {"type": "object", "additionalProperties": {"anyOf": _AMOUNT}},
+_BY_RUN = {"type": "object", "additionalProperties": {"anyOf": _AMOUNT}}
+_AMOUNTS = WithJsonSchema({"anyOf": [*_AMOUNT, {"type": "null"}]})
+Scale = Annotated[str | None, _AMOUNTS]
+Step = Annotated[float | None, _AMOUNTS]
+Noise = Annotated[
+    float | dict[str, float] | None,
+    WithJsonSchema({"anyOf": [*_AMOUNT, {"type": "null"}, _BY_RUN]}),
 ]
-Scale = Annotated[str | None, WithJsonSchema({"anyOf": _AMOUNTS[:3]})]
-Step = Annotated[float | None, WithJsonSchema({"anyOf": _AMOUNTS[:3]})]
-Noise = Annotated[float | dict[str, float] | None, WithJsonSchema({"anyOf": _AMOUNTS})]
 
 
 class Channel(ConfigModel):
@@ -141,20 +141,21 @@ class Channel(ConfigModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _counts_are_parts_of_a_unit(cls, given: Any) -> Any:
-        for key, (whole, own) in _COUNTED.items():
-            if not isinstance(given, dict) or given.get(key) is None:
+    def _counts_are_parts_of_a_unit(cls, content: Any) -> Any:
+        for key, (counted_unit, key_unit) in _COUNTED.items():
+            if not isinstance(content, dict) or content.get(key) is None:
                 continue
             try:
-                unit = f"{whole}/{checked(quantity(own, gt=0), given[key]):.17g}"
+                unit = f"{counted_unit}/{checked(quantity(key_unit, gt=0), content[key]):.17g}"
             except ValueError:
-                return {"unit": whole} | given  # rejected by the key's own check
-            if given.get("unit", "count") not in ("count", "counts", unit):
+                return {"unit": counted_unit} | content  # rejected by the key's own check
+            if content.get("unit", "count") not in ("count", "counts", unit):
                 raise ValueError(
-                    f"unit = {given['unit']!r} and {key} are both given; remove one of them"
+                    f"unit = {content['unit']!r} and {key} are both given; remove one of them"
                 )
-            given = ({"resolution": 1} if key == "counts_per_turn" else {}) | given | {"unit": unit}
-        return given
+            step = {"resolution": 1} if key == "counts_per_turn" else {}
+            content = step | content | {"unit": unit}
+        return content
 
     @field_validator("scale", mode="before")
     @classmethod
@@ -169,15 +170,12 @@ class Channel(ConfigModel):
     @classmethod
     def _is_a_unit(cls, unit: str) -> str:
         try:
-            whole, _ = split_share(unit)
-            unit_factor(whole, whole)
+            base, _ = split_share(unit)
+            unit_factor(base, base)
         except Exception as error:  # pint raises a dozen kinds
-            known = respelled(unit)
-            hint = (
-                f"did you mean '{known}'?"
-                if known
-                else "write one such as s, deg, mm, g_n, N*m or rpm"
-            )
+            hint = "write one such as s, deg, mm, g_n, N*m or rpm"
+            if spelling := respelled(unit):
+                hint = f"did you mean '{spelling}'?"
             raise ValueError(_UNIT_HINTS.get(unit, f"is not a unit; {hint}")) from error
         return unit
 
@@ -188,7 +186,7 @@ class Channel(ConfigModel):
         if value is None or unit is None:  # an invalid unit has its own error
             return None
         if info.field_name == "noise" and isinstance(value, dict):
-            return {text_of(run): _amount(own, unit, f"{run}: ") for run, own in value.items()}
+            return {text_of(run): _amount(sd, unit, f"{run}: ") for run, sd in value.items()}
         return _amount(value, unit)
 
     @property
@@ -211,9 +209,9 @@ class Channel(ConfigModel):
 
 def _amount(value: Any, unit: str, where: str = "") -> float:
     """A number > 0 in the column's unit, from a number or a text with a unit."""
-    whole, parts = split_share(unit)
+    base, parts = split_share(unit)
     try:
-        amount = to_si(value, whole)
+        amount = to_si(value, base)
         if isinstance(value, str) and split_quantity(value)[1]:
             amount *= parts
     except ValueError as error:
@@ -276,11 +274,9 @@ def _errors_of_channels(channels: dict[str, Channel]) -> Iterator[str]:
     columns: dict[str, str] = {}
     for name, channel in channels.items():
         for keys, allowed, why in _NEEDS_CHANNEL:
-            given = [
-                key for key in keys if getattr(channel, key) != Channel.model_fields[key].default
-            ]
-            if given and name not in allowed:
-                yield f"{name}.{given[0]} does not apply: {why}; remove it"
+            for key in keys if name not in allowed else ():
+                if getattr(channel, key) != Channel.model_fields[key].default:
+                    yield f"{name}.{key} does not apply: {why}; remove it"
         if name in PRESSURES and channel.bore is None:
             yield (
                 f"{name} requires bore, the diameter on which it acts; add it, such as 'bore:"
@@ -336,7 +332,7 @@ _LIMITS: dict[str, tuple[str, dict[str, float]]] = {
     "crank_pin_clearance": _CLEARANCE,
     "piston_pin_clearance": _CLEARANCE,
     **SHARED,
-    **{f"{key}_{pin}": own for key, own in SHARED.items() for pin in PINS},
+    **{f"{key}_{pin}": limits for key, limits in SHARED.items() for pin in PINS},
     "speed": ("rad/s", _POSITIVE),
     "crank_inertia": ("kg*m^2", _POSITIVE),
     PRESSURE_ZERO: ("Pa", {}),
@@ -362,7 +358,7 @@ def _share_or_bounds(
 ) -> float | tuple[float, float]:
     """The `value` of a nuisance in a campaign file: a share of its nominal value, or bounds
     [SI]."""
-    unit, what = NUISANCES[key], " is not a range"
+    unit, error_text = NUISANCES[key], " is not a range"
     try:
         if isinstance(value, list | tuple) and len(value) == 2:
             low, high = (_possible(key, bound) for bound in value)
@@ -370,24 +366,24 @@ def _share_or_bounds(
                 raise ValueError("is in the wrong order or empty; write the lower bound first")
             return low, high
         if isinstance(value, str):
-            number, own = split_quantity(value.strip().removeprefix("+-"))
-            if own in ("%", "percent"):
+            number, value_unit = split_quantity(value.strip().removeprefix("+-"))
+            if value_unit in ("%", "percent"):
                 share = Decimal(number) / 100
                 if not 0 < share < 1:
                     raise ValueError("must be more than 0 % and less than 100 %")
                 return float(share)
-            if own and unit in _AMOUNT_EXAMPLES:
+            if value_unit and unit in _AMOUNT_EXAMPLES:
                 amount = checked(quantity(unit, gt=0), value)
                 if len(set(nominals)) != 1:
                     raise ValueError("requires exactly one nominal value")
                 return _possible(key, nominals[0] - amount), _possible(key, nominals[0] + amount)
     except ValueError as error:
-        what = f": {error}"
+        error_text = f": {error}"
     # a percentage of a nominal 0 is not a range
     instead = [] if key in NEEDED_CHANNELS else ["a percentage such as '5 %'"]
     instead += [f"an amount such as {_AMOUNT_EXAMPLES[unit]}"] if unit in _AMOUNT_EXAMPLES else []
     raise ValueError(
-        f"{key} = {value!r}{what}; give {' or '.join(instead)} or bounds such as [low, high]"
+        f"{key} = {value!r}{error_text}; give {' or '.join(instead)} or bounds such as [low, high]"
     )
 
 
@@ -410,17 +406,12 @@ def _nominal_values(mechanism: Mechanism, key: str) -> tuple[float, ...]:
     part, _, name = key.partition("_")
     if hasattr(getattr(mechanism, part, None), name):  # such as slider_mass
         return (getattr(getattr(mechanism, part), name),)
-    joints = [
-        mechanism.joint(pin)
-        for pin in [pin for pin in PINS if pin in key] or PINS
-        if pin in mechanism.loose
-    ]
+    pins = [pin for pin in PINS if pin in key] or PINS
+    joints = [mechanism.joint(pin) for pin in pins if pin in mechanism.loose]
     if key.endswith("clearance"):
         return tuple(joint.clearance for joint in joints)
-    values = [
-        joint.contact.friction if "friction" in key else joint.contact.restitution
-        for joint in joints
-    ]
+    name = "friction" if "friction" in key else "restitution"
+    values = [getattr(joint.contact, name) for joint in joints]
     return tuple(value for value in values if value is not None)
 
 
@@ -428,15 +419,11 @@ def _pressure_sensor(
     key: str, effects: Iterable[Any], channels: Iterable[str]
 ) -> tuple[float, ...]:
     """Nominal values of the nuisance `key` of a pressure sensor; () without a pressure."""
-    tables = {
-        getattr(one.parameters, key) for one in effects if getattr(one.parameters, "bore", None)
-    }
-    recorded = (
-        {ForceTableParameters.model_fields[key].default}
-        if PRESSURES.keys() & set(channels)
-        else set()
-    )
-    return tuple(sorted(tables | recorded))
+    tables = [effect.parameters for effect in effects]
+    values = {getattr(table, key) for table in tables if getattr(table, "bore", None)}
+    if PRESSURES.keys() & set(channels):
+        values.add(ForceTableParameters.model_fields[key].default)
+    return tuple(sorted(values))
 
 
 RESERVED_IDS = ("all", "look", "measured", "remarks", "contradictions", "config_snapshot")
@@ -474,35 +461,24 @@ LOADS_OF_A_RUN = ("slider_force_table", "crank_brake")
 """Effects that may be listed for a single run."""
 
 
-def _one_or_two(given: Any) -> Any:
-    if (
-        isinstance(given, list | tuple)
-        and len(given) == 2
-        and all(isinstance(file, str) and file for file in given)
-    ):
-        if given[0] != given[1]:
-            return tuple(given)
-    elif isinstance(given, str) and given:
-        return given
+def _one_or_two(files: Any) -> Any:
+    names = [files] if isinstance(files, str) else files
+    is_list = isinstance(names, list | tuple) and all(isinstance(name, str) for name in names)
+    if not is_list or not all(names) or len({*names}) != len(names) or len(names) > 2:
+        names = []
+    if isinstance(files, str) and names:
+        return files
+    if len(names) == 2:
+        return tuple(names)
     raise ValueError("must be the name of a file, or a list of two: [a.csv, b.csv] of two loggers")
 
 
+_FILE = {"type": "string", "minLength": 1}
+_PAIR = {"type": "array", "items": _FILE, "minItems": 2, "maxItems": 2}
 Files = Annotated[
     str | tuple[str, str],
     BeforeValidator(_one_or_two),
-    WithJsonSchema(
-        {
-            "anyOf": [
-                {"type": "string", "minLength": 1},
-                {
-                    "type": "array",
-                    "items": {"type": "string", "minLength": 1},
-                    "minItems": 2,
-                    "maxItems": 2,
-                },
-            ]
-        }
-    ),
+    WithJsonSchema({"anyOf": [_FILE, _PAIR]}),
 ]
 
 
@@ -536,16 +512,33 @@ class CampaignRun(ConfigModel):
         """One file, or two of loggers with their own clocks."""
         return (self.file,) if isinstance(self.file, str) else self.file
 
+    @property
+    def side(self) -> float:
+        """-1 for a clockwise crank, whose angles are mirrored when they are read; otherwise 1."""
+        return -1.0 if self.direction == "clockwise" else 1.0
+
+    def mirrored(self) -> "CampaignRun":
+        """The run with angles and loads as seen from the side on which its crank turns
+        counter-clockwise."""
+        if self.side > 0.0:
+            return self
+        update = {"effects": tuple(effect.mirrored() for effect in self.effects)}
+        if self.first_angle is not None:
+            update["first_angle"] = -self.first_angle
+        if isinstance(self.start, Start) and self.start.angle is not None:
+            update["start"] = self.start.model_copy(update={"angle": -self.start.angle})
+        return self.model_copy(update=update)
+
     @field_validator("start", mode="before")
     @classmethod
-    def _is_a_start(cls, given: Any) -> Any:
-        if isinstance(given, dict | Start):
-            return Start.model_validate(given)
-        if given not in _STARTS:
+    def _is_a_start(cls, start: Any) -> Any:
+        if isinstance(start, dict | Start):
+            return Start.model_validate(start)
+        if start not in _STARTS:
             raise ValueError(
                 f"give {', '.join(_STARTS)}, or a mapping such as {{angle: 40 deg, turned: 3 turn}}"
             )
-        return given
+        return start
 
     def errors(self) -> Iterator[str]:
         if self.speed <= 0:
@@ -562,9 +555,9 @@ class CampaignRun(ConfigModel):
                 )
 
 
-def _day(given: Any) -> Any:
+def _day(date: Any) -> Any:
     try:
-        return given if type(given) is Date else Date.fromisoformat(given)
+        return date if type(date) is Date else Date.fromisoformat(date)
     except (TypeError, ValueError):
         raise ValueError("is not a date; write year, month and day, such as 2026-03-01") from None
 
@@ -612,14 +605,14 @@ class Campaign(ConfigModel):
 
     @field_validator("nuisance", mode="before")
     @classmethod
-    def _are_shares_or_bounds(cls, given: Any, info: ValidationInfo) -> Any:
-        if not isinstance(given, dict):
+    def _are_shares_or_bounds(cls, nuisance: Any, info: ValidationInfo) -> Any:
+        if not isinstance(nuisance, dict):
             raise ValueError("must map quantities to bounds, e.g. 'slider_mass: 5 %'")
-        for key in given:
+        for key in nuisance:
             if key not in NUISANCES:
                 raise ValueError(f"unknown key 'nuisance.{key}'; {did_you_mean(key, NUISANCES)}")
             shared = next((shared for shared in SHARED if key.startswith(f"{shared}_")), None)
-            if shared in given:
+            if shared in nuisance:
                 raise ValueError(f"{shared} (both pins) and {key} are listed; give one of them")
         mechanism = info.data.get("mechanism")  # None where it is invalid itself
         if mechanism is None:
@@ -628,12 +621,14 @@ class Campaign(ConfigModel):
         loads = (*mechanism.effects, *(effect for run in runs for effect in run.effects))
         nominals = {
             key: () if key in ("speed", *MOTOR_LINE) else _nominal_values(mechanism, key)
-            for key in given
+            for key in nuisance
         }
         nominals |= {
-            key: _pressure_sensor(key, loads, channels) for key in PRESSURE_SENSOR if key in given
+            key: _pressure_sensor(key, loads, channels)
+            for key in PRESSURE_SENSOR
+            if key in nuisance
         }
-        return {key: _share_or_bounds(key, value, nominals[key]) for key, value in given.items()}
+        return {key: _share_or_bounds(key, value, nominals[key]) for key, value in nuisance.items()}
 
     @field_validator("candidates")
     @classmethod
@@ -676,20 +671,18 @@ class Campaign(ConfigModel):
 
     def _errors_of_runs(self) -> Iterator[str]:
         for index, run in enumerate(self.runs):
-            for other in self.runs[:index]:
-                if other.id == run.id:
+            for earlier in self.runs[:index]:
+                if earlier.id == run.id:
                     yield f"runs: two have the id '{run.id}'; give each its own"
-                for file in {*other.files} & {*run.files}:
+                for file in {*earlier.files} & {*run.files}:
                     yield (
-                        f"runs: '{other.id}' and '{run.id}' both read {file}; give two files, or"
+                        f"runs: '{earlier.id}' and '{run.id}' both read {file}; give two files, or"
                         " role split"
                     )
         roles = {run.role for run in self.runs}
-        for needed, purpose in (("identify", "fitting"), ("confirm", "validation")):
-            if not roles & {needed, "split"}:
-                yield (
-                    f"runs: none is for {purpose}; give one the role {needed} (or split, for both)"
-                )
+        for role, purpose in (("identify", "fitting"), ("confirm", "validation")):
+            if not roles & {role, "split"}:
+                yield f"runs: none is for {purpose}; give one the role {role} (or split, for both)"
 
     def _errors_of_drive(self) -> Iterator[str]:
         has = self.channels.keys()
@@ -702,20 +695,14 @@ class Campaign(ConfigModel):
             yield f"motor is given, but drive is {self.drive}; set 'drive: motor' or remove it"
         if not has & {"time", "crank_angle"}:
             yield "channels: neither time nor crank_angle is given; add one of them"
-        needed = {
-            "constant_speed": set(),
-            "measured_angle": {"time", "crank_angle"},
-            "motor": {"time"},
-        }[self.drive]
-        if missing := sorted(needed - has):
+        required = {"measured_angle": {"time", "crank_angle"}, "motor": {"time"}}
+        if missing := sorted(required.get(self.drive, set()) - has):
             yield (
                 f"channels: drive {self.drive} requires the channel {' and '.join(missing)}; add it"
             )
-        inputs = (
-            {"time"}
-            if self.drive != "measured_angle" and "time" in has
-            else {"time", "crank_angle"}
-        )
+        inputs = {"time", "crank_angle"}
+        if self.drive != "measured_angle" and "time" in has:
+            inputs = {"time"}
         if not has - inputs - PRESSURES.keys():
             yield "channels: no measured quantity to compare; add a channel such as crank_torque"
         for run in self.runs:
@@ -752,10 +739,10 @@ class Campaign(ConfigModel):
             values = " and ".join(
                 f"{value:g} in {pin}" for value, pin in zip(nominals, PINS, strict=True)
             )
-            own = " and ".join(f"{key}_{pin}" for pin in PINS)
+            keys = " and ".join(f"{key}_{pin}" for pin in PINS)
             yield (
                 f"nuisance: {key} requires equal values in both pins, but they are {values}; list"
-                f" {own}"
+                f" {keys}"
             )
         for nominal in nominals:
             low, high = self.bounds(key, nominal)
@@ -784,22 +771,23 @@ class Campaign(ConfigModel):
         if key in MOTOR_LINE:
             return () if self.motor is None else (getattr(self.motor, key),)
         if key in PRESSURE_SENSOR:
-            loads = (
-                *self.mechanism.effects,
-                *(effect for run in self.runs for effect in run.effects),
-            )
-            return _pressure_sensor(key, loads, self.channels)
-        given = self.nuisance.get(key)
-        if key in NEEDED_CHANNELS and isinstance(given, tuple) and not given[0] <= 0.0 <= given[1]:
-            return (
-                0.5 * (given[0] + given[1]),
-            )  # [170 deg, 190 deg]: an encoder mounted the other way round
+            return _pressure_sensor(key, (*self.mechanism.effects, *self._run_loads), self.channels)
+        bounds = self.nuisance.get(key)
+        if key in NEEDED_CHANNELS and isinstance(bounds, tuple):
+            if not bounds[0] <= 0.0 <= bounds[1]:  # an encoder mounted the other way round
+                return (0.5 * (bounds[0] + bounds[1]),)
         return _nominal_values(self.mechanism, key)
+
+    @property
+    def _run_loads(self) -> tuple[AnyEffect, ...]:
+        return tuple(effect for run in self.runs for effect in run.effects)
 
     def bounds(self, key: str, nominal: float) -> tuple[float, float]:
         """Bounds of the nuisance `key` [SI] around its `nominal` value [SI]."""
-        given = self.nuisance[key]
-        return given if isinstance(given, tuple) else (nominal * (1 - given), nominal * (1 + given))
+        bounds = self.nuisance[key]
+        if isinstance(bounds, tuple):
+            return bounds
+        return nominal * (1 - bounds), nominal * (1 + bounds)
 
     def factor(self, channel: str) -> float:
         """SI value of one unit of the channel's column, without its sign."""
@@ -808,9 +796,9 @@ class Campaign(ConfigModel):
     def shown_unit(self, channel: str) -> tuple[str, float]:
         """Display unit of a channel, and its SI value: the column's unit, except for counts and
         sensor signals."""
-        stated = self.channels[channel]
-        if stated.scale is None and split_share(stated.unit)[1] == 1.0:
-            return stated.unit, self.factor(channel)
+        scale, unit = self.channels[channel].scale, self.channels[channel].unit
+        if scale is None and split_share(unit)[1] == 1.0:
+            return unit, self.factor(channel)
         unit = {"rad": "deg"}.get(CHANNELS[channel], CHANNELS[channel])
         return unit, channel_factor(channel, unit)
 
@@ -839,36 +827,28 @@ class Campaign(ConfigModel):
     def run_nuisances(self) -> tuple[str, ...]:
         """Nuisances with one value per run: with pressures of the single runs also the zero of
         their sensor."""
-        own = _pressure_sensor(
-            PRESSURE_ZERO, (effect for run in self.runs for effect in run.effects), self.channels
-        )
-        return (*RUN_NUISANCES, PRESSURE_ZERO) if own else RUN_NUISANCES
+        if _pressure_sensor(PRESSURE_ZERO, self._run_loads, self.channels):
+            return (*RUN_NUISANCES, PRESSURE_ZERO)
+        return RUN_NUISANCES
 
     @property
     def own_loads(self) -> tuple[str, ...]:
         """The known loads of single runs, one line each; the mechanism does not contain them."""
-        listed = tuple(
-            f"run {run.id}: {effect.name}"
-            + (
-                f", {Path(effect.parameters.file).name}"
-                if hasattr(effect.parameters, "file")
-                else ""
-            )
-            for run in self.runs
-            for effect in run.effects
-        )
-        recorded = (
-            f"every run: {name}, averaged over its cycles"
-            for name in PRESSURES
-            if name in self.channels
-        )
-        return (*listed, *recorded)
+        lines = []
+        for run in self.runs:
+            for effect in run.effects:
+                file = getattr(effect.parameters, "file", None)
+                lines.append(f"run {run.id}: {effect.name}{f', {Path(file).name}' if file else ''}")
+        pressures = [name for name in PRESSURES if name in self.channels]
+        lines += [f"every run: {name}, averaged over its cycles" for name in pressures]
+        return tuple(lines)
 
     @property
     def load_files(self) -> tuple[str, ...]:
         """Files of the loads in the mechanism and of single runs."""
-        own = (effect.parameters for run in self.runs for effect in run.effects)
-        return (*self.mechanism.files, *(load.file for load in own if hasattr(load, "file")))
+        tables = [load.parameters for load in self._run_loads]
+        files = (table.file for table in tables if hasattr(table, "file"))
+        return (*self.mechanism.files, *files)
 
     @property
     def jitter(self) -> float | None:

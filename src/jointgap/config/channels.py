@@ -12,7 +12,6 @@ class ChannelKind:
     unit: str  # SI
     words: str = ""  # Of column headings, to recognise the channel
     required_words: str = ""  # A heading needs one of these
-    shape: str = ""  # What its values are like, to recognise the channel without a heading
     speed_power: int | None = None  # Of the ideal motion (`ideal_channels`), which it scales with
     mirrored: bool = False  # Whether the mirror image of the mechanism changes its sign
     force: bool = False  # Whether loads and friction change it
@@ -34,24 +33,20 @@ CHANNEL_KINDS = {
     "crank_speed": ChannelKind(
         "rad/s",
         "crank speed omega ω w n drehzahl angular velocity rotational",
-        shape="its mean is the speed of the crank",
         mirrored=True,
     ),
     "slider_position": ChannelKind(
         "m",
         "slider piston position pos x s weg stroke hub displacement travel lvdt",
-        shape="once a turn, of one size at all speeds",
         speed_power=0,
     ),
     "slider_velocity": ChannelKind(
         "m/s",
         "slider piston velocity vel v speed geschwindigkeit",
-        shape="once a turn, grows with the speed",
         speed_power=1,
     ),
     "slider_acceleration": ChannelKind(
         words="slider piston acceleration accel acc a g beschleunigung",
-        shape="once a turn, grows with the square of the speed",
         gravity=math.cos,
         **_ACCELERATION,
     ),
@@ -75,7 +70,6 @@ CHANNEL_KINDS = {
     "crank_torque": ChannelKind(
         "N*m",
         "crank torque trq tq moment m drehmoment current curr i strom",
-        shape="repeats every turn",
         speed_power=2,
         mirrored=True,
         force=True,

@@ -27,9 +27,9 @@ COMPUTED_ANGLE = 1e-5
 def is_computed(campaign: Campaign, run: str, time: np.ndarray, angle: np.ndarray) -> bool:
     """Whether the crank angle of a run was computed from its times, and so contains no measurement
     of the motion."""
-    stated = campaign.channels["crank_angle"]
+    encoder = campaign.channels["crank_angle"]
     alone = campaign.channels.keys() == {"time", "crank_angle"}
-    if campaign.drive != "constant_speed" or alone or stated.resolution or stated.noise_of(run):
+    if campaign.drive != "constant_speed" or alone or encoder.resolution or encoder.noise_of(run):
         return False
     elapsed, angle = (values[np.isfinite(angle)] for values in (time - time[0], angle))
     if angle.size < 3:
@@ -57,9 +57,9 @@ def no_data(values: np.ndarray) -> np.ndarray:
     data'."""
     finite = values[np.isfinite(values)]
     for level in (finite.min(), finite.max()) if finite.size else ():
-        others = finite[finite != level]
-        several = finite.size - others.size >= 2 and others.size >= MIN_SAMPLES
-        if several and np.abs(others - level).min() > 10.0 * np.ptp(others) > 0.0:
+        usual = finite[finite != level]
+        several = finite.size - usual.size >= 2 and usual.size >= MIN_SAMPLES
+        if several and np.abs(usual - level).min() > 10.0 * np.ptp(usual) > 0.0:
             return np.flatnonzero(values == level)
     return np.empty(0, dtype=int)
 
@@ -73,16 +73,16 @@ def stuck(values: np.ndarray, turned: np.ndarray) -> slice | None:
     )  # NaN differs from its neighbours
     lengths = np.diff(starts, append=values.size)
     longest = int(np.argmax(lengths))
-    first, length = int(starts[longest]), int(lengths[longest])
-    here = values[starts] == values[first]
-    if length < max(10, 8.0 * lengths[~here].max(initial=0)):
+    begin, length = int(starts[longest]), int(lengths[longest])
+    recurring = values[starts] == values[begin]
+    if length < max(10, 8.0 * lengths[~recurring].max(initial=0)):
         return None
-    meanwhile, total = _range(turned[first : first + length]), _range(turned)
+    meanwhile, total = _range(turned[begin : begin + length]), _range(turned)
     recurs = (
-        np.count_nonzero(here & (lengths > length / 2)) >= max(2.0, total / tau / 2.0)
+        np.count_nonzero(recurring & (lengths > length / 2)) >= max(2.0, total / tau / 2.0)
         and meanwhile < tau
     )
-    return None if recurs or meanwhile < 0.1 else slice(first, first + length)
+    return None if recurs or meanwhile < 0.1 else slice(begin, begin + length)
 
 
 def _range(values: np.ndarray) -> float:
@@ -102,9 +102,9 @@ def angle_outliers(time: np.ndarray, angle: np.ndarray, least: float = ANGLE_OUT
     far compared with the scatter.
     """
     finite = np.flatnonzero(np.isfinite(angle))
-    here, away = finite[1:-1], off_the_line(time[finite], angle[finite])
-    usual = float(np.median(away)) if here.size else 0.0
-    return here[away > max(least, 15.0 * usual)]
+    places, away = finite[1:-1], off_the_line(time[finite], angle[finite])
+    usual = float(np.median(away)) if places.size else 0.0
+    return places[away > max(least, 15.0 * usual)]
 
 
 def lasting_step(time: np.ndarray, angle: np.ndarray, speed: float) -> tuple[int, float] | None:
@@ -125,40 +125,15 @@ def lasting_step(time: np.ndarray, angle: np.ndarray, speed: float) -> tuple[int
         # both sides of a step are outliers; so can be the neighbours of a wrong sample
         if len(group) != 2 or group[0] < 3 or group[-1] > t.size - 4:
             continue
-        before, after = group[0] - 1, group[-1] + 1
-        next_to = np.append(speeds[max(before - 4, 0) : before], speeds[after : after + 4])
-        mean, lapse = float(np.median(next_to)), t[after] - t[before]
-        step = a[after] - a[before] - mean * lapse
+        left_side, right = group[0] - 1, group[-1] + 1
+        next_to = np.append(speeds[max(left_side - 4, 0) : left_side], speeds[right : right + 4])
+        mean, lapse = float(np.median(next_to)), t[right] - t[left_side]
+        step = a[right] - a[left_side] - mean * lapse
         steady = low < mean < high and lapse <= 5 * usual
         if steady and abs(step) > 2.0 * max(least, float(np.ptp(next_to)) * lapse):
-            largest = before + int(np.argmax(np.abs(speeds[before:after] - mean)))
+            largest = left_side + int(np.argmax(np.abs(speeds[left_side:right] - mean)))
             return int(finite[largest + 1]), float(step)
     return None
-
-
-def late_stamps(time: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, int, float, float] | None:
-    """Samples whose time is off the middle between its neighbours, every n-th by the same share of
-    the period.
-
-    Their indices, n, that share [1], and the part of it [1] that the angle follows (0: it is even;
-    NaN: unknown).
-    """
-    usual = float(np.median(np.diff(time)))
-    off = np.zeros(time.size)
-    off[1:-1] = (time[1:-1] - 0.5 * (time[:-2] + time[2:])) / usual
-    size = np.abs(off)
-    beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
-    odd = np.flatnonzero((size > max(0.1, 8.0 * float(np.median(size)))) & (size > 1.5 * beside))
-    every = np.diff(odd)
-    share = float(np.median(off[odd])) if odd.size else 0.0
-    if odd.size < 5 or every.min() < 3 or np.mean(every == (n := int(np.median(every)))) < 0.9:
-        return None
-    if np.abs(off[odd] - share).max() > 0.3 * abs(share):
-        return None
-    followed = (angle[odd] - 0.5 * (angle[odd - 1] + angle[odd + 1])) / (
-        0.5 * (angle[odd + 1] - angle[odd - 1]) * share
-    )
-    return odd, n, share, float(np.nanmedian(followed)) if np.isfinite(followed).any() else np.nan
 
 
 def clock_jump(time: np.ndarray, angle: np.ndarray) -> tuple[int, float] | None:
@@ -196,8 +171,8 @@ def clock_jump(time: np.ndarray, angle: np.ndarray) -> tuple[int, float] | None:
             abs(_nearest_turn(steps[row] - speed * lapse[row])),
             0.03 * tau + spread * lapse[row],
         )
-        rest = time[-1] - time[0] - lapse[row]
-        if off > slack if slack < pi / 2.0 else lapse[row] > rest:
+        remaining = time[-1] - time[0] - lapse[row]
+        if off > slack if slack < pi / 2.0 else lapse[row] > remaining:
             return int(row) + 1, float(lapse[row]) - usual
     return None
 
@@ -210,10 +185,10 @@ def _nearest_turn(angle: np.ndarray) -> np.ndarray:
 def dead_zone(angle: np.ndarray) -> np.ndarray:
     """Indices of samples at which an encoder reads one angle over a part of most turns; `angle` as
     written."""
-    known = np.flatnonzero(np.isfinite(angle))
-    read = angle[known]
+    places = np.flatnonzero(np.isfinite(angle))
+    read = angle[places]
     if read.size < MIN_SAMPLES:
-        return known[:0]
+        return places[:0]
     starts = np.flatnonzero(np.diff(read, prepend=np.nan) != 0.0)
     ends = np.append(starts[1:], read.size)
     steps = np.abs(_nearest_turn(np.diff(read[starts])))
@@ -224,9 +199,9 @@ def dead_zone(angle: np.ndarray) -> np.ndarray:
     levels, counts = np.unique(read[starts[inner]], return_counts=True)
     turns = np.abs(_nearest_turn(np.diff(read[starts]))).sum() / tau
     if not counts.size or counts.max() < max(2.0, 0.5 * turns):
-        return known[:0]
+        return places[:0]
     level = levels[np.argmax(counts)]
-    return np.concatenate([known[starts[i] : ends[i]] for i in inner if read[starts[i]] == level])
+    return np.concatenate([places[starts[i] : ends[i]] for i in inner if read[starts[i]] == level])
 
 
 def speed_variation(time: np.ndarray, angle: np.ndarray) -> tuple[float, float, float, float]:
@@ -271,16 +246,19 @@ def cycle_scatter(angle: np.ndarray, values: np.ndarray) -> float:
     """Standard deviation of the difference of a channel over one revolution, over sqrt(2); NaN for
     less than two cycles."""
     rising = np.maximum.accumulate(angle)
-    after = np.searchsorted(rising, rising + tau * (1.0 - 1e-9))
-    here = np.flatnonzero((after > 0) & (after < rising.size))
-    after = after[here]
-    step = rising[after] - rising[after - 1]
+    later_rows = np.searchsorted(rising, rising + tau * (1.0 - 1e-9))
+    rows = np.flatnonzero((later_rows > 0) & (later_rows < rising.size))
+    later_rows = later_rows[rows]
+    step = rising[later_rows] - rising[later_rows - 1]
     share = np.divide(
-        rising[here] + tau - rising[after - 1], step, out=np.ones(step.shape), where=step > 0.0
+        rising[rows] + tau - rising[later_rows - 1], step, out=np.ones(step.shape), where=step > 0.0
     )
     share = np.clip(share, 0.0, 1.0)
-    later = np.where(share < 1.0, (1.0 - share) * values[after - 1], 0.0) + share * values[after]
-    squares = (values[here] - later) ** 2 / (
+    later = (
+        np.where(share < 1.0, (1.0 - share) * values[later_rows - 1], 0.0)
+        + share * values[later_rows]
+    )
+    squares = (values[rows] - later) ** 2 / (
         1.0 + share**2 + (1.0 - share) ** 2
     )  # interpolation reduces noise
     squares = squares[np.isfinite(squares)]
@@ -304,7 +282,7 @@ def standstill(
     if not slow.any() or np.mean((ahead > low) & (ahead < high)) < 0.1:
         return None
     turning, place = np.flatnonzero(ahead > 0.1), int(np.argmax(slow))
-    first = int(turning[turning < place].max(initial=-1)) + 1
-    last = int(turning[turning > place].min(initial=begins.size))
-    end = begins[last] + window if last < begins.size else time[-1]
-    return float(begins[first]), float(end), bool(ahead[first:last].min() < -0.1)
+    low_row = int(turning[turning < place].max(initial=-1)) + 1
+    high_row = int(turning[turning > place].min(initial=begins.size))
+    end = begins[high_row] + window if high_row < begins.size else time[-1]
+    return float(begins[low_row]), float(end), bool(ahead[low_row:high_row].min() < -0.1)

@@ -61,9 +61,11 @@ class RecordedPressure(Effect):
     parameters: PressureParameters
 
     def compile_into(self, records: Records) -> None:
-        given = self.parameters
-        pieces = corrected(given.pieces, given, given.pressure_zero, given.pressure_gain)
-        add_table(records, Table(1, 1.0, given.begin, given.period, pieces))
+        parameters = self.parameters
+        pieces = corrected(
+            parameters.pieces, parameters, parameters.pressure_zero, parameters.pressure_gain
+        )
+        add_table(records, Table(1, 1.0, parameters.begin, parameters.period, pieces))
 
     def largest_force(self, stroke: float) -> float:
         return float(np.abs(self.parameters.pieces[:, -1]).max())
@@ -92,15 +94,15 @@ def averaged(angle: np.ndarray, values: np.ndarray, period: float) -> Averaged:
     step = float(np.ptp(angle)) / (angle.size - 1)
     count = max(round(period / max(step, _FINEST)), _LEAST_KNOTS)
     place = np.mod(angle, period) / period * count
-    first = np.minimum(place.astype(int), count - 1)
-    t = place - first
+    knot = np.minimum(place.astype(int), count - 1)
+    t = place - knot
     weights = (
         np.column_stack(
             [(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]
         )
         / 6.0
     )
-    columns = (first[:, None] + np.arange(-1, 3)) % count
+    columns = (knot[:, None] + np.arange(-1, 3)) % count
     basis = csr_array(
         (weights.ravel(), columns.ravel(), np.arange(angle.size + 1) * 4), (angle.size, count)
     )
@@ -110,44 +112,54 @@ def averaged(angle: np.ndarray, values: np.ndarray, period: float) -> Averaged:
     roughness, mean = bends.T @ bends, float(np.mean(values))
     least = 1e-9 * angle.size / count  # so that the matrix is regular where there is no sample
     rough, modes = eigh(roughness, (basis.T @ basis).toarray() + least * roughness)
-    known, sizes = 1.0 - least * rough, modes.T @ (basis.T @ (values - mean))
+    information, sizes = 1.0 - least * rough, modes.T @ (basis.T @ (values - mean))
     best = math.inf, 0.0, np.ones(count)
     for level in np.exp(_LEVELS) * angle.size / count:
-        kept = 1.0 / (1.0 + level * rough)
+        shrinkage = 1.0 / (1.0 + level * rough)
         squares = float(
-            np.sum((values - mean) ** 2) - np.sum((2.0 - kept * known) * kept * sizes**2)
+            np.sum((values - mean) ** 2)
+            - np.sum((2.0 - shrinkage * information) * shrinkage * sizes**2)
         )
-        free = angle.size - float(np.sum(kept * known))
+        free = angle.size - float(np.sum(shrinkage * information))
         if free > 0.5 and squares > 0.0 and squares / free**2 < best[0]:
-            best = squares / free**2, math.sqrt(squares / free), kept
-    _, residual, kept = best
+            best = squares / free**2, math.sqrt(squares / free), shrinkage
+    _, residual, shrinkage = best
 
     def polynomials(c: np.ndarray) -> np.ndarray:
         """Of the pieces (k, 4) of splines with the coefficients `c` (k,)."""
-        before, after, last = np.roll(c, 1), np.roll(c, -1), np.roll(c, -2)
-        cubic, square = -before + 3 * c - 3 * after + last, 3 * before - 6 * c + 3 * after
-        parts = cubic, square, 3 * (after - before), before + 4 * c + after
+        left_knot, right, far_right = np.roll(c, 1), np.roll(c, -1), np.roll(c, -2)
+        cubic, square = (
+            -left_knot + 3 * c - 3 * right + far_right,
+            3 * left_knot - 6 * c + 3 * right,
+        )
+        parts = cubic, square, 3 * (right - left_knot), left_knot + 4 * c + right
         return np.column_stack(
             [part / 6.0 * (count / period) ** (3 - i) for i, part in enumerate(parts)]
         )
 
     begins = np.arange(count) * (period / count)
-    pieces = np.column_stack([begins, polynomials(mean + modes @ (kept * sizes))])
-    scaled = residual * np.sqrt(kept) * modes
+    pieces = np.column_stack([begins, polynomials(mean + modes @ (shrinkage * sizes))])
+    scaled = residual * np.sqrt(shrinkage) * modes
     order = np.argsort(-np.sum(scaled**2, axis=0))
     share = np.cumsum(np.sum(scaled**2, axis=0)[order])
-    chosen = order[: min(int(np.searchsorted(share, _KEPT_ERRORS * share[-1])) + 1, _MOST_ERRORS)]
-    errors = np.array([polynomials(scaled[:, i]) for i in chosen])
+    modes_used = order[
+        : min(int(np.searchsorted(share, _KEPT_ERRORS * share[-1])) + 1, _MOST_ERRORS)
+    ]
+    errors = np.array([polynomials(scaled[:, i]) for i in modes_used])
     return Averaged(period, pieces, errors, residual)
 
 
 def average_cycle(angle: np.ndarray, values: np.ndarray) -> Averaged:
     """The average over one turn, or over two (four-stroke engines) if consecutive turns differ."""
-    turned, one = float(np.ptp(angle)), averaged(angle, values, tau)
+    turned, one_turn = float(np.ptp(angle)), averaged(angle, values, tau)
     if turned * angle.size / (angle.size - 1) < 1.9 * tau:
-        return one
-    two, (ratio, share) = averaged(angle, values, 2.0 * tau), _FOUR_STROKE
-    return two if one.residual > max(ratio * two.residual, share * float(np.std(values))) else one
+        return one_turn
+    two_turns, (ratio, share) = averaged(angle, values, 2.0 * tau), _FOUR_STROKE
+    return (
+        two_turns
+        if one_turn.residual > max(ratio * two_turns.residual, share * float(np.std(values)))
+        else one_turn
+    )
 
 
 def loads_of_run(
@@ -156,30 +168,28 @@ def loads_of_run(
     angle: np.ndarray | None = None,
     channels: dict[str, np.ndarray] | None = None,
 ) -> tuple[Effect, ...]:
-    """The known loads of a `run`, for a crank that turns counter-clockwise.
+    """The known loads of a `run`, as seen from `CampaignRun.mirrored`.
 
     Pressures from the `channels` of its record with the crank `angle` (n,) [rad]; without them
     (planned runs) none.
     """
-    loads = [
-        effect.mirrored() if run.direction == "clockwise" else effect for effect in run.effects
-    ]
+    loads = [*run.effects]
     for name in PRESSURES.keys() & (channels or {}).keys():
-        given, finite = campaign.channels[name], np.isfinite(angle) & np.isfinite(channels[name])
+        channel, finite = campaign.channels[name], np.isfinite(angle) & np.isfinite(channels[name])
         cycle = average_cycle(angle[finite], channels[name][finite])
-        stated = {
-            "bore": given.bore,
-            "ambient_pressure": given.pressure_behind,
+        keys = {
+            "bore": channel.bore,
+            "ambient_pressure": channel.pressure_behind,
             "side": PRESSURES[name],
         }
-        parameters = PressureParameters(pieces=None, deviations=None, period=cycle.period, **stated)
+        parameters = PressureParameters(pieces=None, deviations=None, period=cycle.period, **keys)
         area = piston_area(parameters)
         pieces = cycle.pieces * [1.0, -area, -area, -area, -area] + [
             0.0,
             0.0,
             0.0,
             0.0,
-            given.pressure_behind * area,
+            channel.pressure_behind * area,
         ]
         forces = {"pieces": pieces, "deviations": -area * cycle.errors}
         loads.append(RecordedPressure(parameters=parameters.model_copy(update=forces)))
@@ -210,11 +220,11 @@ def with_loads(
         return mechanism
     turned = (
         (
-            one.with_parameters(begin=one.parameters.begin + angle)
-            if isinstance(one, RecordedPressure)
-            else one
+            load.with_parameters(begin=load.parameters.begin + angle)
+            if isinstance(load, RecordedPressure)
+            else load
         )
-        for one in loads
+        for load in loads
     )
     mechanism = mechanism.applied()
     return mechanism.model_copy(update={"effects": (*mechanism.effects, *turned)})

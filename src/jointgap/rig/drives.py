@@ -120,21 +120,20 @@ def began_anywhere(run: CampaignRun) -> bool:
     return run.start in ("settled", "unknown")
 
 
-def _turned_before(run: CampaignRun, start: Start, first: float, speed: float) -> float:
+def _turned_before(start: Start, first_angle: float, speed: float) -> float:
     """Angle turned [rad] from a stated start to the `first` angle [rad], at `speed` [rad/s]."""
     turned = start.turned or (start.ran or 0.0) * speed
     if start.angle is None:
         return turned
-    angle = -start.angle if run.direction == "clockwise" else start.angle
-    part = float(np.mod(first - angle, tau))
+    part = float(np.mod(first_angle - start.angle, tau))
     return part + tau * max(round((turned - part) / tau), 0)
 
 
 def _settling(time_constant: float, speed: float) -> float:
     """Angle [rad] turned before the first sample, for the decay of a transient with `time_constant`
     [s]."""
-    needed = math.ceil(SETTLING_TIME_CONSTANTS * time_constant * speed / tau)
-    return tau * min(max(SETTLING_REVOLUTIONS, needed), MAX_SETTLING_REVOLUTIONS)
+    revolutions = math.ceil(SETTLING_TIME_CONSTANTS * time_constant * speed / tau)
+    return tau * min(max(SETTLING_REVOLUTIONS, revolutions), MAX_SETTLING_REVOLUTIONS)
 
 
 def constant_speed_run(
@@ -149,12 +148,12 @@ def constant_speed_run(
     samples."""
     run, samples, back = plan.run, plan.samples, earlier
     offset, drift = samples.line(error) if np.ndim(error) else (error, 0.0)
-    first, speed = (
+    first_angle, speed = (
         values.get("first_angle", samples.first_angle) - offset,
         values.get("speed", samples.speed) - drift,
     )
     if isinstance(run.start, Start):
-        back += _turned_before(run, run.start, first, speed)
+        back += _turned_before(run.start, first_angle, speed)
     elif not starts_with_record(run):
         bending = mechanism.effect("rod_flexibility")
         decay = (
@@ -162,21 +161,21 @@ def constant_speed_run(
         )
         back += _settling(1.0 / decay, speed)
     if not samples.timed:
-        samples = replace(samples, angle=samples.angle + (first - samples.first_angle))
+        samples = replace(samples, angle=samples.angle + (first_angle - samples.first_angle))
         p = parameters(mechanism, options_of(speed, samples.angle.min() - back, tolerance))
         begin = float(crank_times(p, np.array([p.drive.start_angle, samples.angle[0]]))[1])
         return _prescribed(p, begin, samples)
     fluctuation = mechanism.effect("speed_fluctuation")
     slowed = math.sqrt(1.0 - fluctuation.ratio**2) if fluctuation else 1.0  # mean speed over w0
     w0 = speed / slowed if samples.encoded else speed
-    p = parameters(mechanism, options_of(w0, first - back, tolerance))
+    p = parameters(mechanism, options_of(w0, first_angle - back, tolerance))
     begin = back / (w0 * slowed)
     if fluctuation and samples.encoded:
         for _ in range(4):  # until the line through the angles is the measured one
             line_first, slope = samples.line(prescribed_angles(p, begin + samples.elapsed))
             p.drive.speed *= speed / slope
             begin = back / (p.drive.speed * slowed)
-            p.drive.start_angle += first - line_first
+            p.drive.start_angle += first_angle - line_first
     return _prescribed(p, begin, samples)
 
 
@@ -198,25 +197,27 @@ def _led_in_and_out(
     apart = (
         0.5 * (angle[-1] - angle[0]) / (time.size - 1)
     )  # nearer samples are duplicates at a joint of two cycles
-    first = np.flatnonzero(begin.turned < turns * tau - apart)
-    last = np.flatnonzero(np.abs(end.turned + turns * tau - 0.25 * tau) < 0.25 * tau - apart)
-    copies = [(begin, first, -k * turns) for k in range(math.ceil((back + 1) / turns), 0, -1)]
+    lead_rows = np.flatnonzero(begin.turned < turns * tau - apart)
+    end_rows = np.flatnonzero(np.abs(end.turned + turns * tau - 0.25 * tau) < 0.25 * tau - apart)
+    copies = [(begin, lead_rows, -k * turns) for k in range(math.ceil((back + 1) / turns), 0, -1)]
     weights, split = np.vstack([begin.weights, end.weights]), len(begin.weights)
     parts = []
-    for rotation, rows, moved in [*copies, (None, np.arange(time.size), 0), (end, last, turns)]:
+    for rotation, rows, moved in [*copies, (None, np.arange(time.size), 0), (end, end_rows, turns)]:
         at, shifts = time[rows], np.zeros((rows.size, len(weights)))
         if rotation is not None:  # a copy is shifted by the errors of the rotation
             at = rotation.time_at(rotation.turned[rows] + moved * tau)
-            own = slice(split) if rotation is begin else slice(split, None)
-            shifts[:, own] = rotation.errors(at) - rotation.errors(time[rows])
+            columns = slice(split) if rotation is begin else slice(split, None)
+            shifts[:, columns] = rotation.errors(at) - rotation.errors(time[rows])
         parts.append((at, angle[rows] + moved * tau, rows, shifts))
-    at, angle, rows, shifts = (np.concatenate(each) for each in zip(*parts, strict=True))
-    kept = (
+    at, angle, rows, shifts = (np.concatenate(column) for column in zip(*parts, strict=True))
+    is_used = (
         at > -(back + 0.5) * turn
     )  # half a revolution more than simulated, as the smooth angle is poor at its ends
-    own = eye_array(time.size, format="csr")[rows[kept]]
-    errors = aslinearoperator(own) + aslinearoperator(shifts[kept]) @ aslinearoperator(weights)
-    return at[kept], angle[kept], errors, cycle, turn
+    copied = eye_array(time.size, format="csr")[rows[is_used]]
+    errors = aslinearoperator(copied) + aslinearoperator(shifts[is_used]) @ aslinearoperator(
+        weights
+    )
+    return at[is_used], angle[is_used], errors, cycle, turn
 
 
 @dataclass(frozen=True)
@@ -249,9 +250,9 @@ def measured_drive(
     rounding = resolution / math.sqrt(12.0)
     scatter = _scatter(readings, rounding, noise)
     stepped = 0.0 < scatter < HARDLY_NOISY * rounding
-    own = (time >= begins) & (time <= samples.elapsed[finite][-1])
+    in_record = (time >= begins) & (time <= samples.elapsed[finite][-1])
     smooth = smooth_angle(
-        time - time[0], angle, math.sqrt(12.0) * scatter if stepped else None, own
+        time - time[0], angle, math.sqrt(12.0) * scatter if stepped else None, in_record
     )
     begin = -time[0] - back * turn
     if (still := standstill_time(smooth, begin, samples.elapsed[-1] - time[0])) is not None:
@@ -274,13 +275,13 @@ def measured_drive(
         table[:, 6 - power] = smooth(pieces, power) / math.factorial(power)
 
     def moved() -> np.ndarray:
-        own, common = noise, None
+        sd, common = noise, None
         if resolution:
             white = math.sqrt(max(scatter**2 - rounding**2, 0.0))
             common, share = _rounding(smooth(samples.elapsed[finite] - time[0]), resolution, white)
-            own = math.hypot(white, math.sqrt(share) * rounding)
+            sd = math.hypot(white, math.sqrt(share) * rounding)
         errors = AngleErrors(
-            time - time[0], angle, smooth, copies, own, common, scatter if stepped else 0.0
+            time - time[0], angle, smooth, copies, sd, common, scatter if stepped else 0.0
         )
         changes = [errors(table[:, 0] + begin, power) / math.factorial(power) for power in range(6)]
         tables = np.repeat(table[None], errors.count, axis=0)
@@ -298,10 +299,10 @@ def _scatter(readings: np.ndarray, rounding: float, noise: float | None) -> floa
     """
     if noise is not None:
         return math.hypot(noise, rounding)
-    found = [
+    estimates = [
         scatter_between_samples(readings[::apart], IDENTIFICATION.noise) for apart in (1, 2, 3)
     ]
-    return max(rounding, min((each.sd for each in found if each), default=0.0))
+    return max(rounding, min((estimate.sd for estimate in estimates if estimate), default=0.0))
 
 
 def _rounding(angle: np.ndarray, step: float, noise: float) -> tuple[np.ndarray, float]:
@@ -337,9 +338,9 @@ def measured_angle_run(
         rates = make_interp_spline(time[apart], error[apart], k=5)
         for power in range(1, 6):
             table[:, 6 - power] -= rates(time, power) / math.factorial(power)
-    speed, first = plan.samples.speed, float(table[0, 6])
-    p = parameters(mechanism, options_of(speed, first, tolerance))
-    drive = DriveParameters(kind=MEASURED, speed=speed, start_angle=first)
+    speed, first_angle = plan.samples.speed, float(table[0, 6])
+    p = parameters(mechanism, options_of(speed, first_angle, tolerance))
+    drive = DriveParameters(kind=MEASURED, speed=speed, start_angle=first_angle)
     return _prescribed(
         p._replace(drive=record(drive), knots=knots_record(table)), begin, plan.samples
     )
@@ -362,10 +363,10 @@ def motor_run(
     motor, speed = motor.model_copy(update=line), values.get("speed", run.speed)
     finite = np.isfinite(samples.read)
     offset = float(np.mean(error[finite])) if np.ndim(error) else error
-    first = values.get("first_angle", samples.first_angle) - offset
+    first_angle = values.get("first_angle", samples.first_angle) - offset
     start_speed, back, passes = REST_SPEED if run.start == "at_rest" else speed, 0.0, 1
     if isinstance(run.start, Start):
-        back = _turned_before(run, run.start, first, speed)
+        back = _turned_before(run.start, first_angle, speed)
     elif not starts_with_record(run):
         crank = mechanism.crank
         inertia = (
@@ -385,17 +386,19 @@ def motor_run(
     # a little more than at no-load speed
     reach = 1.05 * max(samples.elapsed[-1] * max(motor.no_load_speed, speed), tau)
     count = math.ceil((back + reach) / tau * MOTOR_SAMPLES_PER_REVOLUTION)
-    coarse = first - back + np.arange(count + 1) * (tau / MOTOR_SAMPLES_PER_REVOLUTION)
+    coarse = first_angle - back + np.arange(count + 1) * (tau / MOTOR_SAMPLES_PER_REVOLUTION)
     for _ in range(
         passes
     ):  # a slow transient continues with the speed that it reached whole cycles later
-        p = parameters(mechanism, options_of(start_speed, first - back, tolerance, drive=motor))
+        p = parameters(
+            mechanism, options_of(start_speed, first_angle - back, tolerance, drive=motor)
+        )
         angle_over_time = CubicSpline(
             integrate_to_angles(p, start_state(p), coarse, tolerance).times, coarse
         )
         later = int(back / (2.0 * tau)) * 2 * MOTOR_SAMPLES_PER_REVOLUTION
         start_speed = float(angle_over_time(angle_over_time.x[later], 1))
-    begin = float(np.interp(first, coarse, angle_over_time.x))
+    begin = float(np.interp(first_angle, coarse, angle_over_time.x))
     if samples.encoded and back:
         shift = samples.first_angle - values.get("first_angle", samples.first_angle) + offset
         for _ in range(4):

@@ -1,8 +1,8 @@
 """A campaign file from the measured files alone: which column is which channel, its unit, and the
 speeds of the runs.
 
-Headings and units decide if they are clear, otherwise the values do. Every guess has its reason as
-a comment, and what the files do not contain has the value `FILL_IN`.
+Headings and units decide; time, crank angle and crank speed are also recognised by their values.
+Every guess has its reason as a comment, and what the files do not contain has the value `FILL_IN`.
 """
 
 import json
@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from math import degrees, isclose, log, tau
+from math import isclose, tau
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +27,6 @@ from jointgap.core.section import word
 from jointgap.core.units import counts_near, respelled, unit_factor
 from jointgap.core.words import number
 from jointgap.rig import checks
-from jointgap.rig.sampling import speed_from_periodicity
 
 SAMPLE_NUMBERS = {"n", "nr", "no", "sample", "samples", "index"}
 COUNTED = {"count", "counts", "pulses", "enc", "encoder"}
@@ -44,9 +43,7 @@ USUAL_UNITS = (*CHANNELS.values(), *SIGNALS, "W", "K")
 PERIODS = {"deg": (360.0, 720.0), "rad": (tau, 2 * tau), "turn": (1.0, 2.0)}
 """Values of an angle's unit in a turn, and in a four-stroke cycle."""
 
-LENGTHS, SPEEDS = (4e-3, 0.7), (8.0, 20000.0)  # [m], [rpm] of usual cranks
-PHASES = {"slider_position": 1.0, "slider_velocity": -1j, "slider_acceleration": -1.0}
-"""First order of the slider's motion from the outer dead centre, over its size."""
+STROKES, SPEEDS = (8e-3, 1.4), (8.0, 20000.0)  # [m], [rpm] of usual cranks
 
 # Headings
 
@@ -101,8 +98,12 @@ class Column:
     def named(self, channel: str) -> float:
         """Number of words that fit a channel."""
         required = frozenset(CHANNEL_KINDS[channel].required_words.split())
-        needed = _matches(self.words, required)
-        return 0.0 if required and not needed else needed + _matches(self.words, _WORDS[channel])
+        required_count = _matches(self.words, required)
+        return (
+            0.0
+            if required and not required_count
+            else required_count + _matches(self.words, _WORDS[channel])
+        )
 
     def may_be(self, channel: str) -> bool:
         """Whether the unit fits, or no other channel fits the heading better by more than a
@@ -215,14 +216,14 @@ def read_runs(files: Sequence[Path]) -> list[_Run]:
 
 def continued(values: np.ndarray) -> tuple[np.ndarray, float]:
     """An angle without gaps and without jumps back, and the size of these jumps or 0."""
-    known = np.flatnonzero(np.isfinite(values))
-    angle, jump = values[known], 0.0
+    places = np.flatnonzero(np.isfinite(values))
+    angle, jump = values[places], 0.0
     steps = np.diff(angle)
     back = np.abs(steps) > 0.5 * np.ptp(angle)
     if back.any() and not back.all():
         jump = float(np.median(np.abs(steps[back] - np.median(steps[~back]))))
         angle = np.unwrap(angle, period=jump)
-    return np.interp(np.arange(values.size), known, angle), jump
+    return np.interp(np.arange(values.size), places, angle), jump
 
 
 def progress(values: np.ndarray) -> float:
@@ -238,45 +239,6 @@ def evenness(values: np.ndarray) -> float:
     return max(0.0, 1.0 - float(np.std(steps) / np.mean(steps)))
 
 
-def period_of(x: np.ndarray, channels: Sequence[np.ndarray]) -> float:
-    """The period in `x`, which rises or falls, at which all `channels` repeat; 0 if there is
-    none."""
-    x = np.maximum.accumulate(np.copysign(1.0, progress(x)) * x)
-    channels = [values for values in channels if np.nanstd(values) > 0]
-    grid = np.linspace(x[0], x[-1], min(4 * x.size, 8192))
-    correlation = np.zeros(grid.size)
-    for values in channels:
-        known = np.isfinite(values)
-        y = np.interp(grid, x[known], values[known])
-        power = np.abs(np.fft.rfft((y - y.mean()) / max(y.std(), 1e-300), 2 * y.size)) ** 2
-        correlation += np.fft.irfft(power)[: y.size] / np.arange(y.size, 0, -1) / len(channels)
-    apart = np.flatnonzero(correlation < 0.4)
-    lags = np.arange(apart[0] + 1 if apart.size else grid.size, 2 * grid.size // 3)
-    is_peak = correlation[lags] >= correlation[lags - 1]
-    peaks = lags[is_peak & (correlation[lags] > correlation[lags + 1])]
-    best = correlation[peaks].max(initial=0.0)
-    if best < 0.5:
-        return 0.0
-    rough = float(grid[peaks[correlation[peaks] > best - 0.1][0]] - grid[0])
-    part, speed = x - x[0] < 20 * rough, tau / rough
-    return tau / speed_from_periodicity(
-        x[part] - x[0], [values[part] for values in channels], 0.97 * speed, 1.03 * speed
-    )
-
-
-def orders_of(turns: np.ndarray, values: np.ndarray) -> np.ndarray | None:
-    """Mean and four complex orders of `values`: Re sum c_k exp(2 pi i k turns); None if most of it
-    does not repeat."""
-    known = np.isfinite(values)
-    turning = np.exp(1j * tau * np.outer(turns[known], np.arange(1, 5)))
-    columns = np.column_stack([np.ones(known.sum()), turning.real, turning.imag])
-    weights = np.linalg.lstsq(columns, values[known], rcond=None)[0]
-    residual = values[known] - columns @ weights
-    if residual.size < 20 or not np.var(residual) < 0.6 * np.var(values[known]):
-        return None
-    return np.append(weights[0], weights[1:5] - 1j * weights[5:])
-
-
 class Guesses:
     """What the columns of runs are."""
 
@@ -286,9 +248,7 @@ class Guesses:
         self.unused = dict.fromkeys(runs[0].unread, "contains text, or is there twice")
         self.channels: dict[str, dict[str, object]] = {}  # Entries of the campaign file
         self.why: dict[str, str] = {}
-        self.lengths: dict[str, float] = {}  # [m] of the crank, by channel
-        # Channel, and by it the angle [deg] read at the outer dead centre
-        self.zero: tuple[str, float] | None = None
+        self.stroke = 0.0  # [m] Of the slider position; 0 if not known
         self.turned: list[np.ndarray] = []  # [turns] by run
         self.rates: list[float] = [0.0] * len(runs)  # [turns/s] signed; 0 if not known
         for heading in runs[0].values:
@@ -308,11 +268,6 @@ class Guesses:
         self.time, self.angle = self._take("time"), self._take("crank_angle")
         if self.angle:
             self._assign_angle()
-        elif self.time:
-            times = [continued(values)[0] for values in self.time.values]
-            periods = self._periods(times)
-            if all(periods):
-                self.turned = [time / period for time, period in zip(times, periods, strict=True)]
         if self.time:
             self._assign_time()
         self._assign_sensors()
@@ -348,29 +303,14 @@ class Guesses:
         return score + 2.0 * bool(column.unit)
 
     def _shape(self, column: Column, channel: str) -> float:
-        """How well the values of a column fit a channel: over time, over a turn, by the speed."""
+        """How well the values fit time, crank angle or crank speed, or the unit another channel."""
         if channel == "time":
             return round(min(map(evenness, column.values)), 2)
         if channel == "crank_angle":
             return min(abs(progress(continued(values)[0])) for values in column.values)
-        if column.unit_for("cylinder_pressure"):
-            return float(channel == "cylinder_pressure")
-        if self._speed_unit(column):
-            return 3.0 * (channel == "crank_speed")
-        sizes = np.abs(np.array(self._orders(column)))
-        if not sizes.size or channel not in (*PHASES, "crank_torque"):
-            return 0.0
-        if np.median(sizes[:, 2] / sizes[:, 1]) > 0.6:
-            return 1.5 * (channel == "crank_torque")
-        if channel == "crank_torque":
-            return 1.0
-        mean, rates = float(np.median(sizes[:, 0] / sizes[:, 1])), np.abs(self.rates)
-        power = 2.0 * (mean < 0.5)  # at one speed: only a position is far from 0
-        if rates.max() > 1.15 * rates.min() > 0.0:
-            power = float(np.polyfit(np.log(rates), np.log(sizes[:, 1:].sum(axis=1)), 1)[0])
-        if CHANNEL_KINDS[channel].speed_power != int(np.clip(round(power), 0, 2)):
-            return 0.0
-        return 1.5 - (mean if channel != "slider_position" else 0.0)
+        if channel == "crank_speed" and self._speed_unit(column):
+            return 3.0
+        return float(bool(column.unit_for(channel)) and not CHANNEL_KINDS[channel].required_words)
 
     def _assign(self, channel: str, column: Column, reasons: Sequence[str], **keys: object) -> None:
         self.channels[channel] = {"column": column.heading, **keys}
@@ -379,26 +319,17 @@ class Guesses:
 
     # Angle, time, speed
 
-    def _periods(self, x: Sequence[np.ndarray]) -> list[float]:
-        """The period of the columns in `x`, by run; 0 without one."""
-        return [
-            period_of(values, [column.values[run] for column in self.columns.values()])
-            for run, values in enumerate(x)
-        ]
-
     def _assign_angle(self) -> None:
-        """The unit of the angle, from its jumps back or from the period of the other columns, and
-        `turned`."""
+        """The unit of the angle, from its jumps back, and `turned`."""
         column, unit = self.angle, self.angle.unit_for("crank_angle")
         angles, jumps = zip(*map(continued, column.values), strict=True)
-        size, source = float(np.median(jumps)), "starts again after {}"
+        size = float(np.median(jumps))
         is_whole = all((values[np.isfinite(values)] % 1 == 0).all() for values in column.values)
         bits = [bits for bits in (16, 24, 32) if isclose(size, 2**bits, rel_tol=1e-3)]
-        if not size or (is_whole and bits):
-            periods = [period for period in self._periods(angles) if period]
-            size, source = float(np.median(periods or [0.0])), "the other columns repeat every {}"
+        if is_whole and bits:  # an overflow of the counter
+            size = 0.0
         reasons = ["" if column.named("crank_angle") else "rises throughout"]
-        reasons += ["" if unit else source.format(number(size))]
+        reasons += ["" if unit or not size else f"starts again after {number(size)}"]
         fitting = [
             name
             for name, periods in PERIODS.items()
@@ -477,11 +408,6 @@ class Guesses:
                     "is none of the channels, or it is not clear which one"
                 )
 
-    def _orders(self, column: Column) -> list[np.ndarray]:
-        """Orders of a column by run; [] if it does not repeat every turn in all runs."""
-        orders = [orders_of(*pair) for pair in zip(self.turned, column.values, strict=False)]
-        return [] if any(series is None for series in orders) else orders
-
     def _speed_unit(self, column: Column) -> str:
         """The unit in which a column is the speed of the crank; '' if there is none."""
         means = np.abs([np.nanmean(values) for values in column.values])
@@ -497,11 +423,11 @@ class Guesses:
 
     def _assign_sensor(self, channel: str, column: Column) -> None:
         base, unit, keys = CHANNELS[channel], column.unit_for(channel), {}
-        reasons = ["" if column.named(channel) else CHANNEL_KINDS[channel].shape]
+        by = "its mean is the speed of the crank" if channel == "crank_speed" else "by its unit"
+        reasons = ["" if column.named(channel) else by]
         if column.signal and not unit:
             reasons.append(f"the scale of the sensor, in {base}/{column.signal}")
             unit, keys = column.signal, {"scale": FILL_IN}
-            self._find_dead_centre(channel, column)
         elif column.is_zero:
             reasons.append(
                 "all values are 0, as of a motor that is off; the noise of the torque, such as"
@@ -520,43 +446,25 @@ class Guesses:
             if not unit:
                 unit, reason = self._likely_unit(channel, column)
                 reasons.append(reason)
-            if length := self._crank_length(channel, column, unit):
-                self.lengths[channel] = length
-                self._find_dead_centre(channel, column)
+            if channel == "slider_position":
+                self.stroke = _range(column) * unit_factor(unit, base)
         self._assign(channel, column, reasons, unit=unit, **keys)
 
     def _likely_unit(self, channel: str, column: Column) -> tuple[str, str]:
-        """The unit with which a column gives the speed or a usual crank, and the reason."""
+        """The unit with which a column gives the speed or a usual stroke, and the reason."""
         base = CHANNELS[channel]
-        unit = self._speed_unit(column) if channel == "crank_speed" else ""
-        units = (base, *UNITS[base])
-        lengths = {name: self._crank_length(channel, column, name) for name in units}
-        if not unit and lengths[base]:
-            usual = (name for name in units if LENGTHS[0] < lengths[name] < LENGTHS[1])
-            unit = next(usual, base)
-            for known in list(self.lengths.values())[:1]:
-                unit = min(units, key=lambda name: abs(log(lengths[name] / known)))
-        unit = unit or base
-        if not lengths[unit]:
-            return unit, f"no unit; {unit} assumed"
-        about = number(1e3 * lengths[unit], 2)
-        return unit, f"no unit; {unit} gives a crank of about {about} mm"
+        if channel == "crank_speed" and (unit := self._speed_unit(column)):
+            return unit, f"no unit; {unit} gives the speed by angle and time"
+        if channel == "slider_position":
+            for unit in (base, *UNITS[base]):
+                stroke = _range(column) * unit_factor(unit, base)
+                if STROKES[0] < stroke < STROKES[1]:
+                    return unit, f"no unit; {unit} gives a stroke of {number(1e3 * stroke, 2)} mm"
+        return base, f"no unit; {base} assumed"
 
-    def _crank_length(self, channel: str, column: Column, unit: str) -> float:
-        """The length [m] of a crank that moves the slider as a column in this `unit`; 0 if the
-        channel or the speed does not tell it."""
-        power = CHANNEL_KINDS[channel].speed_power
-        if channel not in PHASES or (power and not all(self.rates)):
-            return 0.0
-        pairs = zip(self._orders(column), self.rates, strict=False)
-        sizes = [abs(orders[1]) / abs(tau * rate) ** power for orders, rate in pairs]
-        return float(np.median(sizes or [0.0])) * unit_factor(unit, CHANNELS[channel])
 
-    def _find_dead_centre(self, channel: str, column: Column) -> None:
-        """`zero` by a channel of the slider's motion."""
-        if channel in PHASES and self.angle and self.zero is None and min(self.rates) >= 0.0:
-            first_order = sum(orders[1] for orders in self._orders(column))
-            self.zero = channel, degrees(-np.angle(first_order * PHASES[channel]))
+def _range(column: Column) -> float:
+    return float(np.median([np.nanmax(values) - np.nanmin(values) for values in column.values]))
 
 
 def _samples_well(period: float, angles: Sequence[np.ndarray]) -> bool:
@@ -579,7 +487,7 @@ def new_rig(files: Sequence[Path], name: str = "rig") -> str:
     guesses = Guesses(read_runs(files))
     text = "\n".join(campaign_lines(guesses, name, mechanism.name)) + "\n"
     write_text(campaign, text)
-    write_text(mechanism, mechanism_text(guesses.lengths))
+    write_text(mechanism, mechanism_text(guesses.stroke))
     gaps = f"; fill in what is marked {FILL_IN}" if FILL_IN in text else ""
     return (
         f"{campaign}: {len(guesses.runs)} runs, {len(guesses.channels)} channels; check the guesses"
@@ -609,11 +517,12 @@ def _new_files(*names: str) -> list[Path]:
     return files
 
 
-def mechanism_text(lengths: Mapping[str, float] | None = None) -> str:
-    """A mechanism file to fill in; `lengths` are those of the crank by channel."""
+def mechanism_text(stroke: float = 0.0) -> str:
+    """A mechanism file to fill in; `stroke` [m] of the slider if it is known."""
     text = (Path(__file__).parents[1] / "data/new_mechanism.yaml").read_text(encoding="utf-8")
-    for channel, length in list((lengths or {}).items())[:1]:
-        text = text.replace("such as 40 mm", f"about {number(1e3 * length, 2)} mm by {channel}")
+    if stroke:
+        length = f"about {number(500.0 * stroke, 2)} mm by slider_position"
+        text = text.replace("such as 40 mm", length)
     return text
 
 
@@ -649,12 +558,6 @@ def campaign_lines(guesses: Guesses, name: str, mechanism: str) -> Iterator[str]
 
 
 def _encoder_zero_line(guesses: Guesses) -> str:
-    if guesses.zero:
-        channel, angle = guesses.zero
-        read = f"by {channel}, crank_angle is {angle:.0f} deg at the outer dead centre"
-        if abs(angle) < 3.0:
-            return f"  # encoder_zero: 5 deg   # {read}"
-        return f"  encoder_zero: 180 deg   # guess: {read}"
     if len(guesses.runs[0].files) > 1:
         return (
             "  # encoder_zero: 180 deg   # the fitted offset of the clocks includes it, so it"
@@ -678,8 +581,7 @@ def _run_lines(guesses: Guesses) -> Iterator[str]:
         why = "speed: of the crank, such as 300 rpm"
         if rate:
             keys["speed"] = f"{number(60 * abs(rate))} rpm"
-            source = "angle and time" if guesses.angle else "the period of the columns"
-            why = f"guess: speed by {source}"
+            why = "guess: speed by angle and time"
         keys["role"] = "split" if len(order) == 1 else "confirm" if run == order[-1] else "identify"
         if rate < 0.0:
             keys["direction"], why = "clockwise", f"{why}; the angle falls"

@@ -37,16 +37,16 @@ def _turned(run: CampaignRun, recording: Recording) -> tuple[np.ndarray, np.ndar
     """Crank angle (n,) [rad], measured with gaps interpolated, or from times and nominal speed; and
     its deviation from steady rotation, NaN in gaps.
     """
-    angle, known = recording.crank_angle, np.isfinite(recording.crank_angle)
+    angle, is_read = recording.crank_angle, np.isfinite(recording.crank_angle)
     if not recording.has_angle:
         return run.speed * (recording.time - recording.time[0]), angle
     if not recording.has_time:
         return angle, np.full(angle.size, np.nan)
     time = recording.time - recording.time[0]  # keeps the digits of times since an epoch
-    steady = np.polyval(np.polyfit(time[known], angle[known], 1), time)
+    steady = np.polyval(np.polyfit(time[is_read], angle[is_read], 1), time)
     deviation = angle - steady
     return (
-        np.where(known, angle, steady + np.interp(time, time[known], deviation[known])),
+        np.where(is_read, angle, steady + np.interp(time, time[is_read], deviation[is_read])),
         deviation,
     )
 
@@ -63,32 +63,27 @@ def _numbers(run: CampaignRun, recording: Recording) -> list[dict]:
         spread = float(np.std(tau / np.diff(passed), ddof=1)) if passed.size > 2 else np.nan
     rows = []
     for name, values in recording.all_channels.items():
-        encoder, noise = name == "crank_angle", recording.noise[name]
-        ends = [float(np.nanmin(values)), float(np.nanmax(values))]
-        if encoder and run.direction == "clockwise":
-            ends = [-end for end in ends[::-1]]
-        row = {
-            "run": run.id,
-            "channel": name,
-            "unit": CHANNELS[name],
-            "role": run.role,
-            "samples": samples,
-        }
-        row |= {
-            "gaps": int(np.count_nonzero(~np.isfinite(values))),
-            "cycles": int(revolutions + 1e-6),
-        }
-        row |= {
-            "samples_per_revolution": samples / revolutions,
-            "mean_speed": mean,
-            "speed_spread": spread,
-        }
-        row |= {
-            "low": ends[0],
-            "high": ends[1],
-            "scatter": np.nan if encoder else cycle_scatter(angle, values),
-        }
-        rows.append(row | {"stated_noise": np.nan if noise is None else noise})
+        is_encoder = name == "crank_angle"
+        side, noise = run.side if is_encoder else 1.0, recording.noise[name]
+        low, high = sorted([side * float(np.nanmin(values)), side * float(np.nanmax(values))])
+        rows.append(
+            {
+                "run": run.id,
+                "channel": name,
+                "unit": CHANNELS[name],
+                "role": run.role,
+                "samples": samples,
+                "gaps": int(np.count_nonzero(~np.isfinite(values))),
+                "cycles": int(revolutions + 1e-6),
+                "samples_per_revolution": samples / revolutions,
+                "mean_speed": mean,
+                "speed_spread": spread,
+                "low": low,
+                "high": high,
+                "scatter": np.nan if is_encoder else cycle_scatter(angle, values),
+                "stated_noise": np.nan if noise is None else noise,
+            }
+        )
     return rows
 
 
@@ -101,10 +96,8 @@ def _draw(campaign: Campaign, run: CampaignRun, recording: Recording) -> "Drawin
     angle, deviation = _turned(run, recording)
     cycle = np.floor(angle / tau).astype(int)
     within = angle - cycle * tau
-    mirrored = (
-        run.direction == "clockwise" and recording.has_angle
-    )  # recordings of a clockwise crank are mirrored
-    shown = np.degrees(tau - within if mirrored else within)
+    side = run.side if recording.has_angle else 1.0
+    shown = np.degrees(within if side > 0.0 else tau - within)
     look = {"linewidth": 0.9, "rasterized": angle.size > DENSE_LINE}
     if angle.size * tau / (angle[-1] - angle[0]) < MARKED_BELOW:
         look |= {"marker": ".", "markersize": 3.0}
@@ -113,7 +106,7 @@ def _draw(campaign: Campaign, run: CampaignRun, recording: Recording) -> "Drawin
         abscissa = Quantity("crank angle from the first sample, at nominal speed", "deg")
     panels = []
     if recording.has_angle and recording.has_time:
-        degrees = (-1.0 if mirrored else 1.0) * np.degrees(deviation)
+        degrees = side * np.degrees(deviation)
         panels.append(("deviation from steady rotation", Quantity("deviation", "deg"), degrees))
     for name, values in recording.channels.items():
         unit, factor = campaign.shown_unit(name)
@@ -125,10 +118,10 @@ def _draw(campaign: Campaign, run: CampaignRun, recording: Recording) -> "Drawin
             panel = sheet.panel((row, 0), f"{run.id}: {title}", abscissa, quantity, below=panel)
             sampled = _sampled(values)
             for number in np.unique(cycle):
-                own, first = sampled[cycle[sampled] == number], number == cycle[0]
-                name, colour = ("first cycle", "first") if first else ("later cycles", "settled")
-                above = {"alpha": 1.0, "zorder": 3} if first else {"alpha": 0.5, "zorder": 2}
-                panel.line(name, shown[own], values[own], colour, **above, **look)
+                rows, is_first = sampled[cycle[sampled] == number], number == cycle[0]
+                name, colour = ("first cycle", "first") if is_first else ("later cycles", "settled")
+                above = {"alpha": 1.0, "zorder": 3} if is_first else {"alpha": 0.5, "zorder": 2}
+                panel.line(name, shown[rows], values[rows], colour, **above, **look)
         panel.over_crank_angle(0.0, 360.0)
         sheet.legend()
         return sheet.drawing()

@@ -102,7 +102,7 @@ PLANNED_FORCE_ORDER = 1.37
 def physical_candidates(context: FitContext) -> list[Candidate]:
     """Possible missing effects by group, without those that the mechanism has or that cannot act in
     it."""
-    found = []
+    candidates = []
     for effect in EFFECTS.values():
         for candidate in effect.candidates(context):
             site = candidate.site if candidate.has_site else None
@@ -110,8 +110,8 @@ def physical_candidates(context: FitContext) -> list[Candidate]:
                 context, candidate
             ):
                 place = GROUPS.index(effect.GROUP), effect.sites().index(site) if site else 0
-                found.append((place, candidate))
-    return [candidate for _, candidate in sorted(found, key=lambda entry: entry[0])]
+                candidates.append((place, candidate))
+    return [candidate for _, candidate in sorted(candidates, key=lambda entry: entry[0])]
 
 
 def _is_possible(context: FitContext, candidate: Candidate) -> bool:
@@ -136,16 +136,16 @@ def own_candidates(campaign: Campaign, scale: MotionScale) -> list[Candidate]:
         scale.middle + scale.stroke * np.cos(angle),
         -scale.stroke * scale.turning * np.sin(angle),
     )
-    found = []
+    candidates = []
     for name, law in campaign.candidates.items():
         if campaign.mechanism.effect(FORMULA_EFFECTS[law.site], name) is not None:
             continue
         spans, amplitudes = law.spans, law.amplitudes
-        shapes = {key: own for key, own in spans.items() if key not in amplitudes}
-        middles = {key: own.middle for key, own in shapes.items()}
+        shapes = {key: span for key, span in spans.items() if key not in amplitudes}
+        middles = {key: span.middle for key, span in shapes.items()}
         starts = [
-            [own.low + share * (own.high - own.low) for share in SHAPES_TRIED]
-            for own in shapes.values()
+            [span.low + share * (span.high - span.low) for share in SHAPES_TRIED]
+            for span in shapes.values()
         ]
         guesses = tuple(dict(zip(shapes, start, strict=True)) for start in product(*starts))
         most = scale.force * (scale.stroke if law.site == "crank" else 1.0)
@@ -162,24 +162,25 @@ def own_candidates(campaign: Campaign, scale: MotionScale) -> list[Candidate]:
                 ]
                 sizes.append(float(np.sqrt(np.mean(np.square(force)))))
                 if not sizes[-1] < math.inf or sizes[0] == 0.0:
-                    given = ", ".join(
-                        f"{own} = {value:g}" for own, value in {key: 1.0, **values}.items()
+                    settings = ", ".join(
+                        f"{parameter} = {value:g}"
+                        for parameter, value in {key: 1.0, **values}.items()
                     )
                     fix = (
                         "write |v|^n for v^n, or " * math.isnan(sizes[-1])
                         + "correct it or the ranges"
                     )
                     raise InputError(
-                        f"campaign {campaign.name}, candidates.{name}: with {given} the formula"
+                        f"campaign {campaign.name}, candidates.{name}: with {settings} the formula"
                         f" '{law.formula}' is {sizes[-1]:g} over a turn; {fix}"
                     )
             size = sizes[0]
             low, high = spans[key].low, spans[key].high
             coordinates.append(Parameter(key, 0.0, low, high, most / size, spans[key].unit))
-        for key, own in shapes.items():
-            step = STEP_SHARE_OF_BOUNDS * (own.high - own.low)
-            coordinates.append(Parameter(key, own.middle, own.low, own.high, step, own.unit))
-        found.append(
+        for key, span in shapes.items():
+            step = STEP_SHARE_OF_BOUNDS * (span.high - span.low)
+            coordinates.append(Parameter(key, span.middle, span.low, span.high, step, span.unit))
+        candidates.append(
             Candidate(
                 name,
                 law.site,
@@ -189,7 +190,7 @@ def own_candidates(campaign: Campaign, scale: MotionScale) -> list[Candidate]:
                 formula=law.formula,
             )
         )
-    return found
+    return candidates
 
 
 def _parameter(
@@ -210,15 +211,15 @@ def _listed(campaign: Campaign, keys: Iterable[str], run: str | None = None) -> 
 
 def shared_nuisances(campaign: Campaign) -> tuple[Parameter, ...]:
     """Nuisances shared by all runs."""
-    found = _listed(
+    nuisances = _listed(
         campaign, (key for key in campaign.nuisance if key not in campaign.run_nuisances)
     )
     if (width := friction_speed(campaign.mechanism)) is not None:
         low, high = width / FRICTION_SPEED_FACTOR, width * FRICTION_SPEED_FACTOR
-        found.append(_parameter("friction_speed", width, low, high, "m/s"))
+        nuisances.append(_parameter("friction_speed", width, low, high, "m/s"))
     reach = math.log(STEADY_CONTACT_DAMPING_FACTOR)
     names = steady_contact_damping(campaign.mechanism).values()
-    return (*found, *(_parameter(name, 0.0, -reach, reach, "1") for name in names))
+    return (*nuisances, *(_parameter(name, 0.0, -reach, reach, "1") for name in names))
 
 
 def check_bounds(campaign: Campaign) -> None:
@@ -250,24 +251,30 @@ def run_nuisances(campaign: Campaign, plan: RunPlan, searched: bool) -> tuple[Pa
     If the measured angle drives the crank, speed and first angle are no nuisances.
     """
     run, samples = plan.run, plan.samples
-    found = _listed(campaign, (key for key in campaign.run_nuisances if key != "speed"), run.id)
+    nuisances = _listed(campaign, (key for key in campaign.run_nuisances if key != "speed"), run.id)
     if plan.second_clock:
         offset, reach = plan.clock_offset, FIRST_ANGLE_REACH / samples.speed
-        found.append(
+        nuisances.append(
             _parameter("clock_offset", offset, offset - reach, offset + reach, "s", run.id)
         )
     if campaign.drive == "measured_angle":
-        return tuple(found)
-    speed, first, reach = samples.speed, samples.first_angle, samples.speed_reach
+        return tuple(nuisances)
+    speed, first_angle, reach = samples.speed, samples.first_angle, samples.speed_reach
     if samples.encoded and reach > 0:
-        found.append(_parameter("speed", speed, speed - reach, speed + reach, "rad/s", run.id))
+        nuisances.append(_parameter("speed", speed, speed - reach, speed + reach, "rad/s", run.id))
     elif not samples.encoded and "speed" in campaign.nuisance:
         low, high = campaign.bounds("speed", run.speed)
-        found.append(_parameter("speed", min(max(speed, low), high), low, high, "rad/s", run.id))
+        nuisances.append(
+            _parameter("speed", min(max(speed, low), high), low, high, "rad/s", run.id)
+        )
     reach = FIRST_ANGLE_REACH if searched else samples.first_reach
     if reach > 0:
-        found.append(_parameter("first_angle", first, first - reach, first + reach, "rad", run.id))
-    return tuple(found)
+        nuisances.append(
+            _parameter(
+                "first_angle", first_angle, first_angle - reach, first_angle + reach, "rad", run.id
+            )
+        )
+    return tuple(nuisances)
 
 
 # Channels so smooth that errors proportional to their rate are due to time stamps
@@ -297,8 +304,8 @@ class SliderCrankModel:
         self.campaign, self.name, self.left_out = campaign, campaign.name, left_out
         self.plans = {run: data.plan for run, data in runs.items()}
         self._estimated_encoder_offset = estimated_encoder_offset
-        own = [run_nuisances(campaign, data.plan, data.searched) for data in runs.values()]
-        self.nuisances: tuple[Parameter, ...] = sum(own, shared_nuisances(campaign))
+        of_runs = [run_nuisances(campaign, data.plan, data.searched) for data in runs.values()]
+        self.nuisances: tuple[Parameter, ...] = sum(of_runs, shared_nuisances(campaign))
         self.numerics = numerics_for(campaign)
         self._rows = {
             (run, channel): own_rows(data.plan.samples.elapsed, data.values[channel])
@@ -309,9 +316,10 @@ class SliderCrankModel:
         for run, data in runs.items():
             values, noise = self.nominal(run), noise_of(campaign, run)
             if channels := chaotic_channels(campaign, data.plan, values, noise):
-                kept = ~data.held_out | data.held_out.all()
+                is_fitted = ~data.held_out | data.held_out.all()
                 fitted = {
-                    channel: np.where(kept, data.values[channel], np.nan) for channel in channels
+                    channel: np.where(is_fitted, data.values[channel], np.nan)
+                    for channel in channels
                 }
                 self._chaotic[run] = chaotic_run(
                     campaign, data.plan, channels, values, fitted, noise
@@ -384,21 +392,17 @@ class SliderCrankModel:
     def drive_errors(self, run: str, values: Values) -> dict[str, np.ndarray]:
         """Parameters as of `jointgap.core.candidates.Driven.drive_errors`."""
         plan = replace(self.plans[run], channels=self._sampled(run))
-        others = (
-            [replace(plan, measured=each) for each in plan.measured.perturbed]
-            if plan.measured
-            else []
-        )
-        others += [replace(plan, loads=each) for each in perturbed(plan.loads)]
-        if not others or not plan.channels:
+        plans = [replace(plan, loads=loads) for loads in perturbed(plan.loads)]
+        if plan.measured:
+            drives = plan.measured.perturbed
+            plans = [*(replace(plan, measured=drive) for drive in drives), *plans]
+        if not plans or not plan.channels:
             return {}
-        nominal, read = self._read(plan, values), [self._read(each, values) for each in others]
-        changes = {
-            channel: [each[channel] - nominal[channel] for each in read] for channel in nominal
-        }
+        nominal = self._read(plan, values)
+        readings = [self._read(changed, values) for changed in plans]
         return {
-            channel: np.array(each).reshape(-1, nominal[channel].size).T
-            for channel, each in changes.items()
+            channel: np.array([read[channel] - nominal[channel] for read in readings]).T
+            for channel in nominal
         }
 
     @cached_property
@@ -484,18 +488,22 @@ def library(model: SliderCrankModel) -> tuple[Candidate, ...]:
         " v*sin(theta)"
     )
     crank = "1 w w*|w| cos(theta) sin(theta) cos(2*theta) sin(2*theta)"
-    sizes, found = {"Y": scale.stroke, "v": scale.speed, "w": scale.turning}, []
+    sizes, candidates = {"Y": scale.stroke, "v": scale.speed, "w": scale.turning}, []
     for effect, site, terms, largest in (
         ("discovered_slider_force", "slider", slider, scale.force),
         ("discovered_crank_torque", "crank", crank, scale.force * scale.stroke),
     ):
         for term in terms.split():
             power = 3 if "^3" in term else 1
-            size = math.prod(one ** (power * term.count(symbol)) for symbol, one in sizes.items())
+            size = math.prod(
+                magnitude ** (power * term.count(symbol)) for symbol, magnitude in sizes.items()
+            )
             coefficient = Parameter("coefficient", 0.0, step=largest / size)
             text = term.replace("Y", symbols["Y"]).replace("S", symbols["S"])
-            found.append(Candidate(f"{effect}[{text}]", site, (coefficient,), ("coefficient",)))
-    return tuple(found)
+            candidates.append(
+                Candidate(f"{effect}[{text}]", site, (coefficient,), ("coefficient",))
+            )
+    return tuple(candidates)
 
 
 def remaining_inconsistencies(
@@ -516,27 +524,27 @@ def _left(model: SliderCrankModel, measurements: Measurements, fit: Fit) -> list
     corrected, erring = {}, False
     sensors = tuple(candidate for candidate in fit.hypothesis if candidate.sensor)
     for run, plan in model.plans.items():
-        own = [p.key for p in model.nuisances if p.run == run and p.name in Faults.NUISANCES]
-        own += [
+        keys = [p.key for p in model.nuisances if p.run == run and p.name in Faults.NUISANCES]
+        keys += [
             f"{candidate.label}.{p.key}"
             for candidate in sensors
             for p in candidate.coordinates
             if p.run == run
         ]
-        if all(key in fit.mapping for key in own):
+        if all(key in fit.mapping for key in keys):
             nuisances, effects = values_in_run(model, run, fit.mapping, sensors)
-            faults = Faults(
-                effects, plan.run.direction == "clockwise", nuisances, plan.second_clock
-            )
+            faults = Faults(effects, plan.run.side, nuisances, plan.second_clock)
             corrected[run] = faults.taken_out(measurements.runs[run])
             erring |= bool(faults)
-    left = measurements.contradictions
+    contradictions = measurements.contradictions
     if erring:
         # clipped or stuck samples cannot be corrected: any fault of that sensor explains them
         sites = {candidate.site for candidate in sensors}
-        lost = [one for one in left if one.kind in OF_SAMPLES and one.channel not in sites]
-        left = lost + consistency_checks(model.campaign, corrected)
-    return [one.channel for one in left if one.doubtful]
+        unusable = [
+            item for item in contradictions if item.kind in OF_SAMPLES and item.channel not in sites
+        ]
+        contradictions = unusable + consistency_checks(model.campaign, corrected)
+    return [item.channel for item in contradictions if item.doubtful]
 
 
 def build_model(
@@ -551,7 +559,7 @@ def build_model(
     """
     check_bounds(campaign)
     runs, left_out = {}, dict(measurements.left_out) if measurements else {}
-    for run in campaign.runs:
+    for run in (run.mirrored() for run in campaign.runs):
         if measurements is None:
             runs[run.id] = _planned(campaign, run, (revolutions or {}).get(run.id))
         elif run.id not in left_out:
@@ -563,9 +571,14 @@ def build_model(
     campaign = campaign.model_copy(
         update={"runs": tuple(run for run in campaign.runs if run.id in runs)}
     )
-    found = measurements.contradictions if measurements else ()
+    contradictions = measurements.contradictions if measurements else ()
     offset = next(
-        (one.phase for one in found if (one.channel, one.kind) == ("crank_angle", "phase")), None
+        (
+            item.phase
+            for item in contradictions
+            if (item.channel, item.kind) == ("crank_angle", "phase")
+        ),
+        None,
     )
     return SliderCrankModel(campaign, runs, left_out, offset)
 
@@ -588,7 +601,7 @@ def _plan(campaign: Campaign, run: CampaignRun, samples: SampleGrid) -> RunPlan:
 
 
 def _planned(campaign: Campaign, run: CampaignRun, revolutions: float | None) -> RunData:
-    planned = run.speed, _first_angle(run) or 0.0, "crank_angle" in campaign.channels
+    planned = run.speed, run.first_angle or 0.0, "crank_angle" in campaign.channels
     plan = _plan(campaign, run, planned_grid(*planned))
     if len(run.files) == 2:  # which channels are in which file is not known yet
         plan = replace(
@@ -614,7 +627,7 @@ def _planned(campaign: Campaign, run: CampaignRun, revolutions: float | None) ->
 def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> RunData:
     constant, searched, step = campaign.drive == "constant_speed", False, _resolution(campaign)
     samples = sample_grid(
-        recording.time, recording.crank_angle, run.speed, _first_angle(run), step, constant
+        recording.time, recording.crank_angle, run.speed, run.first_angle, step, constant
     )
     if samples.encoded and is_computed(campaign, run.id, recording.time, recording.crank_angle):
         samples = replace(samples, computed=True, first_reach=0.0, speed_reach=0.0)
@@ -632,13 +645,15 @@ def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> Run
         )
     if constant and "crank_angle" not in campaign.channels:
         if "speed" in campaign.nuisance:
-            own, bounds = plan.samples, campaign.bounds("speed", run.speed)
-            speed = speed_from_periodicity(own.elapsed, list(fitted.values()), *bounds)
-            own = replace(own, speed=speed, angle=own.first_angle + speed * own.elapsed)
-            plan = replace(plan, samples=own)
+            grid, bounds = plan.samples, campaign.bounds("speed", run.speed)
+            speed = speed_from_periodicity(grid.elapsed, list(fitted.values()), *bounds)
+            grid = replace(grid, speed=speed, angle=grid.first_angle + speed * grid.elapsed)
+            plan = replace(plan, samples=grid)
         if searched := run.first_angle is None:
-            first = {name: value for name, value in fitted.items() if name not in plan.second_clock}
-            plan = _with_first_angle(campaign, plan, first)
+            by_channel = {
+                name: value for name, value in fitted.items() if name not in plan.second_clock
+            }
+            plan = _with_first_angle(campaign, plan, by_channel)
     plan = replace(plan, loads=loads_of_run(campaign, run, plan.samples.angle, recording.channels))
     if plan.second_clock:
         plan = _with_clock_offset(campaign, plan, fitted)
@@ -662,31 +677,22 @@ def _nominal(campaign: Campaign, plan: RunPlan) -> dict[str, float]:
     return {p.name: p.nominal for p in nuisances}
 
 
-def _first_angle(run: CampaignRun) -> float | None:
-    """The stated first angle [rad], mirrored for a clockwise crank."""
-    return (
-        -run.first_angle
-        if run.first_angle is not None and run.direction == "clockwise"
-        else run.first_angle
-    )
-
-
 def _with_first_angle(
     campaign: Campaign, plan: RunPlan, measured: dict[str, np.ndarray]
 ) -> RunPlan:
     """The plan with the first angle at which the current model agrees best with the measurement."""
-    own, count = plan.samples, FIRST_ANGLES_TRIED
+    grid, count = plan.samples, FIRST_ANGLES_TRIED
     turn = np.arange(count) / count
     dense = replace(
-        own,
-        time=turn * (tau / own.speed),
+        grid,
+        time=turn * (tau / grid.speed),
         read=np.full(count, np.nan),
         angle=tau * turn,
         first_angle=0.0,
     )
     simulated = channels_read(campaign, replace(plan, samples=dense), {})
     misfit = np.zeros(count)
-    phase = np.round(own.elapsed * own.speed / tau * count).astype(int)
+    phase = np.round(grid.elapsed * grid.speed / tau * count).astype(int)
     for channel, value in measured.items():
         finite = np.isfinite(value)
         spread = max(float(np.std(simulated[channel])), float(np.std(value[finite])), 1e-300)
@@ -695,9 +701,12 @@ def _with_first_angle(
             misfit[shift] += (
                 np.median(np.abs(away)) / spread
             )  # the median tolerates shifted impact spikes
-    first = float(np.argmin(misfit)) * tau / count
+    first_angle = float(np.argmin(misfit)) * tau / count
     return replace(
-        plan, samples=replace(own, first_angle=first, angle=own.angle - own.first_angle + first)
+        plan,
+        samples=replace(
+            grid, first_angle=first_angle, angle=grid.angle - grid.first_angle + first_angle
+        ),
     )
 
 
@@ -707,15 +716,15 @@ def _with_clock_offset(
     """The plan with the offset of the second clock, within half a revolution, at which the current
     model agrees best with the measurement.
     """
-    own, turn = plan.samples.first(SEARCHED_TURNS * tau), tau / plan.samples.speed
-    time = np.arange(own.time[0], own.time[-1], turn / FIRST_ANGLES_TRIED)
-    read = np.isfinite(own.read)
+    grid, turn = plan.samples.first(SEARCHED_TURNS * tau), tau / plan.samples.speed
+    time = np.arange(grid.time[0], grid.time[-1], turn / FIRST_ANGLES_TRIED)
+    read = np.isfinite(grid.read)
     reading = (
-        np.interp(time, own.time[read], own.read[read])
+        np.interp(time, grid.time[read], grid.read[read])
         if read.any()
         else np.full(time.size, np.nan)
     )
-    dense = replace(own, time=time, read=reading, angle=np.interp(time, own.time, own.angle))
+    dense = replace(grid, time=time, read=reading, angle=np.interp(time, grid.time, grid.angle))
     names = tuple(name for name in plan.channels if name in plan.second_clock)
     simulated = channels_read(
         campaign, replace(plan, samples=dense, channels=names), _nominal(campaign, plan)
@@ -723,14 +732,14 @@ def _with_clock_offset(
     offsets = np.linspace(-0.5, 0.5, FIRST_ANGLES_TRIED, endpoint=False) * turn
     misfit = np.zeros(offsets.size)
     for name in names:
-        value = measured[name][: own.time.size]
-        kept = np.isfinite(value)
-        spread = max(float(np.std(simulated[name])), float(np.std(value[kept])), 1e-300)
+        value = measured[name][: grid.time.size]
+        is_read = np.isfinite(value)
+        spread = max(float(np.std(simulated[name])), float(np.std(value[is_read])), 1e-300)
         for place, offset in enumerate(offsets):
             at = np.interp(
-                own.time[kept] - offset, time, simulated[name], left=np.nan, right=np.nan
+                grid.time[is_read] - offset, time, simulated[name], left=np.nan, right=np.nan
             )
-            away = value[kept] - at
+            away = value[is_read] - at
             misfit[place] += (
                 np.nanmedian(np.abs(away - np.nanmedian(away))) / spread
             )  # friction changes the mean

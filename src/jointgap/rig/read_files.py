@@ -51,57 +51,61 @@ class RunFile:
     path: Path
     columns: Columns
     remarks: list[str] = field(default_factory=list)
-    found: list[Contradiction] = field(default_factory=list)
-    rows: np.ndarray | None = (
-        None  # Line of the file (from 1) of each sample; 0 for samples of the other file
-    )
-    other: "RunFile | None" = None  # The file of a second logger
+    contradictions: list[Contradiction] = field(default_factory=list)
+    # Line of the file (from 1) of each sample; 0 for samples of the other file
+    rows: np.ndarray | None = None
+    second: "RunFile | None" = None  # The file of a second logger
     is_joined: bool = False  # Whether the samples have several grids of times
 
     @property
     def channels(self) -> list[str]:
         """The channels in this file."""
+        columns = self.columns.values
         return [
-            name
-            for name, one in self.campaign.channels.items()
-            if one.column in self.columns.values
+            name for name, channel in self.campaign.channels.items() if channel.column in columns
         ]
 
     @property
     def paths(self) -> str:
         """The files of the run, for messages."""
-        return f"{self.path} and {self.other.path}" if self.other else str(self.path)
+        return f"{self.path} and {self.second.path}" if self.second else str(self.path)
+
+    def si_factor(self, name: str) -> float:
+        """SI value of one unit of a column; the crank angle of a clockwise run is mirrored."""
+        if name == "time" and self.columns.began is not None:
+            return 1.0
+        side = self.run.side if name == "crank_angle" else 1.0
+        return side * self.campaign.channels[name].sign * self.campaign.factor(name)
 
     def place(self, channel: str, sample: int | None = None) -> str:
         """``run.csv, column t, row 3`` for a `channel` and a `sample`."""
         is_here = channel in self.channels and (
             sample is None or channel != "time" or self.rows[sample]
         )
-        if self.other is not None and not is_here:
-            return self.other.place(channel, sample)
-        at = "" if sample is None else f", row {self.rows[sample]}"
-        return f"{self.path}, column {self.campaign.channels[channel].column}{at}"
+        if self.second is not None and not is_here:
+            return self.second.place(channel, sample)
+        row = "" if sample is None else f", row {self.rows[sample]}"
+        return f"{self.path}, column {self.campaign.channels[channel].column}{row}"
 
     def remark(self, channel: str, text: str, sample: int | None = None) -> None:
         self.remarks.append(f"{self.place(channel, sample)}: {text}")
 
     def doubt(self, kind: str, channel: str, text: str, sample: int | None = None) -> None:
         self.remark(channel, f"{channel} {text}", sample)
-        self.found.append(Contradiction(self.run.id, channel, kind, f"{channel} {text}"))
+        self.contradictions.append(Contradiction(self.run.id, channel, kind, f"{channel} {text}"))
 
     def error(self, channel: str, text: str, sample: int | None = None) -> InputError:
         return InputError(f"{self.place(channel, sample)}: {text}")
 
     def in_file_unit(self, channel: str, value: float) -> str:
         """A `value` [SI] of `channel` with the unit and sign of the file."""
-        stated = self.campaign.channels[channel]
-        return f"{stated.sign * value / self.campaign.factor(channel):g} {stated.unit}"
+        return f"{value / self.si_factor(channel):g} {self.campaign.channels[channel].unit}"
 
-    def proposal(self, channel: str, fitting: Mapping[str, bool]) -> str:
-        """How to fix the unit of a `channel`, given which units would fit."""
+    def proposal(self, channel: str, fits: Mapping[str, bool]) -> str:
+        """How to fix the unit of a `channel`, given whether each unit fits."""
         unit = self.campaign.channels[channel].unit
-        if others := [other for other, fits in fitting.items() if fits and other != unit]:
-            return f"channels.{channel}.unit is '{unit}': did you mean '{others[0]}'?"
+        if proposed := [name for name in fits if fits[name] and name != unit]:
+            return f"channels.{channel}.unit is '{unit}': did you mean '{proposed[0]}'?"
         return f"check channels.{channel}.unit = '{unit}' and the run's speed, or measure again"
 
     def in_units(self, channel: str) -> dict[str, float]:
@@ -132,88 +136,91 @@ def read_measurements(campaign: Campaign, compared: bool = True) -> Measurements
         f"nuisance {key} {_IDLE.get(key, 'has no effect in this mechanism')} and is ignored"
         for key in campaign.idle_nuisances
     ]
-    files = {run.id: _opened(campaign, run) for run in campaign.runs}
-    check_copies([each for file in files.values() for each in (file, file.other) if each])
-    runs, found = {}, []
+    files = {run.id: _open(campaign, run) for run in campaign.runs}
+    check_copies([part for file in files.values() for part in (file, file.second) if part])
+    runs, contradictions = {}, []
     for run, file in files.items():
         try:
             runs[run] = _recording(file)
-            found += file.found  # not for an unusable run
+            contradictions += file.contradictions  # not for an unusable run
         except UnusableRun as error:
             remarks.insert(0, f"run {run} is not used: {error}")
-            found.append(Contradiction(run, "crank_angle", error.kind, str(error), doubtful=False))
+            contradictions.append(
+                Contradiction(run, "crank_angle", error.kind, str(error), doubtful=False)
+            )
         remarks += file.remarks
-    check_runs_left(campaign, {one.run: one.remark for one in found if one.kind in OF_A_RUN})
-    others = consistency_checks(campaign, runs) if compared else []
-    remarks += [f"{campaign.name}, {sentence}" for sentence in sentences(others)]
-    return Measurements(runs, tuple(remarks), (*found, *others))
+    check_runs_left(
+        campaign, {item.run: item.remark for item in contradictions if item.kind in OF_A_RUN}
+    )
+    inconsistent = consistency_checks(campaign, runs) if compared else []
+    remarks += [f"{campaign.name}, {sentence}" for sentence in sentences(inconsistent)]
+    return Measurements(runs, tuple(remarks), (*contradictions, *inconsistent))
 
 
-def _opened(campaign: Campaign, run: CampaignRun) -> RunFile:
+def _open(campaign: Campaign, run: CampaignRun) -> RunFile:
     """The file of a run, and of two the one with the crank angle or else the first; InputError
     unless each column is in exactly one of them.
     """
-    wanted = [channel.column for channel in campaign.channels.values()]
+    columns = [channel.column for channel in campaign.channels.values()]
     clock = campaign.channels["time"].column if "time" in campaign.channels else ""
-    paths, two = [campaign.folder / file for file in run.files], len(run.files) == 2
+    is_pair = len(run.files) == 2
     files = [
-        RunFile(campaign, run, path, read_columns(path, wanted, campaign.csv, clock, two))
-        for path in paths
+        RunFile(campaign, run, path, read_columns(path, columns, campaign.csv, clock, is_pair))
+        for path in (campaign.folder / name for name in run.files)
     ]
-    if not two:
+    if not is_pair:
         return files[0]
+    paths = f"{files[0].path} and {files[1].path}"
     for name, channel in campaign.channels.items():
-        owners = [file for file in files if name in file.channels]
-        if not owners or (name != "time" and len(owners) == 2):
-            which, fix = (
-                ("both", "rename it in one of them")
-                if owners
-                else ("neither", "correct the column's name")
-            )
-            has = "have" if owners else "has"
+        count = sum(name in file.channels for file in files)
+        if not count:
             raise InputError(
-                f"{paths[0]} and {paths[1]}: {which} {has} the column '{channel.column}'; {fix}"
+                f"{paths}: neither has the column '{channel.column}'; correct the column's name"
+            )
+        if count == 2 and name != "time":
+            raise InputError(
+                f"{paths}: both have the column '{channel.column}'; rename it in one of them"
             )
     for file in files:
         if file.channels == ["time"]:
             raise InputError(
                 f"{file.path}: has no channel of the campaign besides time; remove it from 'file'"
             )
-    main, other = sorted(files, key=lambda file: "crank_angle" not in file.channels)
-    if apart := [name for name in PRESSURES if name in other.channels]:
-        text = (
+    main, second = sorted(files, key=lambda file: "crank_angle" not in file.channels)
+    if apart := [name for name in PRESSURES if name in second.channels]:
+        raise second.error(
+            apart[0],
             "a pressure is averaged over the crank angle; record both by one logger, or give a"
-            " slider_force_table"
+            " slider_force_table",
         )
-        raise other.error(apart[0], text)
-    began = [file.columns.began for file in files]
-    if None in began and began != [None, None]:
+    begins = [main.columns.began, second.columns.began]
+    if begins.count(None) == 1:
         raise InputError(
-            f"{main.paths}, column {clock}: one has dates and the other numbers; write both alike"
+            f"{main.path} and {second.path}, column {clock}: one has dates and the other numbers;"
+            " write both alike"
         )
-    if None not in began:
-        later = (other.columns.began - main.columns.began).total_seconds()
-        other.columns.values[clock] = other.columns.values[clock] + later
-    return replace(main, other=replace(other, remarks=main.remarks, found=main.found))
+    if None not in begins:
+        later = (begins[1] - begins[0]).total_seconds()
+        second.columns.values[clock] = second.columns.values[clock] + later
+    second = replace(second, remarks=main.remarks, contradictions=main.contradictions)
+    return replace(main, second=second)
 
 
 def check_copies(files: Sequence[RunFile]) -> None:
     """InputError if a run is a copy of another one."""
-    rows = []  # a hash for each sample
+    hashes = []  # of each sample
     for file in files:
-        values = pd.DataFrame(
-            {name: own + 0.0 for name, own in sorted(file.columns.values.items())}
-        )
-        rows.append(pd.util.hash_pandas_object(values, index=False).to_numpy())
-    for (one, own), (other, others) in combinations(zip(files, rows, strict=True), 2):
-        few, many = sorted((own, others), key=len)
+        columns = {name: values + 0.0 for name, values in sorted(file.columns.values.items())}
+        hashes.append(pd.util.hash_pandas_object(pd.DataFrame(columns), index=False).to_numpy())
+    for (file, rows), (later, later_rows) in combinations(zip(files, hashes, strict=True), 2):
+        few, many = sorted((rows, later_rows), key=len)
         if np.unique(few).size < 0.9 * few.size:
             continue  # coarsely rounded: equal samples are no evidence of a copy
         count = int(np.isin(few, many).sum())
         if count > 0.9 * few.size:
             raise InputError(
-                f"{other.path}: run '{other.run.id}' has the samples of run '{one.run.id}' in"
-                f" {one.path} ({count} of {few.size} are equal); give the file of this run, or one"
+                f"{later.path}: run '{later.run.id}' has the samples of run '{file.run.id}' in"
+                f" {file.path} ({count} of {few.size} are equal); give the file of this run, or one"
                 " run with role split"
             )
 
@@ -228,65 +235,77 @@ def check_runs_left(campaign: Campaign, left_out: Mapping[str, str]) -> None:
 
 
 def _recording(file: RunFile) -> Recording:
-    """The samples of a run; clipped, stuck and 'no data' values are added to `file.found`."""
-    campaign, run = file.campaign, file.run
-    values, count = _joined(file), file.rows.size
-    absent = {name: checks.no_data(samples) for name, samples in values.items() if name != "time"}
-    for name, places in absent.items():
-        if places.size:
-            value = file.in_file_unit(name, values[name][places[0]])
-            text = f"is {value} in {places.size} of {count} samples, far from all others"
-            file.doubt(
-                "no_data",
-                name,
-                f"{text}; if this means 'no data', leave the cells empty",
-                places[0],
-            )
+    """The samples of a run; clipped, stuck and 'no data' values are contradictions of the file."""
+    campaign, run, values = file.campaign, file.run, _joined(file)
+    absent = {name: _no_data(file, name, values[name]) for name in values if name != "time"}
     time, angle, turned = _rotation(file, values, absent.get("crank_angle", np.empty(0, int)))
-    has_angle = "crank_angle" in values
-    channels = {
-        name: samples for name, samples in values.items() if name not in ("time", "crank_angle")
-    }
-    for name, samples in channels.items():
-        _check_varies(file, name, samples)
-        samples = samples.copy()
+    has_angle, has_time = "crank_angle" in values, "time" in values
+    channels = {}
+    for name in [name for name in values if name not in ("time", "crank_angle")]:
+        _check_varies(file, name, values[name])
+        channels[name] = samples = values[name].copy()
         samples[absent[name]] = np.nan
-        if name in PRESSURES:
-            _check_pressure(file, name, samples)
-        # a pressure has plateaus, and the torque of a motor that is off stays 0
-        is_steady = name in PRESSURES or not np.nanmax(np.abs(samples)) > 0.0
-        if not is_steady and not _is_stuck(
-            file, name, samples, samples, angle if has_angle else turned
-        ):
-            if (text := checks.clipped(samples)) is not None:
-                file.doubt("clipped", name, text)
-        if (places := checks.outliers(samples)).size:
-            text = (
-                f"{samples[places[0]]:g} {CHANNELS[name]} is far from all others"
-                f" ({_samples(places.size)})"
-            )
-            file.remark(name, f"{text}; if this means 'no data', leave the cell empty", places[0])
+        _check_samples(file, name, samples, angle if has_angle else turned)
     if has_angle and run.start == "settled":  # a crank may start at rest
         _is_stuck(file, "crank_angle", values["crank_angle"], angle, turned)
-    if "time" in values and has_angle and (places := checks.angle_outliers(time, angle)).size:
-        text = f"the angle is far from its neighbours ({_samples(places.size)})"
-        file.remark(
-            "crank_angle", f"{text}; if the encoder misread it, leave the cell empty", places[0]
+    if has_time and has_angle:
+        if (places := checks.angle_outliers(time, angle)).size:
+            file.remark(
+                "crank_angle",
+                f"the angle is far from its neighbours ({_samples(places.size)}); if the encoder"
+                " misread it, leave the cell empty",
+                places[0],
+            )
+        is_constant = campaign.drive == "constant_speed" and not any(
+            effect.name == "speed_fluctuation" for effect in campaign.mechanism.effects
         )
-    listed = any(effect.name == "speed_fluctuation" for effect in campaign.mechanism.effects)
-    if "time" in values and has_angle and campaign.drive == "constant_speed" and not listed:
-        if varies := checks.unsteady(time, angle):
+        if is_constant and (varies := checks.unsteady(time, angle)):
             file.remarks.append(
                 f"{file.paths}: the drive is constant_speed, but the speed varies {varies}; if this"
                 " is no fault of the encoder, use 'drive: measured_angle' to prescribe the"
                 " measured motion"
             )
-    others = (
-        () if file.other is None else tuple(name for name in file.other.channels if name != "time")
-    )
+    second = [] if file.second is None else file.second.channels
     return Recording(
-        run.id, time, angle, channels, noise_of(campaign, run.id), _held_out(file, turned), others
+        run.id,
+        time,
+        angle,
+        channels,
+        noise_of(campaign, run.id),
+        _held_out(file, turned),
+        tuple(name for name in second if name != "time"),
     )
+
+
+def _no_data(file: RunFile, name: str, values: np.ndarray) -> np.ndarray:
+    """Indices of samples with a value for 'no data', which is a contradiction."""
+    places = checks.no_data(values)
+    if places.size:
+        file.doubt(
+            "no_data",
+            name,
+            f"is {file.in_file_unit(name, values[places[0]])} in {places.size} of {values.size}"
+            " samples, far from all others; if this means 'no data', leave the cells empty",
+            places[0],
+        )
+    return places
+
+
+def _check_samples(file: RunFile, name: str, samples: np.ndarray, turned: np.ndarray) -> None:
+    """Report stuck, clipped and outlying samples of a channel."""
+    if name in PRESSURES:
+        _check_pressure(file, name, samples)
+    # a pressure has plateaus, and the torque of a motor that is off is 0
+    elif np.nanmax(np.abs(samples)) > 0.0 and not _is_stuck(file, name, samples, samples, turned):
+        if (text := checks.clipped(samples)) is not None:
+            file.doubt("clipped", name, text)
+    if (places := checks.outliers(samples)).size:
+        file.remark(
+            name,
+            f"{samples[places[0]]:g} {CHANNELS[name]} is far from all others"
+            f" ({_samples(places.size)}); if this means 'no data', leave the cell empty",
+            places[0],
+        )
 
 
 def _samples_of(file: RunFile) -> Samples:
@@ -302,92 +321,86 @@ def _samples_of(file: RunFile) -> Samples:
 def _joined(file: RunFile) -> Samples:
     """The samples of a run over the times of its one or two clocks and of its counters, NaN where
     there are none."""
-    parts = [(file, _samples_of(file))]
-    if file.other is not None:
-        parts.append((file.other, _samples_of(file.other)))
-    grids = []
-    for each, values in parts:
-        rows = each.rows
-        for name in [
-            name for name in values if file.campaign.channels[name].average and "time" in values
-        ]:
-            _check_times(each, values)
-            if (held := _held(each, name, values)) is not None:
-                grids.append(
-                    (each, rows[held[1]], {"time": held[0], name: values.pop(name)[held[1]]})
-                )
-        grids.insert(0, (each, rows, values))
+    parts = [(part, _samples_of(part)) for part in (file, file.second) if part is not None]
+    grids = []  # file, rows and samples of each grid of times
+    for part, values in parts:
+        counters = []
+        for name in [name for name in values if part.campaign.channels[name].average]:
+            if "time" in values and (gates := _gates(part, name, values)) is not None:
+                ends, samples = gates
+                readings = {"time": ends, name: values.pop(name)[samples]}
+                counters.append((part, part.rows[samples], readings))
+        grids += [(part, part.rows, values), *counters]
     if len(grids) == 1:
         return parts[0][1]
-    for each, values in parts:
-        _check_times(each, values)
+    for part, values in parts:
+        _check_times(part, values)
     if len(parts) == 2:
-        (one, other), turn = (values["time"] for _, values in parts), tau / file.run.speed
-        if min(one[-1], other[-1]) - max(one[0], other[0]) < turn:
+        (begin, end), (second_begin, second_end) = (values["time"][[0, -1]] for _, values in parts)
+        if min(end, second_end) - max(begin, second_begin) < tau / file.run.speed:
             raise InputError(
-                f"{file.paths}: their times ({one[0]:.6g} to {one[-1]:.6g} s and {other[0]:.6g} to"
-                f" {other[-1]:.6g} s) have less than a revolution in common; subtract the"
+                f"{file.paths}: their times ({begin:.6g} to {end:.6g} s and {second_begin:.6g} to"
+                f" {second_end:.6g} s) have less than a revolution in common; subtract the"
                 " difference of the clocks, as only an offset of less than half a revolution is"
                 " found"
             )
     time = np.unique(np.concatenate([values["time"] for *_, values in grids]))
     joined = {name: np.full(time.size, np.nan) for name in file.campaign.channels} | {"time": time}
-    lines = {id(each): np.zeros(time.size, int) for each, _ in parts}
-    for each, rows, values in reversed(grids):
+    lines = {id(part): np.zeros(time.size, int) for part, _ in parts}
+    for part, rows, values in reversed(grids):
         places = np.searchsorted(time, values["time"])
-        lines[id(each)][places] = rows
+        lines[id(part)][places] = rows
         for name in values.keys() - {"time"}:
             joined[name][places] = values[name]
-    for each, _ in parts:
-        each.rows = lines[id(each)]
+    for part, _ in parts:
+        part.rows = lines[id(part)]
     file.is_joined = True
     return joined
 
 
-def _held(file: RunFile, name: str, values: Samples) -> tuple[np.ndarray, np.ndarray] | None:
+def _gates(file: RunFile, name: str, values: Samples) -> tuple[np.ndarray, np.ndarray] | None:
     """Ends of the gates [s] of a counter whose reading is held until the next one, and the first
     sample with each reading; None if the reading is not held.
 
     A gate ends between two samples. If gates of the stated time fit between all samples, they are
     used.
     """
-    time, finite = values["time"], np.flatnonzero(np.isfinite(values[name]))
-    first = finite[1:][
-        np.diff(values[name][finite]) != 0.0
-    ]  # the gate of the first reading is unknown
-    if first.size < 2 or first.size > finite.size / 2:
+    time, read = values["time"], np.flatnonzero(np.isfinite(values[name]))
+    # the gate of the first reading is unknown
+    changes = read[1:][np.diff(values[name][read]) != 0.0]
+    if changes.size < 2 or changes.size > read.size / 2:
         return None
-    last = finite[np.searchsorted(finite, first) - 1]
+    previous = time[read[np.searchsorted(read, changes) - 1]]
     gate = file.campaign.channels[name].average
-    gates = gate * np.round((time[first] - time[first[0]]) / gate)
-    low, high = np.max(time[last] - gates), np.min(time[first] - gates)
-    ends = (
-        0.5 * (low + high) + gates
-        if low < high and np.diff(gates).min() > 0.0
-        else 0.5 * (time[last] + time[first])
-    )
+    gates = gate * np.round((time[changes] - time[changes[0]]) / gate)
+    low, high = np.max(previous - gates), np.min(time[changes] - gates)
+    is_regular = low < high and np.diff(gates).min() > 0.0
+    ends = 0.5 * (low + high) + gates if is_regular else 0.5 * (previous + time[changes])
     file.remark(
         name,
-        f"readings are held; {first.size} of {finite.size} samples are used, at the ends of the"
+        f"readings are held; {changes.size} of {read.size} samples are used, at the ends of the"
         " gates",
     )
-    return ends, first
+    return ends, changes
 
 
 def _is_stuck(
-    file: RunFile, name: str, written: np.ndarray, values: np.ndarray, turned: np.ndarray
+    file: RunFile, name: str, read: np.ndarray, values: np.ndarray, turned: np.ndarray
 ) -> bool:
-    """Whether a channel is stuck, which is added to `file.found`; `values` are continuous, unlike
-    `written`."""
-    still = checks.stuck(values, turned)
-    if still is not None:
-        text = (
-            f"is stuck: {still.stop - still.start} of {values.size} samples in a row are"
-            f" {file.in_file_unit(name, written[still.start])} while the crank turns; repair the"
-            " sensor, or leave these cells empty"
-        )
-        file.doubt("stuck", name, text, still.start)
-    return still is not None
+    """Whether a channel is stuck, which is a contradiction; `values` are continuous, unlike
+    `read`."""
+    stuck = checks.stuck(values, turned)
+    if stuck is None:
+        return False
+    file.doubt(
+        "stuck",
+        name,
+        f"is stuck: {stuck.stop - stuck.start} of {values.size} samples in a row are"
+        f" {file.in_file_unit(name, read[stuck.start])} while the crank turns; repair the"
+        " sensor, or leave these cells empty",
+        stuck.start,
+    )
+    return True
 
 
 def _held_out(file: RunFile, turned: np.ndarray) -> np.ndarray:
@@ -410,13 +423,13 @@ def _check_units(file: RunFile) -> None:
     columns = file.columns
     for name in file.channels:
         channel = file.campaign.channels[name]
-        other = columns.other_unit(channel.column, file.campaign.factor(name), CHANNELS[name])
-        if other and channel.scale is None:
-            text = (
-                f"the row below the headings says '{other}', but channels.{name}.unit is"
-                f" '{channel.unit}'"
+        unit = columns.other_unit(channel.column, file.campaign.factor(name), CHANNELS[name])
+        if unit and channel.scale is None:
+            raise file.error(
+                name,
+                f"the row below the headings says '{unit}', but channels.{name}.unit is"
+                f" '{channel.unit}'; correct one of them",
             )
-            raise file.error(name, f"{text}; correct one of them")
     if columns.units:
         row = ", ".join(columns.units.values())
         file.remarks.append(
@@ -429,45 +442,40 @@ def _in_si(file: RunFile) -> Samples:
     values, file.rows = {}, file.columns.rows
     for name in file.channels:
         channel = file.campaign.channels[name]
-        written = file.columns.values[channel.column]
+        column = file.columns.values[channel.column]
         if split_share(channel.unit)[1] > 1.0:
-            written = _without_overflow(file, name, written)
-            if channel.counts_per_turn and np.array_equal(
-                written, np.floor(written), equal_nan=True
-            ):
-                written = written + 0.5  # a counter truncates: the middle of its step
-        factor = (
-            1.0
-            if name == "time" and file.columns.began is not None
-            else channel.sign * file.campaign.factor(name)
-        )
+            column = _without_overflow(file, name, column)
+            is_whole = np.array_equal(column, np.floor(column), equal_nan=True)
+            if channel.counts_per_turn and is_whole:
+                column = column + 0.5  # a counter truncates: the middle of its step
         with np.errstate(over="ignore"):  # rejected below
-            values[name] = factor * written
+            values[name] = file.si_factor(name) * column
         values[name][np.abs(values[name]) < 1e-150] = 0.0  # their squares underflow
         if (huge := np.flatnonzero(np.abs(values[name]) > 1e12)).size:
-            text = (
-                f"{written[huge[0]]:g} {channel.unit} is implausibly large; correct it, or leave"
-                " the cell empty"
+            raise file.error(
+                name,
+                f"{column[huge[0]]:g} {channel.unit} is implausibly large; correct it, or leave"
+                " the cell empty",
+                huge[0],
             )
-            raise file.error(name, text, huge[0])
-    place = "time" if "time" in values else "crank_angle"
-    kept = np.isfinite(values[place])
-    if count := int(np.count_nonzero(~kept)):
+    axis = "time" if "time" in values else "crank_angle"
+    is_used = np.isfinite(values[axis])
+    if count := int(np.count_nonzero(~is_used)):
         lack = "1 sample has" if count == 1 else f"{count} samples have"
-        file.remark(place, f"{lack} no {place.replace('_', ' ')}, skipped")
-    file.rows = file.rows[kept]
-    return {name: samples[kept] for name, samples in values.items()}
+        file.remark(axis, f"{lack} no {axis.replace('_', ' ')}, skipped")
+    file.rows = file.rows[is_used]
+    return {name: samples[is_used] for name, samples in values.items()}
 
 
 def _without_overflow(file: RunFile, name: str, counts: np.ndarray) -> np.ndarray:
     """Counts, continued over an overflow of the counter."""
-    finite = np.isfinite(counts)
-    steps = np.abs(np.diff(counts[finite]))
+    is_read = np.isfinite(counts)
+    steps = np.abs(np.diff(counts[is_read]))
     for bits in (16, 24, 32):
         if steps.size and abs(steps.max() - 2.0**bits) <= 4.0 * max(float(np.median(steps)), 1.0):
             file.remark(name, f"the {bits}-bit counter overflows; the counts are continued")
             counts = counts.copy()
-            counts[finite] = np.unwrap(counts[finite], period=2.0**bits)
+            counts[is_read] = np.unwrap(counts[is_read], period=2.0**bits)
             break
     return counts
 
@@ -476,24 +484,22 @@ def _without_repeated(file: RunFile, values: Samples) -> Samples:
     """Channels without repeated samples, as `channels.time.repeated` says."""
     if "time" not in values or not file.rows.size:
         return values
-    which = file.campaign.channels["time"].repeated
-    samples = pd.DataFrame({"time": values["time"]} if which else values)
-    same = (
-        ((samples == samples.shift()) | (samples.isna() & samples.shift().isna()))
-        .all(axis=1)
-        .to_numpy(copy=True)
-    )
-    same[0] = False
-    kept = ~np.append(same[1:], False) if which == "last" else ~same
-    if count := np.count_nonzero(~kept):
+    kept_row = file.campaign.channels["time"].repeated
+    samples = pd.DataFrame({"time": values["time"]} if kept_row else values)
+    previous = samples.shift()
+    equal = (samples == previous) | (samples.isna() & previous.isna())
+    is_repeated = equal.all(axis=1).to_numpy(copy=True)
+    is_repeated[0] = False
+    is_used = ~np.append(is_repeated[1:], False) if kept_row == "last" else ~is_repeated
+    if count := np.count_nonzero(~is_used):
         rule = (
-            f"of rows with equal time the {which} is kept"
-            if which
-            else "rows repeat the previous row"
+            f"of rows with equal time the {kept_row} is kept"
+            if kept_row
+            else ("rows repeat the previous row")
         )
-        file.remark("time", f"{rule}; {_samples(count)} skipped", np.argmin(kept))
-    file.rows = file.rows[kept]
-    return {name: samples[kept] for name, samples in values.items()}
+        file.remark("time", f"{rule}; {_samples(count)} skipped", np.argmin(is_used))
+    file.rows = file.rows[is_used]
+    return {name: samples[is_used] for name, samples in values.items()}
 
 
 def _samples(count: int) -> str:
@@ -501,36 +507,35 @@ def _samples(count: int) -> str:
 
 
 def _check_varies(file: RunFile, name: str, values: np.ndarray) -> None:
-    finite = values[np.isfinite(values)]
+    readings = values[np.isfinite(values)]
     fix = "or remove the channel from the campaign file"
-    if finite.size < MIN_SAMPLES:
-        raise file.error(name, f"{finite.size} values; give at least {MIN_SAMPLES}, {fix}")
-    if np.ptp(finite) > 0.0:
+    if readings.size < MIN_SAMPLES:
+        raise file.error(name, f"{readings.size} values; give at least {MIN_SAMPLES}, {fix}")
+    if np.ptp(readings) > 0.0:
         return
-    if name != "crank_torque" or finite[0] != 0.0:
+    if name != "crank_torque" or readings[0] != 0.0:
         raise file.error(name, f"all values are equal; repair the sensor, {fix}")
-    needed = []
+    missing = []
     if file.campaign.drive != "measured_angle":
-        needed.append("'drive: measured_angle' (there is no drive for a free crank yet)")
+        missing.append("'drive: measured_angle' (there is no drive for a free crank yet)")
     if not file.campaign.channels[name].noise_of(file.run.id):
-        needed.append(f"channels.{name}.noise, such as 'noise: 0.01 N*m'")
-    if needed:
-        give = f"If the motor is off, give {' and '.join(needed)}: it is compared with 0"
+        missing.append(f"channels.{name}.noise, such as 'noise: 0.01 N*m'")
+    if missing:
+        give = f"If the motor is off, give {' and '.join(missing)}: it is compared with 0"
         raise file.error(name, f"all values are 0. {give}. Otherwise repair the sensor, {fix}")
 
 
 def _check_pressure(file: RunFile, name: str, values: np.ndarray) -> None:
     """InputError for negative absolute pressures; a remark on very small ones."""
-    if (below := np.flatnonzero(values < 0.0)).size and file.campaign.channels[
-        name
-    ].pressure_behind > 0.0:
+    channel, negative = file.campaign.channels[name], np.flatnonzero(values < 0.0)
+    if negative.size and channel.pressure_behind > 0.0:
         text = "negative absolute pressure; give 'ambient_pressure: 0 bar' for gauge pressures"
-        raise file.error(name, text, below[0])
+        raise file.error(name, text, negative[0])
     if (largest := float(np.nanmax(np.abs(values)))) < LEAST_PRESSURE:
-        unit = file.campaign.channels[name].unit
         file.remark(
             name,
-            f"the largest pressure is only {largest:.3g} Pa; check channels.{name}.unit = '{unit}'",
+            f"the largest pressure is only {largest:.3g} Pa; check channels.{name}.unit ="
+            f" '{channel.unit}'",
         )
 
 
@@ -543,17 +548,17 @@ def continuous_angle(time: np.ndarray | None, angle: np.ndarray, speed: float) -
     With times, the full turns of each step are those nearest to the mean speed, which tolerates
     gaps and few samples per turn. Without times, a step is less than half a turn.
     """
-    finite = np.flatnonzero(np.isfinite(angle))
+    read = np.flatnonzero(np.isfinite(angle))
     continuous = np.full(angle.shape, np.nan)
-    if not finite.size:
+    if not read.size:
         return continuous
-    steps = np.diff(angle[finite])
-    lapse = np.zeros(steps.size) if time is None else np.diff(time[finite])
-    whole = _nearest(steps, speed * lapse)
+    read_steps = np.diff(angle[read])
+    lapse = np.zeros(read_steps.size) if time is None else np.diff(time[read])
+    steps = _nearest(read_steps, speed * lapse)
     short = (lapse > 0.0) & (speed * lapse < tau / 4)
     if short.any():  # across gaps the measured speed is better than the nominal one
-        whole = _nearest(steps, whole[short].sum() / lapse[short].sum() * lapse)
-    continuous[finite] = angle[finite[0]] + np.append(0.0, np.cumsum(whole))
+        steps = _nearest(read_steps, steps[short].sum() / lapse[short].sum() * lapse)
+    continuous[read] = angle[read[0]] + np.append(0.0, np.cumsum(steps))
     return continuous
 
 
@@ -567,67 +572,39 @@ def _rotation(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times and angles of a run, each NaN if not measured, and the angle turned."""
     absent, speed = np.full(file.rows.size, np.nan), file.run.speed
-    time, angle = values.get("time", absent), values.get("crank_angle", absent)
-    if file.run.direction == "clockwise":
-        angle = -angle
+    time, read = values.get("time", absent), values.get("crank_angle", absent)
     if "time" in values and not file.is_joined:
         _check_times(file, values)
     if "crank_angle" not in values:
-        _with_even_stamps(file, time, absent)
         return time, absent, speed * (time - time[0])
-    if np.count_nonzero(np.isfinite(angle)) < 2:
+    if np.count_nonzero(np.isfinite(read)) < 2:
         raise file.error("crank_angle", "contains no angles; give the measurement")
-    if (dead := checks.dead_zone(values["crank_angle"])).size:
-        still = file.in_file_unit("crank_angle", values["crank_angle"][dead[0]])
-        text = (
-            f"the angle is {still} over a part of each turn ({_samples(dead.size)}); leave these"
-            " cells empty"
+    if (dead := checks.dead_zone(read)).size:
+        raise file.error(
+            "crank_angle",
+            f"the angle is {file.in_file_unit('crank_angle', read[dead[0]])} over a part of each"
+            f" turn ({_samples(dead.size)}); leave these cells empty",
+            dead[0],
         )
-        raise file.error("crank_angle", text, dead[0])
     if "time" not in values:
-        angle = continuous_angle(None, angle, speed)
-        _check_angle_alone(file, values["crank_angle"], angle)
+        angle = continuous_angle(None, read, speed)
+        _check_angle_alone(file, read, angle)
         return absent, angle, angle - angle[0]
-    continuous = continuous_angle(time, angle, speed)
-    time = _with_even_stamps(file, time, continuous)
-    valid = continuous.copy()
+    angle = continuous_angle(time, read, speed)
+    valid = angle.copy()
     valid[no_data] = np.nan
     _check_turns_on(file, time, valid)
-    mean_speed = _mean_speed(time, continuous)
-    _check_speed(file, time, angle, mean_speed)
-    _check_enough(file, "crank_angle", (time[-1] - time[0]) * mean_speed, time.size)
-    if checks.is_computed(file.campaign, file.run.id, time, continuous):
-        text = (
+    mean_speed = _mean_speed(time, angle)
+    _check_speed(file, time, read, mean_speed)
+    turned = mean_speed * (time - time[0])
+    _check_enough(file, "crank_angle", turned[-1], time.size)
+    if checks.is_computed(file.campaign, file.run.id, time, angle):
+        file.remark(
+            "crank_angle",
             "crank_angle rises uniformly, so it seems computed: it is used as exact, and not"
-            " compared"
+            " compared. If it was measured, state its `noise` or `resolution`",
         )
-        file.remark("crank_angle", f"{text}. If it was measured, state its `noise` or `resolution`")
-    return time, continuous, mean_speed * (time - time[0])
-
-
-def _with_even_stamps(file: RunFile, time: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Times where every n-th that is late, but not its angle, is in the middle between its
-    neighbours."""
-    if (
-        file.is_joined or (found := checks.late_stamps(time, angle)) is None or found[3] > 0.75
-    ):  # samples late too
-        return time
-    rows, n, share, followed = found
-    text = (
-        f"every {n}th time is {'late' if share > 0.0 else 'early'} by {abs(share):.2g} of the"
-        " sampling period"
-    )
-    if not abs(followed) < 0.25:
-        file.remark("time", f"{text}; check the logger", rows[0])
-        return time
-    even = time.copy()
-    even[rows] = 0.5 * (time[rows - 1] + time[rows + 1])
-    text += (
-        f", but its crank angle is not: these {_samples(rows.size)} get the time in the middle of"
-        " their neighbours"
-    )
-    file.remark("time", text, rows[0])
-    return even
+    return time, angle, turned
 
 
 def _mean_speed(time: np.ndarray, angle: np.ndarray) -> float:
@@ -638,36 +615,34 @@ def _mean_speed(time: np.ndarray, angle: np.ndarray) -> float:
 def _check_times(file: RunFile, values: Samples) -> None:
     """InputError if times do not increase, or have too few revolutions or samples at nominal
     speed."""
-    time, side = values["time"], -1.0 if file.run.direction == "clockwise" else 1.0
-    steps, angle = np.diff(time), side * values.get("crank_angle", np.full(time.size, np.nan))
-    if (jump := checks.clock_jump(time, angle)) is not None:
+    time = values["time"]
+    steps = np.diff(time)
+    if (jump := checks.clock_jump(time, values.get("crank_angle", time * np.nan))) is not None:
         row, size = jump
         way, change = ("forward", "subtract this from") if size > 0.0 else ("back", "add this to")
-        text = (
+        raise file.error(
+            "time",
             f"time steps from {time[row - 1]:.10g} to {time[row]:.10g} s: the clock was set {way}"
-            f" by {abs(size):.6g} s"
+            f" by {abs(size):.6g} s; {change} the times from this row on, or cut the record there"
+            " (make two runs of it)",
+            row,
         )
-        text += (
-            f"; {change} the times from this row on, or cut the record there (make two runs of it)"
-        )
-        raise file.error("time", text, row)
-    if (late := np.flatnonzero(steps <= 0.0)).size:
-        before, after = time[late[0]], time[late[0] + 1]
+    if (falls := np.flatnonzero(steps <= 0.0)).size:
+        row = falls[0] + 1
         text = (
-            f"falls from {before:.10g} to {after:.10g} s; sort the rows, or give one file per"
-            " record"
+            f"falls from {time[row - 1]:.10g} to {time[row]:.10g} s; sort the rows, or give one"
+            " file per record"
         )
-        if after == before:
+        if steps[row - 1] == 0.0:
             text = (
-                f"repeats {after:.10g} s with other values ({np.count_nonzero(steps == 0.0)} rows"
-                " do); write times with more digits, or give channels.time 'repeated: last' (or"
-                " first) to keep one row of each time"
+                f"repeats {time[row]:.10g} s with other values ({np.count_nonzero(steps == 0.0)}"
+                " rows do); write times with more digits, or give channels.time 'repeated: last'"
+                " (or first) to keep one row of each time"
             )
-        raise file.error("time", f"time {text}", late[0] + 1)
+        raise file.error("time", f"time {text}", row)
     # with an angle the crank may be faster than nominal: see `_check_speed`
-    fastest = (
-        SPEED_RATIOS[file.campaign.drive][1] if "crank_angle" in file.campaign.channels else 1.0
-    )
+    has_angle = "crank_angle" in file.campaign.channels
+    fastest = SPEED_RATIOS[file.campaign.drive][1] if has_angle else 1.0
     _check_enough(file, "time", file.run.speed * (time[-1] - time[0]), time.size, fastest)
 
 
@@ -677,36 +652,35 @@ def _check_enough(
     """InputError if the record has less than a revolution or too few `samples` for the angle
     `turned` [rad]."""
     turns = turned * (1.0 + 1.0 / (samples - 1)) / tau  # the last sample counts as a step
-
-    def fits(turns: float, least: float = MIN_REVOLUTIONS) -> bool:
-        return least <= turns <= samples / MIN_SAMPLES_PER_REVOLUTION
-
-    if not fits(turns, MIN_REVOLUTIONS / fastest):
-        fitting = {unit: fits(factor * turns) for unit, factor in file.in_units(channel).items()}
-        text = f"{samples} samples are {turns:.4g} revolutions"
-        text += f" at the nominal {_rpm(file.run.speed)}" if channel == "time" else ""
-        text += (
-            f"; at least one revolution and {MIN_SAMPLES_PER_REVOLUTION:g} samples per revolution"
-            " are required"
+    most = samples / MIN_SAMPLES_PER_REVOLUTION
+    if not MIN_REVOLUTIONS / fastest <= turns <= most:
+        fits = {
+            unit: MIN_REVOLUTIONS <= factor * turns <= most
+            for unit, factor in file.in_units(channel).items()
+        }
+        speed = f" at the nominal {_rpm(file.run.speed)}" if channel == "time" else ""
+        raise file.error(
+            channel,
+            f"{samples} samples are {turns:.4g} revolutions{speed}; at least one revolution and"
+            f" {MIN_SAMPLES_PER_REVOLUTION:g} samples per revolution are required;"
+            f" {file.proposal(channel, fits)}",
         )
-        raise file.error(channel, f"{text}; {file.proposal(channel, fitting)}")
 
 
 def _check_angle_alone(file: RunFile, read: np.ndarray, angle: np.ndarray) -> None:
     """InputError for implausible angles without times: `read` from the file, `angle` continuous."""
     steps = np.diff(angle)
     jumps = np.abs(np.diff(read)) > tau / 2
-    odd = jumps & (
-        np.abs(steps - np.median(steps)) > max(1.0, 5.0 * float(np.median(np.abs(steps))))
-    )
+    usual = float(np.median(np.abs(steps)))
+    odd = jumps & (np.abs(steps - np.median(steps)) > max(1.0, 5.0 * usual))
     if jumps.mean() > 0.2 or odd.any():
         row = int(np.flatnonzero(jumps)[0]) + 1
-        text = (
-            f"the angle steps by {degrees(read[row] - read[row - 1]):.4g} deg, neither less than"
-            " half a turn nor"
-        )
         raise file.error(
-            "crank_angle", f"{text} back by full turns; {file.proposal('crank_angle', {})}", row
+            "crank_angle",
+            f"the angle steps by {file.run.side * degrees(read[row] - read[row - 1]):.4g} deg,"
+            " neither less than half a turn nor back by full turns;"
+            f" {file.proposal('crank_angle', {})}",
+            row,
         )
     total = angle[-1] - angle[0]
     if total < -tau * MIN_REVOLUTIONS / 2:
@@ -721,79 +695,73 @@ def _check_turns_on(file: RunFile, time: np.ndarray, angle: np.ndarray) -> None:
         return  # reported as a stuck encoder
     # a motor may start from rest
     still = None if drive == "motor" else checks.standstill(time, angle, speed)
-    turns_back = still is not None and still[2]
-    if (still is None or turns_back) and (
-        step := checks.lasting_step(time, angle, speed)
-    ) is not None:
+    reverses = still is not None and still[2]
+    step = checks.lasting_step(time, angle, speed) if still is None or reverses else None
+    if step is not None:
         row, size = step
-        sign = -1.0 if file.run.direction == "clockwise" else 1.0
-        place, size = file.place("crank_angle", row), sign * degrees(size)
         raise UnusableRun(
             "step",
-            f"{place}: the angle has a permanent step of {size:.3g} deg at {time[row]:.6g} s (lost"
+            f"{file.place('crank_angle', row)}: the angle has a permanent step of"
+            f" {file.run.side * degrees(size):.3g} deg at {time[row]:.6g} s (lost"
             " or double-counted pulses, or a counter overflow); cut the record there, or correct"
             " the angle",
         )
     if still is None:
         return
     begin, end, _ = still
-    when, keep = f"from {begin:.6g} s to {end:.6g} s", "make two runs of it"
+    when, part = f"from {begin:.6g} s to {end:.6g} s", "make two runs of it"
     if begin == time[0]:
-        when, keep = f"until {end:.6g} s", "keep the later part"
-        keep += ", and give the run 'start: unknown'" if file.run.start == "at_rest" else ""
+        when, part = f"until {end:.6g} s", "keep the later part"
+        part += ", and give the run 'start: unknown'" if file.run.start == "at_rest" else ""
     elif end >= time[-1]:
-        when, keep = f"from {begin:.6g} s on", "keep the earlier part"
-    what = "reverses" if turns_back else "stands still"
+        when, part = f"from {begin:.6g} s on", "keep the earlier part"
+    kind, verb = ("turns_back", "reverses") if reverses else ("standstill", "stands still")
     place = file.place("crank_angle", int(np.searchsorted(time, begin)))
-    kind = "turns_back" if turns_back else "standstill"
-    raise UnusableRun(kind, f"{place}: the crank {what} {when}; cut the record there ({keep})")
+    raise UnusableRun(kind, f"{place}: the crank {verb} {when}; cut the record there ({part})")
 
 
-def _check_speed(file: RunFile, time: np.ndarray, angle: np.ndarray, speed: float) -> None:
+def _check_speed(file: RunFile, time: np.ndarray, read: np.ndarray, speed: float) -> None:
     """InputError if the speed from angles and times differs from the run's, with the unit that
     would fit."""
     nominal, (low, high) = file.run.speed, SPEED_RATIOS[file.campaign.drive]
-    if low * nominal <= speed <= high * nominal:
-        if (
-            file.campaign.drive == "constant_speed"
-            and abs(speed / nominal - 1.0) > REPORTED_SPEED_ERROR
-        ):
-            text = (
+    ratio = speed / nominal
+    if low <= ratio <= high:
+        if file.campaign.drive == "constant_speed" and abs(ratio - 1.0) > REPORTED_SPEED_ERROR:
+            file.remark(
+                "crank_angle",
                 f"with the times the mean speed is {_rpm(speed)}, but the run's speed is"
-                f" {_rpm(nominal)}"
+                f" {_rpm(nominal)}; the measured one is used. Correct speed",
             )
-            file.remark("crank_angle", f"{text}; the measured one is used. Correct speed")
         return
-    if -high * nominal <= speed <= -low * nominal:
-        raise _falls(file, continuous_angle(time, angle, nominal))
-    fitting = {}
-    for unit, factor in file.in_units("crank_angle").items():
-        in_unit = _mean_speed(time, continuous_angle(time, factor * angle, nominal))
-        fitting[unit] = abs(in_unit / nominal - 1.0) < 0.2
-    text = (
-        f"the mean speed with column {file.campaign.channels['time'].column} is {_rpm(speed)}, but"
-        " the run's speed is"
-    )
-    fix, parts = (
-        file.proposal("crank_angle", fitting),
-        split_share(file.campaign.channels["crank_angle"].unit)[1],
-    )
-    folds = [fold for fold in (4.0, 2.0, 0.5, 0.25) if abs(speed / nominal / fold - 1.0) < 0.1]
+    if low <= -ratio <= high:
+        raise _falls(file, continuous_angle(time, read, nominal))
+    parts = split_share(file.campaign.channels["crank_angle"].unit)[1]
+    folds = [fold for fold in (4.0, 2.0, 0.5, 0.25) if abs(ratio / fold - 1.0) < 0.1]
     if parts > 1.0 and folds:
         fix = (
             f"counts_per_turn is {parts:g}: did you mean {folds[0] * parts:g} (edges of the"
             " encoder's lines)?"
         )
-    raise file.error("crank_angle", f"{text} {_rpm(nominal)}; {fix}")
+    else:
+        fits = {}
+        for unit, factor in file.in_units("crank_angle").items():
+            in_unit = _mean_speed(time, continuous_angle(time, factor * read, nominal))
+            fits[unit] = abs(in_unit / nominal - 1.0) < 0.2
+        fix = file.proposal("crank_angle", fits)
+    raise file.error(
+        "crank_angle",
+        f"the mean speed with column {file.campaign.channels['time'].column} is {_rpm(speed)}, but"
+        f" the run's speed is {_rpm(nominal)}; {fix}",
+    )
 
 
 def _falls(file: RunFile, angle: np.ndarray) -> InputError:
-    """The error for a decreasing `angle` [rad] (mirrored for a clockwise run)."""
-    first, last = np.degrees(angle[np.isfinite(angle)])[[0, -1]]
-    text = f"falls from {first:.6g} to {last:.6g} deg; if the crank turns clockwise, give the run"
+    """The error for an `angle` [rad] that decreases, or increases in a clockwise run."""
+    begin, end = file.run.side * np.degrees(angle[np.isfinite(angle)])[[0, -1]]
+    text = f"falls from {begin:.6g} to {end:.6g} deg; if the crank turns clockwise, give the run"
     fix = "'direction: clockwise', otherwise"
-    if file.run.direction == "clockwise":
-        text = f"rises from {-first:.6g} to {-last:.6g} deg, but run '{file.run.id}' has"
+    if file.run.side < 0.0:
+        text = f"rises from {begin:.6g} to {end:.6g} deg, but run '{file.run.id}' has"
         fix = "'direction: clockwise'; remove it, or"
     return file.error("crank_angle", f"the angle {text} {fix} change the sign of the angles")
 

@@ -36,11 +36,13 @@ class Contradiction:
         return self.doubtful and (self.channel, self.kind) != ("crank_angle", "phase")
 
 
-def sentences(found: Sequence[Contradiction]) -> list[str]:
+def sentences(contradictions: Sequence[Contradiction]) -> list[str]:
     """Each remark of `found` once, with its runs."""
     lines = []
-    for remark in dict.fromkeys(one.remark for one in found):
-        runs = dict.fromkeys(one.run for one in found if one.remark == remark)
+    for remark in dict.fromkeys(contradiction.remark for contradiction in contradictions):
+        runs = dict.fromkeys(
+            contradiction.run for contradiction in contradictions if contradiction.remark == remark
+        )
         lines.append(f"run{'s' if len(runs) > 1 else ''} {', '.join(runs)}: {remark}")
     return lines
 
@@ -84,18 +86,21 @@ class Measurements:
     @property
     def left_out(self) -> dict[str, str]:
         """The reason for each unusable run."""
-        return {found.run: found.remark for found in self.contradictions if found.kind in OF_A_RUN}
+        return {
+            contradiction.run: contradiction.remark
+            for contradiction in self.contradictions
+            if contradiction.kind in OF_A_RUN
+        }
 
 
 def noise_of(campaign: Campaign, run: str) -> dict[str, float | None]:
     """`Recording.noise` of a `run` of the `campaign`."""
-    stated = {
-        name: channel.noise_of(run) for name, channel in campaign.channels.items() if name != "time"
-    }
-    return {
-        name: None if sd is None else float(sd * campaign.factor(name))
-        for name, sd in stated.items()
-    }
+    noise = {}
+    for name, channel in campaign.channels.items():
+        if name != "time":
+            sd = channel.noise_of(run)
+            noise[name] = None if sd is None else float(sd * campaign.factor(name))
+    return noise
 
 
 def to_frame(measurements: Measurements) -> pd.DataFrame:
@@ -106,9 +111,11 @@ def to_frame(measurements: Measurements) -> pd.DataFrame:
             "channel": channel,
             "sample": np.arange(values.size),
             "time": recording.time,
+            "crank_angle": recording.crank_angle,
+            "value": values,
+            "held_out": recording.held_out,
+            "second_clock": channel in recording.second_clock,
         }
-        | {"crank_angle": recording.crank_angle, "value": values, "held_out": recording.held_out}
-        | {"second_clock": channel in recording.second_clock}
         for recording in measurements.runs.values()
         for channel, values in recording.all_channels.items()
     ]
@@ -119,12 +126,12 @@ def from_frame(
     frame: pd.DataFrame,
     campaign: Campaign,
     remarks: tuple[str, ...] = (),
-    found: tuple[Contradiction, ...] = (),
+    contradictions: tuple[Contradiction, ...] = (),
 ) -> Measurements:
     """Inverse of `to_frame`."""
     runs = {}
-    for run, own in frame.groupby("run", sort=False, observed=True):
-        parts = dict(list(own.groupby("channel", sort=False, observed=True)))
+    for run, run_frame in frame.groupby("run", sort=False, observed=True):
+        parts = dict(list(run_frame.groupby("channel", sort=False, observed=True)))
         channels = {
             name: part["value"].to_numpy(float)
             for name, part in parts.items()
@@ -137,4 +144,4 @@ def from_frame(
         runs[run] = Recording(
             run, time, angle, channels, noise_of(campaign, run), held_out, second_clock
         )
-    return Measurements(runs, remarks, found)
+    return Measurements(runs, remarks, contradictions)

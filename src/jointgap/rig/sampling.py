@@ -51,8 +51,10 @@ class SampleGrid:
 
     def first(self, turned: float) -> "SampleGrid":
         """The samples of the first `turned` [rad]."""
-        kept = self.angle < self.angle[0] + turned
-        return replace(self, time=self.time[kept], read=self.read[kept], angle=self.angle[kept])
+        is_used = self.angle < self.angle[0] + turned
+        return replace(
+            self, time=self.time[is_used], read=self.read[is_used], angle=self.angle[is_used]
+        )
 
     def extended(self, turned: float) -> "SampleGrid":
         """The record, extended uniformly to `turned` [rad] if it is shorter."""
@@ -79,8 +81,8 @@ class SampleGrid:
         """First value [rad] and slope [rad/s] of the line through `angle` (n,) [rad] at measured
         angles."""
         finite = np.isfinite(self.read)
-        slope, first = np.polyfit(self.elapsed[finite], angle[finite], 1)
-        return float(first), float(slope)
+        slope, start = np.polyfit(self.elapsed[finite], angle[finite], 1)
+        return float(start), float(slope)
 
 
 def planned_grid(
@@ -101,7 +103,7 @@ def sample_grid(
     time: np.ndarray,
     read: np.ndarray,
     speed: float,
-    first: float | None,
+    first_angle: float | None,
     step: float = 0.0,
     constant: bool = True,
 ) -> SampleGrid:
@@ -109,23 +111,23 @@ def sample_grid(
     finite, timed = np.isfinite(read), bool(np.isfinite(time).all())
     if timed and finite.sum() >= 2:
         elapsed = time - time[0]
-        slope, first, sd = _robust_line(elapsed[finite], read[finite])
+        slope, first_angle, sd = _robust_line(elapsed[finite], read[finite])
         error, span = (
             REACH * sd / math.sqrt(finite.sum()),
             max(float(np.ptp(elapsed[finite])), 1e-300),
         )
         angle = (
-            first + slope * elapsed
+            first_angle + slope * elapsed
             if constant
             else np.interp(elapsed, elapsed[finite], read[finite])
         )
         # standard errors of a line: first value 2, slope sqrt(12) / span times that of the mean
         first_reach = 2.0 * error + 0.5 * step
         speed_reach = (math.sqrt(12.0) * error + 0.5 * step) / span
-        return SampleGrid(time, read, angle, first, slope, first_reach, speed_reach)
+        return SampleGrid(time, read, angle, first_angle, slope, first_reach, speed_reach)
     if timed:
-        first = first or 0.0
-        return SampleGrid(time, read, first + speed * (time - time[0]), first, speed)
+        first_angle = first_angle or 0.0
+        return SampleGrid(time, read, first_angle + speed * (time - time[0]), first_angle, speed)
     rows = np.arange(read.size)
     slope, start, _ = _robust_line(rows[finite].astype(float), read[finite])
     angle = start + slope * rows
@@ -139,24 +141,24 @@ def own_rows(elapsed: np.ndarray, value: np.ndarray) -> np.ndarray:
 
     Rows with a value, and those in gaps longer than its median step; all rows of a planned channel.
     """
-    kept = np.isfinite(value)
-    known = np.flatnonzero(kept)
-    if known.size < 2:
+    is_read = np.isfinite(value)
+    rows = np.flatnonzero(is_read)
+    if rows.size < 2:
         return np.ones(value.size, bool)
-    lapse = np.diff(elapsed[known])
-    between = np.clip(np.searchsorted(known, np.arange(value.size)) - 1, 0, lapse.size - 1)
-    return kept | (lapse > 1.5 * np.median(lapse))[between]
+    lapse = np.diff(elapsed[rows])
+    between = np.clip(np.searchsorted(rows, np.arange(value.size)) - 1, 0, lapse.size - 1)
+    return is_read | (lapse > 1.5 * np.median(lapse))[between]
 
 
 def _robust_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
     """Slope, value at 0 and residual standard deviation of a line, without outliers."""
-    kept = np.ones(x.size, bool)
+    is_used = np.ones(x.size, bool)
     for _ in range(3):
-        slope, first = np.polyfit(x[kept], y[kept], 1)
-        away = np.abs(y - first - slope * x)
-        sd = 1.4826 * float(np.median(away[kept]))
-        kept = away <= OUTLIER * sd + 1e-9
-    return float(slope), float(first), float(np.sqrt(np.mean(away[kept] ** 2)))
+        slope, start = np.polyfit(x[is_used], y[is_used], 1)
+        away = np.abs(y - start - slope * x)
+        sd = 1.4826 * float(np.median(away[is_used]))
+        is_used = away <= OUTLIER * sd + 1e-9
+    return float(slope), float(start), float(np.sqrt(np.mean(away[is_used] ** 2)))
 
 
 def aperiodic_share(speed: float, elapsed: np.ndarray, values: Sequence[np.ndarray]) -> float:
@@ -186,7 +188,7 @@ def speed_from_periodicity(
     best = int(np.argmin(misfit))
     if not 0 < best < speeds.size - 1:
         return float(speeds[best])
-    before, here, after = misfit[best - 1 : best + 2]
-    curvature = before - 2.0 * here + after
-    shift = 0.5 * (before - after) / curvature if curvature > 0.0 else 0.0
+    low_side, lowest, right = misfit[best - 1 : best + 2]
+    curvature = low_side - 2.0 * lowest + right
+    shift = 0.5 * (low_side - right) / curvature if curvature > 0.0 else 0.0
     return float(speeds[best] + shift * (speeds[1] - speeds[0]))

@@ -10,7 +10,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
 
-from jointgap.config.campaign import FILTER_ORDER, Channel
+from jointgap.config.campaign import FILTER_ORDER, Campaign, Channel
 from jointgap.config.channels import CHANNEL_KINDS, CHANNELS
 from jointgap.core.candidates import Candidate, LawFamily, Parameter
 from jointgap.core.errors import MEANINGS
@@ -27,9 +27,16 @@ PADDING_REVOLUTIONS = 0.25  # Before and after the samples, for transients of fi
 STANDARD_GRAVITY = 9.80665  # [m/s^2]
 
 
-def gravity_read(channel: str, direction: float) -> float:
-    """Gravity part of an accelerometer's reading [m/s^2]."""
-    return -STANDARD_GRAVITY * CHANNEL_KINDS[channel].gravity(direction)
+def at_sensor(campaign: Campaign, side: float, channel: str, values: np.ndarray) -> np.ndarray:
+    """What acts on the sensor of a `channel` with the `values` of a simulated motion, which is
+    mirrored on the `side` -1: signs of the file, and gravity of an accelerometer that reads it."""
+    kind = CHANNEL_KINDS[channel]
+    if kind.mirrored:
+        values = side * values
+    if campaign.channels[channel].reads_gravity:
+        direction = campaign.mechanism.gravity_direction
+        values = values - STANDARD_GRAVITY * kind.gravity(direction)
+    return values
 
 
 def remembered_time(channels: Iterable[Channel], revolution: float) -> float:
@@ -39,12 +46,12 @@ def remembered_time(channels: Iterable[Channel], revolution: float) -> float:
 
 
 def filter_times(
-    first: float, last: float, revolution: float, corners: Iterable[float]
+    begin: float, end: float, revolution: float, corners: Iterable[float]
 ) -> np.ndarray:
     """Uniform times [s] from `first` to `last` for filters and lags."""
     corner_steps = [1.0 / (SAMPLES_PER_CORNER_PERIOD * corner) for corner in corners]
     interval = min([revolution / SAMPLES_PER_REVOLUTION, *corner_steps])
-    return np.linspace(first, last, math.ceil((last - first) / interval) + 1)
+    return np.linspace(begin, end, math.ceil((end - begin) / interval) + 1)
 
 
 def low_pass(values: np.ndarray, interval: float, corner: float, causal: bool) -> np.ndarray:
@@ -62,8 +69,8 @@ def lagged(values: np.ndarray, interval: float, lag: float) -> np.ndarray:
     decay = math.exp(-share)
     mean_decay = -math.expm1(-share) / share  # mean of exp(-s) over an interval
     # y_n = decay y_(n-1) + (1 - mean_decay) u_n + (mean_decay - decay) u_(n-1)
-    first = values[0]
-    return first + lfilter([1.0 - mean_decay, mean_decay - decay], [1.0, -decay], values - first)
+    level = values[0]
+    return level + lfilter([1.0 - mean_decay, mean_decay - decay], [1.0, -decay], values - level)
 
 
 def high_passed(values: np.ndarray, interval: float, cycle: float, corner: float) -> np.ndarray:
@@ -90,9 +97,9 @@ def averaged(values: np.ndarray, interval: float, cycle: float, time: float) -> 
     integral, begin = CubicSpline(times, values).antiderivative(), times - time
     early = np.minimum(begin, 0.0)
     back = np.floor(early / cycle) if cycle else 0.0
-    before = back * integral(cycle) if cycle else values[0] * early
+    earlier = back * integral(cycle) if cycle else values[0] * early
     return (
-        integral(times) - integral(begin - back * cycle if cycle else begin - early) - before
+        integral(times) - integral(begin - back * cycle if cycle else begin - early) - earlier
     ) / time
 
 
@@ -160,19 +167,22 @@ class SensorFault:
         step, low, high = self.bounds(reading)
         unit = f"1/({self.unit})" if self.inverse else self.unit or reading.unit
         names = ("cosine", "sine") if self.phase else (self.inverse or self.parameter,)
-        several = tuple(amplitude(name, step, unit, low, high) for name in names)
-        one = several[0]
+        coordinates = tuple(amplitude(name, step, unit, low, high) for name in names)
+        parameter = coordinates[0]
         if self.of_each_run:
-            several = tuple(replace(one, run=run) for run in runs)
-        keys, has_site = tuple(each.key for each in several), self.name not in ENCODER_FAULTS
-        families = _families_of(self, site, one) if self.name in DELAY_SHARES else ()
+            coordinates = tuple(replace(parameter, run=run) for run in runs)
+        keys, has_site = (
+            tuple(coordinate.key for coordinate in coordinates),
+            self.name not in ENCODER_FAULTS,
+        )
+        families = _families_of(self, site, parameter) if self.name in DELAY_SHARES else ()
         guesses = tuple(
-            {one.key: share * reading.turning / math.tau} for share in self.guesses
+            {parameter.key: share * reading.turning / math.tau} for share in self.guesses
         ) or ({},)
         attributes = {"replaces": replaces or {}, "has_site": has_site, "families": families}
         attributes |= {"regress_with": f"{self.regress_with}:{site}"} if self.regress_with else {}
         return Candidate(
-            self.name, site, several, keys, guesses, self.stated, sensor=True, **attributes
+            self.name, site, coordinates, keys, guesses, self.stated, sensor=True, **attributes
         )
 
 
@@ -214,10 +224,10 @@ def _late(reading: Reading) -> tuple[float, float, float]:
 
 def _families_of(fault: SensorFault, site: str, late: Parameter) -> tuple[LawFamily]:
     """The family of the lag or delay `late` of the sensor at a `site`."""
-    own = DELAY_SHARES[fault.name]
+    delay_share = DELAY_SHARES[fault.name]
     coordinates = (
         replace(late, name=FAULTS[LAG_AND_DELAY].parameter),
-        Parameter("delay_share", own, 0.0, 1.0, 0.1),
+        Parameter("delay_share", delay_share, 0.0, 1.0, 0.1),
     )
     law = Candidate(
         LAG_AND_DELAY, site, coordinates, (coordinates[0].key,), sensor=True, has_site=True
@@ -225,7 +235,11 @@ def _families_of(fault: SensorFault, site: str, late: Parameter) -> tuple[LawFam
     shares = tuple(DELAY_SHARES.values())
     return (
         LawFamily(
-            law, "delay_share", own, shares, lambda values: {coordinates[0].key: values[late.key]}
+            law,
+            "delay_share",
+            delay_share,
+            shares,
+            lambda values: {coordinates[0].key: values[late.key]},
         ),
     )
 
@@ -412,7 +426,7 @@ def sensor_candidates(
     """Possible sensor faults: those of the `encoder` (`offset` [rad]: start value) and those of
     channels whose readings have the standard deviations `spreads`.
     """
-    found = []
+    candidates = []
     for name in encoder:
         parameter = FAULTS[name].parameter
         replaces = {name: parameter} if name in listed else {}
@@ -421,8 +435,8 @@ def sensor_candidates(
         )
         if offset and name == ENCODER_OFFSET:
             candidate = replace(candidate, initial_guesses=({}, {parameter: offset}))
-        found.append(candidate)
-    return found + [
+        candidates.append(candidate)
+    return candidates + [
         fault.candidate(channel, Reading(spread, CHANNELS[channel], turning))
         for channel, spread in spreads.items()
         for fault in FAULTS.values()
@@ -439,11 +453,11 @@ class Faults:
     def __init__(
         self,
         effects: Iterable[tuple[Candidate, Values]],
-        mirrored: bool,
+        side: float,
         nuisances: Mapping[str, float],
         second_clock: Iterable[str] = (),
     ):
-        self._mirror, self.lag = -1.0 if mirrored else 1.0, nuisances.get("encoder_lag", 0.0)
+        self._side, self.lag = side, nuisances.get("encoder_lag", 0.0)
         self._encoder: list[tuple[SensorFault, Values]] = []
         if zero := nuisances.get("encoder_zero", 0.0):
             self._encoder.append((FAULTS[ENCODER_OFFSET], {"offset_rad": zero}))
@@ -478,7 +492,7 @@ class Faults:
         """Error (n,) [rad] of the encoder at true crank angles (n,) [rad] and torques (n,) [N m],
         both mirrored as simulated; a number if it is constant.
         """
-        side = self._mirror
+        side = self._side
         return side * sum(
             fault.encoder(side * angle, side * torque, values) for fault, values in self._encoder
         )
@@ -497,14 +511,14 @@ class Faults:
         for when in ("after_filter", "delays", "over_time", "before_filter"):
             for fault, site, value in self._faults:
                 if getattr(fault, when) and fault.undone is not None and site in channels:
-                    own = np.isfinite(channels[site])
+                    is_read = np.isfinite(channels[site])
                     channels[site] = channels[site].copy()
-                    channels[site][own] = fault.undone(
-                        channels[site][own], value, recording.time[own]
+                    channels[site][is_read] = fault.undone(
+                        channels[site][is_read], value, recording.time[is_read]
                     )
         # without a measured torque the encoder's coupling is left as it is
         torque = np.nan_to_num(
-            self._mirror * channels.get("crank_torque", np.zeros(recording.time.size))
+            self._side * channels.get("crank_torque", np.zeros(recording.time.size))
         )
         angle = recording.crank_angle - self.of_reading(recording.crank_angle, torque)
         if self.lag and recording.has_time:

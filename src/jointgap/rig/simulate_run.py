@@ -10,7 +10,6 @@ from scipy.interpolate import CubicSpline
 
 from jointgap.config import EFFECTS, Effect, Mechanism
 from jointgap.config.campaign import Campaign
-from jointgap.config.channels import MIRRORED
 from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.config.load import validate
 from jointgap.config.scenario import TOLERANCE_SHARE
@@ -84,21 +83,23 @@ def with_nuisances(mechanism: Mechanism, values: Values) -> Mechanism:
     joints = {}
     for pin in mechanism.loose:
         joint = mechanism.joint(pin)
-        own, contact = joint.contact, {}
+        contact_data, contact = joint.contact, {}
         if pin in PINS:
             contact["friction"] = values.get(
-                f"joint_friction_{pin}", values.get("joint_friction", own.friction)
+                f"joint_friction_{pin}", values.get("joint_friction", contact_data.friction)
             )
-            if own.restitution is not None:
-                shared = values.get("restitution", own.restitution)
+            if contact_data.restitution is not None:
+                shared = values.get("restitution", contact_data.restitution)
                 contact["restitution"] = values.get(f"restitution_{pin}", shared)
         if "friction_speed" in values:
             contact["friction_speed"] = (
-                own.friction_speed * values["friction_speed"] / friction_speed(mechanism)
+                contact_data.friction_speed * values["friction_speed"] / friction_speed(mechanism)
             )
         if (name := f"lasting_damping_{pin}") in values:
-            contact["reference_approach_speed"] = own.reference_speed * math.exp(-values[name])
-        change: dict[str, Any] = {"contact": own.model_copy(update=contact)}
+            contact["reference_approach_speed"] = contact_data.reference_speed * math.exp(
+                -values[name]
+            )
+        change: dict[str, Any] = {"contact": contact_data.model_copy(update=contact)}
         if f"{pin}_clearance" in values:
             change["bearing_radius"] = joint.journal_radius + values[f"{pin}_clearance"]
         joints[pin] = joint.model_copy(update=change)
@@ -180,10 +181,10 @@ def augmented_mechanism(
     for candidate in hypothesis:
         # a fit has no values of held-out runs
         keys = {p.key: f"{candidate.label}.{p.key}" for p in candidate.coordinates}
-        own = {key: values[name] for key, name in keys.items() if name in values}
-        effects.append((candidate, own))
+        effect_values = {key: values[name] for key, name in keys.items() if name in values}
+        effects.append((candidate, effect_values))
         # a partly replaced nuisance, such as the other pin's friction
-        modified = with_nuisances(modified, own)
+        modified = with_nuisances(modified, effect_values)
     return validate(
         Mechanism, with_effects(modified, effects).model_dump(), "the augmented mechanism"
     )
@@ -213,9 +214,10 @@ def channels_read(
     effects, without, share = simulated_effects(effects)
     read = _read_at_limit(campaign, plan, values, effects, numerics, perturbation)
     if share < 1.0:
-        rest = _read_at_limit(campaign, plan, values, without, numerics, perturbation)
+        baseline = _read_at_limit(campaign, plan, values, without, numerics, perturbation)
         read = {
-            channel: rest[channel] + share * (read[channel] - rest[channel]) for channel in read
+            channel: baseline[channel] + share * (read[channel] - baseline[channel])
+            for channel in read
         }
     return read
 
@@ -238,14 +240,19 @@ def prepared(
 ) -> Prepared:
     """A run ready for simulation with the local error `tolerance` [m] (default: that of its
     plan)."""
-    clockwise = plan.run.direction == "clockwise"
-    faults, nuisances = Faults(effects, clockwise, values, plan.second_clock), dict(values)
-    for candidate, own in effects:  # a partly replaced nuisance, such as the other pin's friction
+    side, nuisances = plan.run.side, dict(values)
+    faults = Faults(effects, side, values, plan.second_clock)
+    for (
+        candidate,
+        effect_values,
+    ) in effects:  # a partly replaced nuisance, such as the other pin's friction
         nuisances |= {
-            name: own[name] for name in own if name in values and name not in candidate.amplitudes
+            name: effect_values[name]
+            for name in effect_values
+            if name in values and name not in candidate.amplitudes
         }
     mechanism = with_effects(with_nuisances(campaign.mechanism, nuisances), effects).applied()
-    if clockwise:
+    if side < 0.0:
         mechanism = mechanism.mirrored()
     finer, change = other_numerics(numerics)
     tolerance = finer * tolerance_for(mechanism, tolerance or plan.tolerance)
@@ -283,13 +290,13 @@ def other_numerics(numerics: int) -> tuple[float, Callable[[Parameters], None]]:
 
 
 def _threlfall(p: Parameters) -> None:
-    usual, other = FRICTION_LAWS["coulomb"], FRICTION_LAWS["threlfall"]
+    coulomb, threlfall = FRICTION_LAWS["coulomb"], FRICTION_LAWS["threlfall"]
     for name in JOINTS:
         joint = getattr(p, name)
-        if joint.friction_law == usual.code:
-            joint.friction_law = other.code
+        if joint.friction_law == coulomb.code:
+            joint.friction_law = threlfall.code
             joint.friction_speed *= (
-                other.slope_at_zero / usual.slope_at_zero
+                threlfall.slope_at_zero / coulomb.slope_at_zero
             )  # the same slope at zero speed
 
 
@@ -346,13 +353,15 @@ def read(
         return {"crank_angle": late + faults.of_encoder(late)}
     corners = [channel.bandwidth for channel in channels.values() if channel.bandwidth]
     grid, count, interval, cycle = np.empty(0), driven.angles.size, 0.0, 0.0
-    if corners or any(one.remembers or faults.need_grid(name) for name, one in channels.items()):
+    if corners or any(
+        channel.remembers or faults.need_grid(name) for name, channel in channels.items()
+    ):
         revolution = tau / samples.speed
         padding = sensors.remembered_time(channels.values(), revolution)
-        last = samples.elapsed[-1] + (
+        end = samples.elapsed[-1] + (
             0.0 if plan.measured else padding
         )  # a measured angle ends with the record
-        grid = sensors.filter_times(-min(padding, driven.begin), last, revolution, corners)
+        grid = sensors.filter_times(-min(padding, driven.begin), end, revolution, corners)
         interval = grid[1] - grid[0]
         if not drives.starts_with_record(plan.run):
             turned = driven.at(grid)
@@ -369,20 +378,16 @@ def read(
     elapsed = true["time"][:count] - driven.begin
     readings = {}
     for name, channel in channels.items():
-        values = true[name]
         if name == "crank_angle":
             torque = true["crank_torque"][:count]
             torque = np.interp(elapsed - delay, elapsed, torque) if delay else torque
             readings[name] = late + faults.of_encoder(late, torque)
             continue
-        if plan.run.direction == "clockwise" and name in MIRRORED:
-            values = -values
-        if channel.reads_gravity:
-            values = values + sensors.gravity_read(name, campaign.mechanism.gravity_direction)
+        values = sensors.at_sensor(campaign, plan.run.side, name, true[name])
         values = faults.act("before_filter", name, values)
         behind = faults.delay(name)
-        first, times = count * delays.index(behind), elapsed - behind
-        read, fine = values[first : first + count], values[count * len(delays) :]
+        begin, times = count * delays.index(behind), elapsed - behind
+        read, fine = values[begin : begin + count], values[count * len(delays) :]
         if channel.bandwidth:
             fine = sensors.low_pass(fine, interval, channel.bandwidth, channel.filter == "causal")
             read = CubicSpline(grid, fine)(times)
@@ -408,14 +413,18 @@ def _change_over_noise(campaign: Campaign, plan: RunPlan, count: int) -> Callabl
     Noise that is not stated is a share of the channel's standard deviation. Filters and faults are
     ignored, as they do not increase the change.
     """
-    stated = noise_of(campaign, plan.run.id)
+    noise = noise_of(campaign, plan.run.id)
     channels = [name for name in plan.channels if name != "crank_angle"]
 
-    def change(one: Columns, other: Columns) -> float:
+    def change(channels_before: Columns, channels_after: Columns) -> float:
         squares = 0.0
         for name in channels:
-            sd = stated.get(name) or UNSTATED_NOISE_SHARE * float(np.std(other[name])) or 1e-300
-            squares += float(np.mean(((one[name] - other[name]) / sd) ** 2))
+            sd = (
+                noise.get(name)
+                or UNSTATED_NOISE_SHARE * float(np.std(channels_after[name]))
+                or 1e-300
+            )
+            squares += float(np.mean(((channels_before[name] - channels_after[name]) / sd) ** 2))
         return math.sqrt(count * squares)
 
     return change
@@ -429,7 +438,10 @@ def tolerance_for(mechanism: Mechanism, usual: float = TOLERANCE) -> float:
 
 
 def has_settled(
-    earlier: Columns, before: Columns, last: Columns, change: Callable[[Columns, Columns], float]
+    earlier: Columns,
+    previous: Columns,
+    current: Columns,
+    change: Callable[[Columns, Columns], float],
 ) -> bool:
     """Whether three revolutions have converged to a periodic steady state.
 
@@ -437,11 +449,11 @@ def has_settled(
     / (1 - z)| times the last change: the last change squared over the change of the changes
     (Aitken's extrapolation).
     """
-    changed = change(before, last)
+    changed = change(previous, current)
     if changed >= SETTLED_LENGTH:
         return False
-    continued = {name: 2.0 * before[name] - earlier[name] for name in last}
-    return changed**2 <= SETTLED_LENGTH * change(continued, last)
+    continued = {name: 2.0 * previous[name] - earlier[name] for name in current}
+    return changed**2 <= SETTLED_LENGTH * change(continued, current)
 
 
 def channels_at(
@@ -473,18 +485,18 @@ def channels_at(
     # in a periodic steady state one revolution is simulated
     within = p.drive.start_angle + np.mod(angles - p.drive.start_angle, tau)
     whole_record = {"crank_angle": angles, "time": _times(p, angles)}
-    first, last = (max(dropped, round(back)) for dropped in SETTLED_AFTER)
+    fewest, most = (max(dropped, round(back)) for dropped in SETTLED_AFTER)
     compared = _spread(within[:read], COMPARED_SAMPLES)
-    earlier = _sampled(p, within[compared] + (first - 2) * tau, integrate)
-    before = _sampled(p, within[compared] + (first - 1) * tau, integrate)
-    for dropped in range(first, last + 1):
+    earlier = _sampled(p, within[compared] + (fewest - 2) * tau, integrate)
+    previous = _sampled(p, within[compared] + (fewest - 1) * tau, integrate)
+    for dropped in range(fewest, most + 1):
         motion = _sampled(p, within + dropped * tau, integrate)
-        now = {name: values[compared] for name, values in motion.items()}
-        if has_settled(earlier, before, now, change):
+        current = {name: values[compared] for name, values in motion.items()}
+        if has_settled(earlier, previous, current, change):
             return motion | whole_record
-        earlier, before = before, now
+        earlier, previous = previous, current
     later = (
-        last + 1 - math.floor(back)
+        most + 1 - math.floor(back)
     ) * tau  # not settled: simulate the record after the dropped revolutions
     return _sampled(p, angles + later, integrate) | whole_record
 

@@ -102,8 +102,8 @@ class CycleStatistics:
 
     def cycles(self, angle: np.ndarray, values: Sequence[np.ndarray]) -> np.ndarray:
         """Statistics of every cycle (cycles, m); NaN for a bin without samples."""
-        first, bins = np.floor(np.min(angle) / tau), BINS
-        place = np.floor((angle / tau - first) * bins + EDGE_SHARE_OF_BIN).astype(int)
+        first_turn, bins = np.floor(np.min(angle) / tau), BINS
+        place = np.floor((angle / tau - first_turn) * bins + EDGE_SHARE_OF_BIN).astype(int)
         count = int(place.max()) // bins + 1
         rows = np.full((count, len(self.channels), len(KINDS), bins), np.nan)
         for i, (value, median, k) in enumerate(
@@ -122,9 +122,9 @@ class CycleStatistics:
     def independent(self, rows: np.ndarray) -> np.ndarray:
         """Statistics `rows` (..., m) minus their prediction from others, of the same shape."""
         independent = rows.copy()
-        for place, (others, weights) in enumerate(self.weights):
-            if others.size:
-                independent[..., place] = rows[..., place] - rows[..., others] @ weights
+        for place, (predictors, weights) in enumerate(self.weights):
+            if predictors.size:
+                independent[..., place] = rows[..., place] - rows[..., predictors] @ weights
         return independent
 
     def noise(
@@ -137,15 +137,17 @@ class CycleStatistics:
             self.cycles(angles, values).reshape(-1, len(self.channels), len(KINDS), BINS)[:, :, 1]
             for angles, values in ((simulated_angle, simulated), (angle, measured))
         )
-        cycles, simulated_cycles = (np.isfinite(each).sum(axis=0) for each in (rows, clean))
+        cycles, simulated_cycles = (
+            np.isfinite(statistics).sum(axis=0) for statistics in (rows, clean)
+        )
         square, simulated_square = np.nan_to_num(cycle_mean(rows)) ** 2, cycle_mean(clean) ** 2
         variance = simulated_square * cycle_variance(clean)
-        several, own = (
+        several, scatter = (
             cycles >= MIN_SCATTER_CYCLES,
             variance.copy(),
         )  # few scatter as simulated ones
-        own[several] = square[several] * cycle_variance(rows[:, several])
-        weight = (cycles > 0) / (variance / simulated_cycles + own / np.maximum(cycles, 1))
+        scatter[several] = square[several] * cycle_variance(rows[:, several])
+        weight = (cycles > 0) / (variance / simulated_cycles + scatter / np.maximum(cycles, 1))
         excess = np.sum(weight * (square - simulated_square), axis=1) / np.maximum(
             np.sum(weight, axis=1), 1e-300
         )
@@ -172,14 +174,16 @@ def _predictions(rows: np.ndarray, channels: int) -> list[tuple[np.ndarray, np.n
     centred = np.nan_to_num(centred / sizes)
     predictions = []
     for i, kind, place in np.ndindex(places.shape):
-        others = [
+        predictors = [
             places[i, kind, place - back] for back in range(1, PREDICTING_BINS + 1) if place >= back
         ]
-        others += [places[j, kind, (place + near) % BINS] for j in range(i) for near in (-1, 0, 1)]
-        others += [places[i, 0, place]] if kind else []
-        chosen, own = np.array(others, dtype=int), places[i, kind, place]
-        weights = np.linalg.lstsq(centred[:, chosen], centred[:, own], rcond=1e-6)[0]
-        predictions.append((chosen, weights * sizes[own] / sizes[chosen]))
+        predictors += [
+            places[j, kind, (place + near) % BINS] for j in range(i) for near in (-1, 0, 1)
+        ]
+        predictors += [places[i, 0, place]] if kind else []
+        places_used, target = np.array(predictors, dtype=int), places[i, kind, place]
+        weights = np.linalg.lstsq(centred[:, places_used], centred[:, target], rcond=1e-6)[0]
+        predictions.append((places_used, weights * sizes[target] / sizes[places_used]))
     return predictions
 
 
@@ -231,13 +235,14 @@ def chaotic_channels(
     if not campaign.mechanism.applied().loose:
         return ()
     start = _start(campaign.mechanism, np.full(3, START_DISTANCE), np.zeros(3))
-    first, second = (
-        channels_read(campaign, plan, values, perturbation=each) for each in (None, start)
+    nominal, perturbed = (
+        channels_read(campaign, plan, values, perturbation=perturbation)
+        for perturbation in (None, start)
     )
 
     def is_chaotic(channel: str) -> bool:
-        sd = noise.get(channel) or UNSTATED_NOISE_SHARE * float(np.std(first[channel]))
-        departure = np.sqrt(np.mean((first[channel] - second[channel]) ** 2))
+        sd = noise.get(channel) or UNSTATED_NOISE_SHARE * float(np.std(nominal[channel]))
+        departure = np.sqrt(np.mean((nominal[channel] - perturbed[channel]) ** 2))
         return channel != "crank_angle" and departure > MAX_DEPARTURE_SHARE_OF_NOISE * sd
 
     return tuple(filter(is_chaotic, plan.channels))
@@ -303,8 +308,10 @@ def measured_statistics(
     chaotic: ChaoticRun, angle: np.ndarray, measured: Mapping[str, np.ndarray]
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Measured statistics and their standard errors, including those of the simulation."""
-    own = chaotic.statistics
-    rows = own.independent(own.cycles(angle, [measured[channel] for channel in own.channels]))
+    statistics = chaotic.statistics
+    rows = statistics.independent(
+        statistics.cycles(angle, [measured[channel] for channel in statistics.channels])
+    )
     cycles = np.isfinite(rows).sum(axis=0)
     count = np.maximum(cycles, 1)
     if not len(rows):  # planned
@@ -318,7 +325,7 @@ def measured_statistics(
         weight = count[several] / (count[several] + PRIOR_CYCLES)
         variance[several] *= weight * ratio + (1.0 - weight) * np.median(ratio)
     error = np.sqrt(chaotic.persistence * variance / count + chaotic.error**2)
-    values, errors = own.split(cycle_mean(rows)), own.split(error)
+    values, errors = statistics.split(cycle_mean(rows)), statistics.split(error)
     return {name: (values[name], errors[name]) for name in values}
 
 
@@ -327,12 +334,12 @@ def simulated_statistics(
 ) -> dict[str, np.ndarray]:
     """Statistics (bins,) [SI] of the chaotic channels by series name; deterministic."""
     angle, read = _ensemble(campaign, chaotic.plan, values, effects, numerics, chaotic.members)
-    own = chaotic.statistics
+    statistics = chaotic.statistics
     noisy = [
         _noisy(read[channel], chaotic.noise[channel], place)
-        for place, channel in enumerate(own.channels)
+        for place, channel in enumerate(statistics.channels)
     ]
-    return own.split(cycle_mean(own.independent(own.cycles(angle, noisy))))
+    return statistics.split(cycle_mean(statistics.independent(statistics.cycles(angle, noisy))))
 
 
 def _noisy(values: np.ndarray, sd: float, seed: int) -> np.ndarray:
@@ -361,10 +368,10 @@ def _ensemble(
 
     with ThreadPoolExecutor(min(cores(), count)) as pool:
         members = list(pool.map(member, range(count)))
-    own = plan.samples.angle
-    settled = own >= own[0] + SETTLING_CYCLES * tau
+    crank_angle = plan.samples.angle
+    settled = crank_angle >= crank_angle[0] + SETTLING_CYCLES * tau
     turns = math.ceil(plan.samples.turned / tau) + 1
-    angle = np.concatenate([own[settled] + place * turns * tau for place in range(count)])
+    angle = np.concatenate([crank_angle[settled] + place * turns * tau for place in range(count)])
     return angle, {
         channel: np.concatenate([read[channel][settled] for read in members])
         for channel in plan.channels

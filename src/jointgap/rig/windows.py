@@ -7,7 +7,6 @@ from math import inf, tau
 import numpy as np
 
 from jointgap.config.campaign import Campaign
-from jointgap.config.channels import MIRRORED
 from jointgap.core.candidates import Effects, StateEstimate
 from jointgap.core.costs import count_run
 from jointgap.dynamics import windows
@@ -56,20 +55,20 @@ def _simulated(
 ) -> tuple:
     """`windows.simulate_windows` with a cache, as sensor faults do not change the motion."""
     numbers = (rows.angles, rows.found.times, states.slow, *states.carried, *p)
-    key = b"".join(np.ascontiguousarray(each).tobytes() for each in numbers) + bytes(
+    key = b"".join(np.ascontiguousarray(array).tobytes() for array in numbers) + bytes(
         repr(tolerance), "ascii"
     )
     slow = np.require(
         states.slow, requirements="W"
     )  # for read-only arrays all would be compiled again
-    found = _KEPT.pop(key, None)
-    if found is None:
+    motion = _KEPT.pop(key, None)
+    if motion is None:
         count_run(np.ptp(rows.angles) / tau)
-        found = windows.simulate_windows(p, rows, slow, states.carried, tolerance)
-    _KEPT[key] = found
+        motion = windows.simulate_windows(p, rows, slow, states.carried, tolerance)
+    _KEPT[key] = motion
     if len(_KEPT) > MOTIONS_KEPT:
         del _KEPT[next(iter(_KEPT))]
-    return found
+    return motion
 
 
 class RunInWindows:
@@ -98,20 +97,21 @@ class RunInWindows:
         """Edges (k + 1,) of windows since the first sample [s]; they begin earlier for sensors with
         memory."""
         samples, faults = self._plan.samples, self._run.faults
-        last, turn = float(samples.elapsed[-1]), tau / samples.speed
-        count = max(round(last / turn * per_turn), 1)
-        edges = np.linspace(0.0, last, count + 1)
-        edges[0], edges[-1] = -LEAD * turn, last + LEAD * turn
-        stated = {name: self._campaign.channels[name] for name in self._plan.channels}
+        end, turn = float(samples.elapsed[-1]), tau / samples.speed
+        count = max(round(end / turn * per_turn), 1)
+        edges = np.linspace(0.0, end, count + 1)
+        edges[0], edges[-1] = -LEAD * turn, end + LEAD * turn
+        channels = {name: self._campaign.channels[name] for name in self._plan.channels}
         remember = any(
-            one.bandwidth or one.remembers or faults.need_grid(name) for name, one in stated.items()
+            channel.bandwidth or channel.remembers or faults.need_grid(name)
+            for name, channel in channels.items()
         )
-        if remember or any(map(faults.delay, stated)):
-            edges[-1] = max(edges[-1], last - min(map(faults.delay, stated)) + LEAD * turn)
-            lead = sensors.remembered_time(stated.values(), turn) / turn
-            before = max(round(lead * per_turn), 1)
+        if remember or any(map(faults.delay, channels)):
+            edges[-1] = max(edges[-1], end - min(map(faults.delay, channels)) + LEAD * turn)
+            lead = sensors.remembered_time(channels.values(), turn) / turn
+            earlier = max(round(lead * per_turn), 1)
             edges = np.concatenate(
-                [np.linspace(-lead * turn, -LEAD * turn, before + 1)[:-1], edges]
+                [np.linspace(-lead * turn, -LEAD * turn, earlier + 1)[:-1], edges]
             )
         return edges[: max(int(np.searchsorted(edges, min(turns, 1e9) * turn)), 1) + 1]
 
@@ -137,42 +137,45 @@ class RunInWindows:
         """As of `WindowedRun.steady_states`: by the filter without readings."""
         edges, p = states.edges, self._run.driven.numbers
         length = float(np.median(np.diff(edges)))
-        before = np.arange(edges[0] - length, -self._run.driven.begin - length, -length)[::-1]
-        rows, n = self._rows(np.concatenate([before, edges]), np.empty(0)), before.size
+        earlier = np.arange(edges[0] - length, -self._run.driven.begin - length, -length)[::-1]
+        rows, n = self._rows(np.concatenate([earlier, edges]), np.empty(0)), earlier.size
         nothing = windows.Readings(
             np.empty(0, np.int64), *np.zeros((2, 0)), *np.zeros((2, rows.angles.size, 0))
         )
-        start, others = np.zeros((1, self.size)), np.full((n + edges.size - 1, self.size), np.nan)
-        found, _ = windows.filtered(
+        start, free_states = (
+            np.zeros((1, self.size)),
+            np.full((n + edges.size - 1, self.size), np.nan),
+        )
+        filtered, _ = windows.filtered(
             p,
             rows,
-            len(others),
+            len(free_states),
             nothing,
             windows.FilterSettings(0.0),
             start,
             True,
-            others,
+            free_states,
             self._run.tolerance,
         )
         return windows.WindowStates(
-            edges, found.slow[n:], windows.Carried(*(each[n:] for each in found.carried))
+            edges, filtered.slow[n:], windows.Carried(*(state[n:] for state in filtered.carried))
         )
 
     def simulate(
         self, states: windows.WindowStates
     ) -> tuple[dict[str, np.ndarray], np.ndarray, windows.Carried, np.ndarray]:
         """As of `WindowedRun.simulate`."""
-        rest = None
+        ends = None
 
         def motion(angles: np.ndarray) -> Columns:
-            nonlocal rest
+            nonlocal ends
             sorted_angles, places = np.unique(angles, return_inverse=True)
             rows = self._rows(states.edges, sorted_angles)
-            columns, *rest = _simulated(self._run.driven.numbers, rows, states, self._run.tolerance)
+            columns, *ends = _simulated(self._run.driven.numbers, rows, states, self._run.tolerance)
             return {name: values[places] for name, values in columns.items()}
 
         readings = read(self._campaign, self._plan, self._run, motion)
-        return {name: value[self._rows_of[name]] for name, value in readings.items()}, *rest
+        return {name: value[self._rows_of[name]] for name, value in readings.items()}, *ends
 
     def filter_states(
         self,
@@ -199,13 +202,13 @@ class RunInWindows:
         directions = np.linspace(0.0, tau, DIRECTIONS[joints], endpoint=False)
         guesses = np.zeros((directions.size**joints, self.size))
         guesses[:, 0::2] = list(product(directions, repeat=joints))
-        others, settings, starts = (
+        prior, settings, starts = (
             np.full((count, self.size), np.nan),
             windows.FilterSettings(jump),
             guesses,
         )
         if count > 2 * per_turn:
-            before, _ = windows.filtered(
+            two_turns, _ = windows.filtered(
                 p,
                 rows,
                 2 * per_turn,
@@ -213,12 +216,12 @@ class RunInWindows:
                 settings,
                 guesses,
                 False,
-                others,
+                prior,
                 self._run.tolerance,
             )
-            starts = np.vstack([before.slow[[per_turn, 0]], guesses])
-            others = before.slow[per_turn + np.arange(count) % per_turn]
-        found, sums = windows.filtered(
+            starts = np.vstack([two_turns.slow[[per_turn, 0]], guesses])
+            prior = two_turns.slow[per_turn + np.arange(count) % per_turn]
+        filtered, sums = windows.filtered(
             p,
             rows,
             count,
@@ -226,18 +229,20 @@ class RunInWindows:
             settings,
             starts,
             starts is not guesses,
-            others,
+            prior,
             self._run.tolerance,
         )
         return StateEstimate(
-            windows.WindowStates(edges, found.slow, found.carried), sums.deviance, sums.readings
+            windows.WindowStates(edges, filtered.slow, filtered.carried),
+            sums.deviance,
+            sums.readings,
         )
 
     def _readings(
         self,
         rows: windows.Rows,
         places: np.ndarray,
-        last: float,
+        end: float,
         measured: Mapping[str, np.ndarray],
         noise: Mapping[str, np.ndarray],
     ) -> windows.Readings:
@@ -250,13 +255,15 @@ class RunInWindows:
         for c, name in enumerate(names):
             if name not in measured:  # no sample is used
                 continue
-            zero, one = self._reading(name, 0.0), self._reading(name, 1.0)
-            factor[c], shift[c] = one - zero, zero
-            own = np.flatnonzero(self._rows_of[name])
-            kept = np.isfinite(measured[name]) & (elapsed[own] < last)
+            zero, unit = self._reading(name, 0.0), self._reading(name, 1.0)
+            factor[c], shift[c] = unit - zero, zero
+            rows_of_channel = np.flatnonzero(self._rows_of[name])
+            is_used = np.isfinite(measured[name]) & (elapsed[rows_of_channel] < end)
             values, weights = np.zeros(places.max() + 1), np.zeros(places.max() + 1)
-            values[places[own[kept]]] = measured[name][kept]
-            weights[places[own[kept]]] = 1.0 / np.broadcast_to(noise[name], kept.shape)[kept]
+            values[places[rows_of_channel[is_used]]] = measured[name][is_used]
+            weights[places[rows_of_channel[is_used]]] = (
+                1.0 / np.broadcast_to(noise[name], is_used.shape)[is_used]
+            )
             data[at_rows, c], weight[at_rows, c] = (
                 values[rows.sample[at_rows]],
                 weights[rows.sample[at_rows]],
@@ -266,10 +273,7 @@ class RunInWindows:
 
     def _reading(self, name: str, true: float) -> float:
         """Sensor reading of a constant value."""
-        faults, value = self._run.faults, np.array([true])
-        if self._plan.run.direction == "clockwise" and name in MIRRORED:
-            value = -value
-        if self._campaign.channels[name].reads_gravity:
-            value = value + sensors.gravity_read(name, self._campaign.mechanism.gravity_direction)
+        faults = self._run.faults
+        value = sensors.at_sensor(self._campaign, self._plan.run.side, name, np.array([true]))
         value = faults.act("before_filter", name, value)
         return float(faults.act("after_filter", name, value)[0])
