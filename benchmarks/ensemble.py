@@ -30,9 +30,8 @@ def ensemble(runs: int) -> dict[str, float]:
     options = Simulate(speed=SPEED, revolutions=1, samples_per_revolution=360, tolerance=1e-9)
     starts = np.random.default_rng(0).normal(0.0, PERTURBATION, (runs, 4))
     with tempfile.TemporaryDirectory() as folder:
-        write_ensemble(
-            [Run(mechanism, options, starts[0])], folder, CORES
-        )  # loads the compiled code
+        # loads the compiled code
+        write_ensemble([Run(mechanism, options, starts[0])], folder, CORES)
         begin = time.perf_counter()
         write_ensemble((Run(mechanism, options, start) for start in starts), folder, CORES)
         return {"seconds": time.perf_counter() - begin, "mebibytes": peak_memory()}
