@@ -18,9 +18,8 @@ from jointgap.dynamics.parameters import Parameters, Record
 from jointgap.dynamics.runge_kutta import VELOCITY_TIME, instant
 
 _NO_FURTHER = (0.0,) * 11
-_NO_MEMORY = (
-    math.inf,
-) * 3  # the published form: a contact's damping does not depend on when it began
+# the published form: a contact's damping does not depend on when it began
+_NO_MEMORY = (math.inf,) * 3
 
 
 @intrinsic

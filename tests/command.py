@@ -10,7 +10,7 @@ from jointgap.app.cli import main
 
 
 def jointgap(*words: object) -> CompletedProcess:
-    """What a command prints and its exit code; a traceback is an error of the test itself."""
+    """Output and exit code of a command; a traceback is an error of the test."""
     output, errors, code = io.StringIO(), io.StringIO(), 0
     command = ["jointgap", *map(str, words)]
     with redirect_stdout(output), redirect_stderr(errors), patch.object(sys, "argv", command):

@@ -1,4 +1,4 @@
-"""Rates by draws: bounds that a right rate keeps in all but one of ten thousand sets of draws."""
+"""Checks of random rates at a false-alarm rate of 1e-4."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,8 +8,7 @@ CHANCE = 1e-4
 
 
 def check_rate(happened: ArrayLike, rate: float, most: float | None = None) -> None:
-    """What `happened` in each draw (n,) bool has the probability `rate`, or one between `rate` and
-    `most`."""
+    """The rate of `happened` (n,) bool is `rate`, or between `rate` and `most`."""
     happened = np.asarray(happened, bool)
     least, most = (
         binom.ppf(0.5 * CHANCE, happened.size, rate),

@@ -1,20 +1,15 @@
-"""Blind trials, as `make blind` calls them; only the score reads what was sealed.
+"""Blind trials and the benchmark; `make blind` calls these commands.
 
-python -m validation conceal SETS NAME TRIAL CAMPAIGN SEALED: draw one trial of a set, write its
-campaign, and seal the ground truth elsewhere; analyse CAMPAIGN FOUND: identify what is missing in a
-campaign, in a folder that holds it alone; score NAME FOLDER TRIALS: open the seals in
-results/blind/SET, write the score, and publish it to MLflow; collect FOLDER TABLE CODE: add the
-trials of a folder to a table of all that one version of the code has analysed; report NAME TABLE
-FOLDER: write the score of such a table.
-
-Other methods: train FEATURES WEIGHTS [SECONDS]: draw rigs for so long, on CORES=2, write FEATURES
-(used as they are if they exist), train the classifier; peer WHICH CAMPAIGN GIVEN OUT: what the
-`optimiser` names (GIVEN: what `analyse` wrote, whose processor time it has), or the `network`
-(GIVEN: WEIGHTS).
-
-Benchmark: benchmark draw FOLDER [COUNT]: write its campaigns and truth.zip, on CORES=2; benchmark
-answers RECORDS OUT [METHOD]: collect what a method found into one file; benchmark score ANSWERS
-TRUTH FOLDER: score it.
+python -m validation ...
+conceal SETS NAME TRIAL CAMPAIGN TRUTH: write a trial's campaign and ground truth
+analyse CAMPAIGN VERDICT: identify missing effects, in a folder without the ground truth
+score NAME FOLDER TRIALS: score the trials in results/blind/SET and publish to MLflow
+collect FOLDER TABLE CODE: add scored trials to a table of one code version
+report NAME TABLE FOLDER: write rates and figures of such a table
+optimiser CAMPAIGN VERDICT OUT: effects named by a global optimiser in the same processor time
+benchmark draw FOLDER [COUNT]: write the campaigns and truth.zip, on CORES=2
+benchmark answers RECORDS OUT [METHOD]: collect the answers of a method
+benchmark score ANSWERS TRUTH FOLDER: score them
 """
 
 import json
@@ -30,56 +25,22 @@ def _write(path: str | Path, record: object) -> None:
     Path(path).write_text(json.dumps(record, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def conceal(sets: str, name: str, trial: str, campaign: str, sealed: str) -> None:
+def conceal(sets: str, name: str, trial: str, campaign: str, truth: str) -> None:
     from validation.kinds import plan_trials, read_set
     from validation.trial import make_trial
 
-    chosen = read_set(sets, name)
-    plans = {plan.id: plan for plan in plan_trials(chosen)}
-    _write(sealed, make_trial(plans[trial], chosen.seed, Path(campaign)))
+    trial_set = read_set(sets, name)
+    (plan,) = (plan for plan in plan_trials(trial_set) if plan.id == trial)
+    _write(truth, make_trial(plan, trial_set.seed, Path(campaign)))
 
 
-def analyse(campaign: str, found: str) -> None:
+def analyse(campaign: str, verdict: str) -> None:
     from validation.analyse import analyse_trial
 
     record = analyse_trial(Path(campaign))
-    _write(found, record)
-    print(
-        record["id"],
-        record.get("verdict", {}).get("verdict", record.get("error")),
-        record["seconds"],
-        "s",
-    )
-
-
-def train(features: str, weights: str, seconds: str = "3000") -> None:
-    from validation.peers import draw_features, train
-
-    for path in (features, weights):
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-    if not Path(features).is_file():
-        draw_features(Path(features), float(seconds), int(os.environ.get("CORES", "2")))
-    print(f"classified right, of rigs held out: {train(Path(features), Path(weights)):.3f}")
-
-
-def peer(which: str, campaign: str, given: str, out: str) -> None:
-    from validation.peers import ask
-
-    record = ask(which, Path(campaign), Path(given))
-    _write(out, record)
-    print(record["id"], record[which], record["seconds"], "s")
-
-
-def benchmark(verb: str, first: str, *more: str) -> None:
-    from validation.benchmark import draw
-    from validation.benchmark.score import score
-
-    if verb == "draw":
-        draw.draw(Path(first), int(more[0]) if more else 100, int(os.environ.get("CORES", "2")))
-    elif verb == "answers":
-        _write(more[0], draw.answers(Path(first), *more[1:]))
-    else:
-        print(score(Path(first), *map(Path, more)))
+    _write(verdict, record)
+    outcome = record["verdict"]["verdict"] if "verdict" in record else record.get("error")
+    print(record["id"], outcome, record["seconds"], "s")
 
 
 def score(name: str, folder: str, *trials: str) -> None:
@@ -87,13 +48,11 @@ def score(name: str, folder: str, *trials: str) -> None:
     from validation.report import DESCRIPTION, mlflow_records, write_score
     from validation.score import score_trials
 
-    own = Path(folder)
-    print(write_score(name, score_trials(own, trials), own / "score"))
-    records = mlflow_records(own / "score")
-    _write(
-        own / "score/published.json",
-        publish_records(name, DESCRIPTION, records, None, own.parents[1]),
-    )
+    scores = Path(folder) / "score"
+    print(write_score(name, score_trials(Path(folder), trials), scores))
+    results = Path(folder).parents[1]
+    published = publish_records(name, DESCRIPTION, mlflow_records(scores), None, results)
+    _write(scores / "published.json", published)
 
 
 def collect(folder: str, table: str, code: str) -> None:
@@ -112,11 +71,11 @@ def collect(folder: str, table: str, code: str) -> None:
         raise InputError(
             f"{table}: holds trials of {', '.join(others)}; give another file for those of {code}"
         )
-    whole = pd.concat([known[~known["id"].isin(trials["id"])], trials]).sort_values("id")
-    beside = path.with_name(f".{path.name}")
-    whole.to_csv(beside, index=False, float_format="%.6g")
-    beside.replace(path)
-    print(f"{len(whole)} trials in {table}")
+    trials = pd.concat([known[~known["id"].isin(trials["id"])], trials]).sort_values("id")
+    temporary = path.with_name(f".{path.name}")
+    trials.to_csv(temporary, index=False, float_format="%.6g")
+    temporary.replace(path)
+    print(f"{len(trials)} trials in {table}")
 
 
 def report(name: str, table: str, folder: str) -> None:
@@ -126,22 +85,39 @@ def report(name: str, table: str, folder: str) -> None:
 
     if not Path(table).is_file():
         raise InputError(f"{table}: no such file; `python -m validation collect` writes it")
-    words = ("named", "verdict", "cause", "reason")
-    trials = pd.read_csv(table, dtype={"id": str, "code": str, **dict.fromkeys(words, str)})
-    trials = trials.fillna(dict.fromkeys(words, ""))
-    print(write_score(name, trials, Path(folder)))
+    texts = ("named", "verdict", "cause", "reason")
+    trials = pd.read_csv(table, dtype={"id": str, "code": str, **dict.fromkeys(texts, str)})
+    print(write_score(name, trials.fillna(dict.fromkeys(texts, "")), Path(folder)))
+
+
+def optimiser(campaign: str, verdict: str, out: str) -> None:
+    from validation.global_optimiser import answer
+
+    record = answer(Path(campaign), Path(verdict))
+    _write(out, record)
+    print(record["id"], record["optimiser"], record["seconds"], "s")
+
+
+def benchmark(verb: str, first: str, *more: str) -> None:
+    from validation.benchmark import draw
+    from validation.benchmark.score import score
+
+    if verb == "draw":
+        draw.draw(Path(first), int(more[0]) if more else 100, int(os.environ.get("CORES", "2")))
+    elif verb == "answers":
+        _write(more[0], draw.answers(Path(first), *more[1:]))
+    else:
+        print(score(Path(first), *map(Path, more)))
 
 
 if __name__ == "__main__":
-    for library in ("OPENBLAS", "OMP", "MKL"):  # sums in another order would change the last bits
+    for library in ("OPENBLAS", "OMP", "MKL"):  # another order of sums would change the last bits
         os.environ[f"{library}_NUM_THREADS"] = "1"
-    verbs = {
-        one.__name__: one
-        for one in (conceal, analyse, score, collect, report, train, peer, benchmark)
-    }
-    if sys.argv[1:2] == [] or sys.argv[1] not in verbs:
+    functions = (conceal, analyse, score, collect, report, optimiser, benchmark)
+    commands = {function.__name__: function for function in functions}
+    if sys.argv[1:2] == [] or sys.argv[1] not in commands:
         sys.exit(__doc__)
     try:
-        verbs[sys.argv[1]](*sys.argv[2:])
+        commands[sys.argv[1]](*sys.argv[2:])
     except InputError as error:
         sys.exit(f"validation: error: {error}")

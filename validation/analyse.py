@@ -1,5 +1,4 @@
-"""The identification on one trial, in a folder that holds the campaign alone; and what baseline
-methods name."""
+"""The identification on one trial, in a folder without the ground truth; comparison methods."""
 
 import math
 import shutil
@@ -18,18 +17,11 @@ from jointgap.config.load import load_campaign
 from jointgap.core import parquet, schema
 from jointgap.core.results_folder import ResultsFolder
 
-_THRESHOLDS = (
-    0.02,
-    0.05,
-    0.1,
-    0.2,
-    0.4,
-)  # of the largest coefficient, columns and target of length 1
+_THRESHOLDS = (0.02, 0.05, 0.1, 0.2, 0.4)  # of the largest coefficient, unit columns
 
 
 def analyse_trial(campaign: Path) -> dict[str, Any]:
-    """The verdict on a campaign, what the baseline methods name, and the processor time it took
-    [s]."""
+    """The verdict on a campaign, answers of comparison methods, and the processor time [s]."""
     from jointgap.campaign.analyse import analyse
 
     begin = time.process_time()
@@ -37,13 +29,10 @@ def analyse_trial(campaign: Path) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as isolated:
         copy, results = Path(isolated) / "campaign", ResultsFolder(Path(isolated) / "results")
         shutil.copytree(campaign, copy)
-        try:
-            analyse(
-                copy / "campaign.yaml", results.path, anyway=True
-            )  # data wired wrongly are among the trials
+        try:  # `anyway`: data faults are among the trials
+            analyse(copy / "campaign.yaml", results.path, anyway=True)
             record["verdict"] = read(results.path / "verdict.json")
-        # whatever stops one trial counts against the identification, and the others go on
-        except Exception as error:
+        except Exception as error:  # counts as failed; other trials continue
             record["error"] = f"{type(error).__name__}: {error}"
             record["traceback"] = traceback.format_exc()
         record["seconds"] = round(time.process_time() - begin, 3)
@@ -51,54 +40,50 @@ def analyse_trial(campaign: Path) -> dict[str, Any]:
             doubts = results.read(schema.CONTRADICTIONS)[["run", "channel", "other", "kind"]]
             record["doubts"] = doubts.astype(str).to_dict("records")
         if "verdict" in record:
-            flagged = results.read("map_bins").query("flagged")
-            keys = flagged["run"].astype(str) + " " + flagged["channel"].astype(str)
-            record["map"] = (
-                (flagged["start_deg"] / 10).round().astype(int).groupby(keys).agg(list).to_dict()
-            )
-            paths = sorted(results.path.glob("*/*/fits.parquet"))
-            fits = pd.concat([parquet.read(schema.FITS, path) for path in paths])
-            record["greedy"] = greedy_names(fits)
-            record["bic"] = fits.groupby("explanation")["bic"].min().dropna().round(2).to_dict()
-            residuals = parquet.read(
-                schema.RESIDUALS, results.path / "confirm" / "residuals.parquet"
-            )
-            try:
-                record["sparse"] = sparse_names(copy / "campaign.yaml", residuals)
-            except (
-                Exception
-            ) as error:  # not installed, or it fails on these data: it counts as not asked
-                record |= {"sparse": None, "sparse_error": f"{type(error).__name__}: {error}"}
+            record |= _fit_answers(results, copy / "campaign.yaml")
     return record
 
 
+def _fit_answers(results: ResultsFolder, campaign_file: Path) -> dict[str, Any]:
+    """Flagged bins of the map, BIC of the fits, and answers of comparison methods."""
+    flagged = results.read("map_bins").query("flagged")
+    keys = flagged["run"].astype(str) + " " + flagged["channel"].astype(str)
+    bins = (flagged["start_deg"] / 10).round().astype(int)
+    tables = sorted(results.path.glob("*/*/fits.parquet"))
+    fits = pd.concat([parquet.read(schema.FITS, path) for path in tables])
+    answers = {
+        "map": bins.groupby(keys).agg(list).to_dict(),
+        "greedy": greedy_names(fits),
+        "bic": fits.groupby("explanation")["bic"].min().dropna().round(2).to_dict(),
+    }
+    residuals = parquet.read(schema.RESIDUALS, results.path / "confirm" / "residuals.parquet")
+    try:
+        answers["sparse"] = sparse_names(campaign_file, residuals)
+    except Exception as error:  # not installed, or it fails on these data
+        answers |= {"sparse": None, "sparse_error": f"{type(error).__name__}: {error}"}
+    return answers
+
+
 def greedy_names(fits: pd.DataFrame) -> list[str]:
-    """Labels that steps of least BIC add one at a time, whatever remains unexplained."""
-    least = (
-        fits.groupby("explanation")["bic"].min().dropna()
-    )  # some are fitted twice, from other starts
-    bic = {frozenset(name.split(" + ")): value for name, value in least.drop("base").items()}
-    chosen, best = frozenset(), least["base"]
+    """Labels added one at a time, each with the smallest BIC, while the BIC decreases."""
+    smallest = fits.groupby("explanation")["bic"].min().dropna()
+    bic = {frozenset(name.split(" + ")): value for name, value in smallest.drop("base").items()}
+    named, best = frozenset(), smallest["base"]
     while True:
-        larger = {
-            bic[labels]: labels
-            for labels in bic
-            if labels > chosen and len(labels) == len(chosen) + 1
-        }
+        larger = {bic[key]: key for key in bic if key > named and len(key) == len(named) + 1}
         if not larger or min(larger) >= best:
-            return sorted(chosen)
+            return sorted(named)
         best = min(larger)
-        chosen = larger[best]
+        named = larger[best]
 
 
 def sparse_names(campaign_file: Path, residuals: pd.DataFrame) -> list[str] | None:
-    """Names by sparse regression of the residual; empty where a model without any term is best.
+    """Names by sparse regression of the residual; None without a suitable channel.
 
-    With the crank at constant speed w the power that the model misses is that of a force F on the
-    slider and of a torque M on the crank: w dT = -v F - w M, with the crank torque's residual dT.
-    Without a measured torque the slider's acceleration gives F = m da; None without either.
-    pysindy's thresholded least squares choose from a library of effects (S. L. Brunton, J. L.
-    Proctor and J. N. Kutz, PNAS 113 (2016) 3932-3937).
+    At constant crank speed w the missing power is that of a force F on the slider and a torque M on
+    the crank: w dT = -v F - w M, with the residual dT of the crank torque. Without a measured
+    torque the slider acceleration gives F = m da. Terms are selected by pysindy's thresholded least
+    squares (S. L. Brunton, J. L. Proctor and J. N. Kutz, PNAS 113 (2016) 3932-3937).
     """
     from pysindy import STLSQ
 
@@ -132,9 +117,8 @@ def sparse_names(campaign_file: Path, residuals: pd.DataFrame) -> list[str] | No
     choices = [np.zeros(len(names), bool)]
     for threshold in _THRESHOLDS:
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", UserWarning
-            )  # that a threshold leaves nothing is an answer
+            # that a threshold leaves nothing is an answer
+            warnings.simplefilter("ignore", UserWarning)
             regression = STLSQ(threshold=threshold, alpha=1e-6).fit(library, target[:, None])
         choices.append(np.ravel(regression.coef_) != 0)
     return [name for name, picked in zip(names, min(choices, key=bic), strict=True) if picked]
@@ -143,16 +127,16 @@ def sparse_names(campaign_file: Path, residuals: pd.DataFrame) -> list[str] | No
 def _library(
     mechanism: Any, speed: np.ndarray, angle: np.ndarray, of_power: bool
 ) -> dict[str, np.ndarray]:
-    """Columns of the library by name, forces or their power; of ideal joints."""
+    """Columns of the library by name: forces, or their power, for ideal joints."""
     crank, rod, offset = mechanism.crank.length, mechanism.rod.length, mechanism.slider.offset
+
+    def position(angle: np.ndarray) -> np.ndarray:
+        return crank * np.cos(angle) + np.sqrt(rod**2 - (offset - crank * np.sin(angle)) ** 2)
 
     def slope(angle: np.ndarray) -> np.ndarray:
         """dx/dtheta by a complex step."""
-        angle = angle + 1e-20j
-        x = crank * np.cos(angle) + np.sqrt(rod**2 - (offset - crank * np.sin(angle)) ** 2)
-        return x.imag / 1e-20
+        return position(angle + 1e-20j).imag / 1e-20
 
-    x = crank * np.cos(angle) + np.sqrt(rod**2 - (offset - crank * np.sin(angle)) ** 2)
     v = speed * slope(angle)
     a = speed**2 * (slope(angle + 1e-5) - slope(angle - 1e-5)) / 2e-5
     forces = {
@@ -160,7 +144,7 @@ def _library(
         "slider_coulomb_friction": -np.sign(v),
         "slider_viscous_friction": -v,
         "slider_quadratic_drag": -v * np.abs(v),
-        "slider_spring": -(x - rod),
+        "slider_spring": -(position(angle) - rod),
         "added_slider_mass": -a,
     }
     if not of_power:

@@ -1,12 +1,10 @@
-"""The slider-crank in Exudyn (https://exudyn.readthedocs.io), for blind trials, tests, benchmarks.
+"""The slider-crank in Exudyn (https://exudyn.readthedocs.io), a second model for trials and tests.
 
-It imports nothing of `jointgap.dynamics`: a second model of the mechanism, on purpose. Bodies are
-open chains, the crank so heavy that nothing disturbs it. Loose joints are Exudyn's spheres in
-hollow spheres: its Hunt-Crossley law with the restitution (1 + e^2) / 2 is the law of Lankarani and
-Nikravesh with the restitution e (H. M. Lankarani and P. E. Nikravesh, J. Mech. Des. 112 (1990)
-369-376), its friction is "ambrosio" without a dead band. Explicit integrators take no constraints
-and the implicit one does not get through contacts: so with ideal joints a constraint closes the
-loop, else contacts do.
+It imports nothing of `jointgap.dynamics`. Bodies are open chains; the crank is so heavy that its
+speed is constant. Loose joints are Exudyn's spheres in hollow spheres: its Hunt-Crossley law with
+the restitution (1 + e^2) / 2 is the law of Lankarani and Nikravesh with the restitution e (J. Mech.
+Des. 112 (1990) 369-376); its friction is "ambrosio" without a dead band. Contacts close the loop
+with an explicit integrator; with ideal joints a constraint does with an implicit one.
 """
 
 import math
@@ -37,19 +35,17 @@ _IMMOVABLE = 1e30  # inertia [kg m^2] of the crank: no force here changes a digi
 
 
 class _Link(NamedTuple):
-    """A link of an open chain: type of its joint, where that is on the link before [m], mass,
-    centre [m], inertia."""
+    """A link of an open chain."""
 
-    joint: str
-    at: float = 0.0
+    joint: str  # type
+    at: float = 0.0  # position on the previous link [m]
     mass: float = 0.0
-    centre: float = 0.0
+    centre: float = 0.0  # [m]
     inertia: float = 0.0
 
 
 class _Body(NamedTuple):
-    """Object and node of a body, which link of a chain it is, and where the end at the crank pivot
-    is on it [m]."""
+    """Exudyn object and node of a body, its link in a chain, and its end towards the pivot [m]."""
 
     item: int
     node: int
@@ -57,7 +53,7 @@ class _Body(NamedTuple):
     origin: float = 0.0
 
 
-def _turned(angle: float) -> complex:
+def _direction(angle: float) -> complex:
     return complex(math.cos(angle), math.sin(angle))
 
 
@@ -80,9 +76,7 @@ class SliderCrank:
             import exudyn.utilities
 
         self.exudyn, self.items = exudyn, exudyn.utilities
-        exudyn.config.printToConsole = (
-            False  # it warns of the memory that user functions take; errors are raised
-        )
+        exudyn.config.printToConsole = False  # hides a warning on user functions
         self.container = exudyn.SystemContainer()
         self.system = self.container.AddSystem()
         self.mechanism, self.time = mechanism.applied(), 0.0
@@ -94,30 +88,26 @@ class SliderCrank:
                 "neither pin is loose, and this model closes no loop; loosen one of them"
             )
         gravity = getattr(self.effects.get("gravity"), "acceleration_m_s2", 0.0)
-        self.gravity = gravity * _turned(self.mechanism.gravity_direction)
+        self.gravity = gravity * _direction(self.mechanism.gravity_direction)
         self.bodies = {"frame": _Body(self.system.AddObject(self.items.ObjectGround()), -1)}
-        self._add_bodies(
-            {name: complex(*(perturbation or {}).get(name, (0.0, 0.0))) for name in FROM_FRAME}
-        )
+        gaps = {name: (perturbation or {}).get(name, (0.0, 0.0)) for name in FROM_FRAME}
+        self._add_bodies({name: complex(*gap) for name, gap in gaps.items()})
         self._add_slider_effects()
         self.connectors = {name: self._contact(name) for name in self.loose}
         if not self.loose:
             ends = [self._marker("rod", self.mechanism.rod.length), self._marker("slider", 0.0)]
-            self.connectors["piston_pin"] = self.system.AddObject(
-                self.items.RevoluteJoint2D(markerNumbers=ends)
-            )
-        self.recorded = {
-            (name, one): self._sensor(
-                self.items.SensorObject, one, objectNumber=item, storeInternal=True
-            )
-            for name, item in self.connectors.items()
-            for one in ("DisplacementLocal", "Force")
-            if recorded
-        }
+            joint = self.items.RevoluteJoint2D(markerNumbers=ends)
+            self.connectors["piston_pin"] = self.system.AddObject(joint)
+        self.recorded = {}
+        for name, item in self.connectors.items() if recorded else ():
+            for variable in ("DisplacementLocal", "Force"):
+                keys = {"objectNumber": item, "storeInternal": True}
+                sensor = self._sensor(self.items.SensorObject, variable, **keys)
+                self.recorded[name, variable] = sensor
         centre = self._place("rod", self.mechanism.rod.mass_centre)
         make = self.items.SensorBody if "bodyNumber" in centre else self.items.SensorKinematicTree
         watched = ("Position", "Rotation", "AngularVelocity", "Acceleration")
-        self.rod = {one: self._sensor(make, one, **centre) for one in watched}
+        self.rod = {variable: self._sensor(make, variable, **centre) for variable in watched}
         self.system.Assemble()
 
     def _add_bodies(self, gaps: dict[str, complex]) -> None:
@@ -125,12 +115,12 @@ class SliderCrank:
         is ideal."""
         crank, rod, slider = self.mechanism.crank, self.mechanism.rod, self.mechanism.slider
         angle, speed, pivot = self.start_angle, self.speed, gaps["crank_pivot"]
-        end = pivot + crank.length * _turned(angle) + gaps["crank_pin"]
-        end_velocity = 1j * speed * crank.length * _turned(angle)
+        end = pivot + crank.length * _direction(angle) + gaps["crank_pin"]
+        end_velocity = 1j * speed * crank.length * _direction(angle)
         turn = math.asin((slider.offset + gaps["piston_pin"].imag - end.imag) / rod.length)
         rate = -end_velocity.imag / (rod.length * math.cos(turn))
-        x = (end + rod.length * _turned(turn) - gaps["piston_pin"]).real
-        velocity = (end_velocity + 1j * rod.length * rate * _turned(turn)).real
+        x = (end + rod.length * _direction(turn) - gaps["piston_pin"]).real
+        velocity = (end_velocity + 1j * rod.length * rate * _direction(turn)).real
         swing = _Link("RevoluteZ", crank.length, rod.mass, rod.mass_centre, rod.inertia)
         heavy = _Link("RevoluteZ", 0.0, crank.mass, crank.mass_centre, _IMMOVABLE)
         if "crank_pin" not in self.loose:
@@ -142,75 +132,54 @@ class SliderCrank:
         else:
             centre = crank.mass_centre if "crank_pivot" in self.loose else 0.0
             mass = crank.mass if "crank_pivot" in self.loose else _IMMOVABLE
-            arm = centre * _turned(angle)
+            arm = centre * _direction(angle)
             self._add_body(
                 "crank", mass, _IMMOVABLE, centre, pivot + arm, angle, 1j * speed * arm, speed
             )
         if set(PINS) <= set(self.loose):
-            arm = rod.mass_centre * _turned(turn)
+            arm = rod.mass_centre * _direction(turn)
             motion = end + arm, turn, end_velocity + 1j * rate * arm, rate
             self._add_body("rod", rod.mass, rod.inertia, rod.mass_centre, *motion)
         if "crank_pin" in self.loose and "piston_pin" not in self.loose:
-            links = [
-                _Link("PrismaticX", mass=slider.mass),
-                swing._replace(at=0.0, centre=rod.mass_centre - rod.length),
-            ]
+            free_rod = swing._replace(at=0.0, centre=rod.mass_centre - rod.length)
+            links = [_Link("PrismaticX", mass=slider.mass), free_rod]
             self._add_chain(("slider", "rod"), links, [x, turn], [velocity, rate], slider.offset)
             self.bodies["rod"] = self.bodies["rod"]._replace(origin=-rod.length)
         else:
-            start = {
-                "referenceCoordinates": [0.0],
-                "initialCoordinates": [x],
-                "initialVelocities": [velocity],
-            }
-            node = self.system.AddNode(self.items.Node1D(**start))
+            start = {"initialCoordinates": [x], "initialVelocities": [velocity]}
+            node = self.system.AddNode(self.items.Node1D(referenceCoordinates=[0.0], **start))
             place = {"nodeNumber": node, "referencePosition": [0.0, slider.offset, 0.0]}
             item = self.system.AddObject(self.items.ObjectMass1D(mass=slider.mass, **place))
             self.bodies["slider"] = _Body(item, node)
 
-    def _add_body(
-        self,
-        name: str,
-        mass: float,
-        inertia: float,
-        centre: float,
-        place: complex,
-        turn: float,
-        v: complex,
-        w: float,
-    ) -> None:
-        """A free body whose mass `centre` [m] is at a `place` [m], turned [rad], with the velocity
-        `v` and rate `w`."""
-        start = {
-            "initialCoordinates": [*_vector(place)[:2], turn],
-            "initialVelocities": [*_vector(v)[:2], w],
-        }
-        node = self.system.AddNode(self.items.NodeRigidBody2D(**start))
+    def _add_body(self, name, mass, inertia, centre, place, turn, velocity, rate) -> None:
+        """A free body: mass, inertia, `centre` [m] on the body, place [m], angle [rad] and their
+        rates."""
+        node = self.items.NodeRigidBody2D(
+            initialCoordinates=[place.real, place.imag, turn],
+            initialVelocities=[velocity.real, velocity.imag, rate],
+        )
+        node = self.system.AddNode(node)
         body = self.items.ObjectRigidBody2D(mass=mass, inertia=inertia, nodeNumber=node)
         self.bodies[name] = _Body(self.system.AddObject(body), node, None, -centre)
         if name == "rod":
-            marker = self.system.AddMarker(
-                self.items.MarkerBodyMass(bodyNumber=self.bodies[name].item)
-            )
-            load = self.items.LoadMassProportional(
-                markerNumber=marker, loadVector=_vector(self.gravity)
-            )
-            self.system.AddLoad(load)
+            marker = self.items.MarkerBodyMass(bodyNumber=self.bodies[name].item)
+            keys = {"markerNumber": self.system.AddMarker(marker)}
+            weight = self.items.LoadMassProportional(loadVector=_vector(self.gravity), **keys)
+            self.system.AddLoad(weight)
 
     def _add_chain(
         self, names: tuple, links: list[_Link], q: list[float], v: list[float], height: float
     ) -> None:
         """An open chain from (0, `height`) whose last links are the bodies `names`."""
-        vectors, matrices = self.exudyn.Vector3DList, self.exudyn.Matrix3DList
-        size = len(links)
-        start = {
-            "referenceCoordinates": [0.0] * size,
-            "initialCoordinates": q,
-            "initialCoordinates_t": v,
-        }
-        node = self.system.AddNode(
-            self.items.NodeGenericODE2(numberOfODE2Coordinates=size, **start)
+        vectors, matrices, size = self.exudyn.Vector3DList, self.exudyn.Matrix3DList, len(links)
+        node = self.items.NodeGenericODE2(
+            numberOfODE2Coordinates=size,
+            referenceCoordinates=[0.0] * size,
+            initialCoordinates=q,
+            initialCoordinates_t=v,
         )
+        node = self.system.AddNode(node)
         chain = self.items.ObjectKinematicTree(
             nodeNumber=node,
             gravity=_vector(self.gravity),
@@ -228,22 +197,17 @@ class SliderCrank:
             self.bodies[name] = _Body(item, node, number)
 
     def _place(self, name: str, distance: float) -> dict:
-        """A point on a body at a distance [m] from its end at the crank pivot."""
+        """A point on a body at a distance [m] from its end towards the crank pivot."""
         body = self.bodies[name]
-        on = (
-            {"bodyNumber": body.item}
-            if body.link is None
-            else {"objectNumber": body.item, "linkNumber": body.link}
-        )
-        return {**on, "localPosition": [body.origin + distance, 0.0, 0.0]}
+        place = {"localPosition": [body.origin + distance, 0.0, 0.0]}
+        if body.link is None:
+            return place | {"bodyNumber": body.item}
+        return place | {"objectNumber": body.item, "linkNumber": body.link}
 
     def _marker(self, name: str, distance: float) -> int:
-        place = self._place(name, distance)
-        make = (
-            self.items.MarkerBodyRigid
-            if "bodyNumber" in place
-            else self.items.MarkerKinematicTreeRigid
-        )
+        place, items = self._place(name, distance), self.items
+        rigid = "bodyNumber" in place
+        make = items.MarkerBodyRigid if rigid else items.MarkerKinematicTreeRigid
         return self.system.AddMarker(make(**place))
 
     def _sensor(self, make: Callable, variable: str, **more: Any) -> int:
@@ -252,79 +216,61 @@ class SliderCrank:
 
     def _contact(self, name: str) -> int:
         joint, law = self.mechanism.joint(name), self.mechanism.joint(name).contact
-        crank, rod = self.mechanism.crank.length, self.mechanism.rod.length
-        lengths = {("crank_pin", "crank"): crank, ("piston_pin", "rod"): rod}
-        bodies = sorted(
-            (JOINT[name].partner, JOINT[name].body), key=lambda body: body != joint.journal
-        )
+        lengths = {
+            ("crank_pin", "crank"): self.mechanism.crank.length,
+            ("piston_pin", "rod"): self.mechanism.rod.length,
+        }
+        bodies = sorted((JOINT[name].partner, JOINT[name].body), key=lambda b: b != joint.journal)
         data = self.items.NodeGenericData(
             initialCoordinates=[1.0, 0.0, 0.0, 0.0], numberOfDataCoordinates=4
         )
         compliance = 2 * (1 - law.poisson_ratio**2) / law.youngs_modulus
-        hertz = (
-            4
-            / (3 * compliance)
-            * math.sqrt(joint.bearing_radius * joint.journal_radius / joint.clearance)
+        radius = joint.bearing_radius * joint.journal_radius / joint.clearance
+        contact = self.items.ObjectContactSphereSphere(
+            markerNumbers=[self._marker(body, lengths.get((name, body), 0.0)) for body in bodies],
+            nodeNumber=self.system.AddNode(data),
+            isHollowSphere1=True,
+            impactModel=1,
+            dynamicFriction=law.friction,
+            frictionProportionalZone=law.friction_speed,
+            spheresRadii=[joint.journal_radius, joint.bearing_radius],
+            contactStiffness=law.stiffness or 4 / (3 * compliance) * math.sqrt(radius),
+            contactStiffnessExponent=law.exponent,
+            restitutionCoefficient=(1 + law.restitution**2) / 2,
+            minimumImpactVelocity=law.least_approach_speed,
         )
-        return self.system.AddObject(
-            self.items.ObjectContactSphereSphere(
-                markerNumbers=[
-                    self._marker(body, lengths.get((name, body), 0.0)) for body in bodies
-                ],
-                nodeNumber=self.system.AddNode(data),
-                isHollowSphere1=True,
-                impactModel=1,
-                dynamicFriction=law.friction,
-                frictionProportionalZone=law.friction_speed,
-                spheresRadii=[joint.journal_radius, joint.bearing_radius],
-                contactStiffness=law.stiffness or hertz,
-                contactStiffnessExponent=law.exponent,
-                restitutionCoefficient=(1 + law.restitution**2) / 2,
-                minimumImpactVelocity=law.least_approach_speed,
-            )
-        )
+        return self.system.AddObject(contact)
 
     def _add_slider_effects(self) -> None:
         """Loads, springs and dampers on the slider."""
-        add, items = self.system, self.items
-        node = self.bodies["slider"].node
-        slider = add.AddMarker(items.MarkerNodeCoordinate(nodeNumber=node, coordinate=0))
-        ground = add.AddNode(items.NodePointGround())
-        ends = {
-            "markerNumbers": [
-                add.AddMarker(items.MarkerNodeCoordinate(nodeNumber=ground, coordinate=0)),
-                slider,
-            ]
-        }
-        for name, own in self.effects.items():
-            if name == "slider_constant_force":
-                add.AddLoad(items.LoadCoordinate(markerNumber=slider, load=own.force_N))
-            elif name == "slider_spring":
-                spring = {"stiffness": own.stiffness_N_m, "offset": own.rest_position_m}
-                add.AddObject(items.CoordinateSpringDamper(**ends, **spring))
-            elif name == "slider_viscous_friction":
-                add.AddObject(items.CoordinateSpringDamper(**ends, damping=own.damping_N_s_m))
-            elif name == "slider_coulomb_friction":
-                dry = {
-                    "dynamicFrictionForce": own.force_N,
-                    "frictionProportionalZone": FRICTION_ZONE,
-                }
-                add.AddObject(items.CoordinateSpringDamperExt(**ends, **dry))
-            elif name == "slider_quadratic_drag":
+        system, items, effects = self.system, self.items, self.effects
+        ground, markers = system.AddNode(items.NodePointGround()), []
+        for node in (self.bodies["slider"].node, ground):
+            marker = items.MarkerNodeCoordinate(nodeNumber=node, coordinate=0)
+            markers.append(system.AddMarker(marker))
+        ends = {"markerNumbers": markers[::-1]}
+        if force := effects.get("slider_constant_force"):
+            system.AddLoad(items.LoadCoordinate(markerNumber=markers[0], load=force.force_N))
+        if spring := effects.get("slider_spring"):
+            keys = {"stiffness": spring.stiffness_N_m, "offset": spring.rest_position_m}
+            system.AddObject(items.CoordinateSpringDamper(**ends, **keys))
+        if viscous := effects.get("slider_viscous_friction"):
+            system.AddObject(items.CoordinateSpringDamper(**ends, damping=viscous.damping_N_s_m))
+        if dry := effects.get("slider_coulomb_friction"):
+            keys = {"dynamicFrictionForce": dry.force_N, "frictionProportionalZone": FRICTION_ZONE}
+            system.AddObject(items.CoordinateSpringDamperExt(**ends, **keys))
+        if quadratic := effects.get("slider_quadratic_drag"):
 
-                def drag(mbs, time, item, displacement, velocity, *_, factor=own.drag_N_s2_m2):
-                    return factor * velocity * abs(velocity)
+            def drag(mbs, time, item, displacement, velocity, *_):
+                return quadratic.drag_N_s2_m2 * velocity * abs(velocity)
 
-                add.AddObject(items.CoordinateSpringDamper(**ends, springForceUserFunction=drag))
+            system.AddObject(items.CoordinateSpringDamper(**ends, springForceUserFunction=drag))
 
     def advance(
         self, end: float, tolerance: float = TOLERANCE, longest: float = 1e-4
     ) -> np.ndarray:
-        """Go on to the time `end` [s] with steps of at most `longest` [s]; the `positions` there.
-
-        `tolerance` is absolute, of all coordinates and velocities; with ideal joints it does not
-        count.
-        """
+        """Continue to the time `end` [s] with steps of at most `longest` [s]; the `positions`
+        there. `tolerance` is absolute (loose joints only)."""
         settings = self.exudyn.SimulationSettings()
         settings.solution.file.write = False
         settings.solution.sensors.writePeriod = 1e-12 if self.recorded else end
@@ -338,11 +284,8 @@ class SliderCrank:
         time.absoluteTolerance, time.relativeTolerance = tolerance, 0.0
         time.discontinuous.iterationTolerance = _EVENT_TOLERANCE
         time.explicit.computeEndOfStepAccelerations = True
-        solver = (
-            self.exudyn.DynamicSolverType.DOPRI5
-            if self.loose
-            else self.exudyn.DynamicSolverType.GeneralizedAlpha
-        )
+        solvers = self.exudyn.DynamicSolverType
+        solver = solvers.DOPRI5 if self.loose else solvers.GeneralizedAlpha
         if self.system.SolveDynamic(settings, solverType=solver, updateInitialValues=True) is False:
             raise SimulationError(f"Exudyn's integrator stopped before {end:g} s")
         self.time = end
@@ -373,15 +316,15 @@ class SliderCrank:
     def _read(self) -> dict[str, float]:
         crank, rod, slider = self.mechanism.crank, self.mechanism.rod, self.mechanism.slider
         angle = self.start_angle + self.speed * self.time
-        arm, x = _turned(angle), self._slider("Coordinates")
+        arm, x = _direction(angle), self._slider("Coordinates")
         centre, acceleration = (
             complex(*self._rod(name)[:2]) for name in ("Position", "Acceleration")
         )
         turn = self._rod("Rotation")[-1]
-        foot = centre - rod.mass_centre * _turned(turn)
+        foot = centre - rod.mass_centre * _direction(turn)
         forces = {name: self._force_on_rod(name, item) for name, item in self.connectors.items()}
         for name, other in (PINS, PINS[::-1]):
-            if name not in forces:  # what an ideal pin has to bear
+            if name not in forces:  # an ideal pin
                 forces[name] = rod.mass * (acceleration - self.gravity) - forces[other]
         point = crank.length * arm
         if "crank_pin" in self.loose:  # journal and bearing touch halfway through their overlap
@@ -392,12 +335,10 @@ class SliderCrank:
             point = journal + (journal - bearing) / gap * reach
         dry = getattr(self.effects.get("crank_coulomb_friction"), "torque_N_m", 0.0)
         viscous = getattr(self.effects.get("crank_viscous_friction"), "damping_N_m_s", 0.0)
-        own = crank.mass * crank.mass_centre * arm
-        frame = (
-            crank.mass * (crank.mass_centre * self.speed**2 * arm + self.gravity)
-            - forces["crank_pin"]
-        )
-        torque = (point.conjugate() * forces["crank_pin"] - own.conjugate() * self.gravity).imag
+        moment = crank.mass * crank.mass_centre * arm
+        frame = crank.mass * (crank.mass_centre * self.speed**2 * arm + self.gravity)
+        frame -= forces["crank_pin"]
+        torque = (point.conjugate() * forces["crank_pin"] - moment.conjugate() * self.gravity).imag
         return {
             "crank_angle": angle,
             "slider_position": x,
@@ -415,21 +356,16 @@ class SliderCrank:
 
     def _force_on_rod(self, name: str, item: int) -> complex:
         """Force [N] of a contact, whose output is that on the journal, or of an ideal pin."""
-        force = complex(
-            *self.system.GetObjectOutput(item, self.exudyn.OutputVariableType.Force)[:2]
-        )
-        return (
-            -force if name in self.loose and self.mechanism.joint(name).journal != "rod" else force
-        )
+        variable = self.exudyn.OutputVariableType.Force
+        force = complex(*self.system.GetObjectOutput(item, variable)[:2])
+        on_journal = name in self.loose
+        return -force if on_journal and self.mechanism.joint(name).journal != "rod" else force
 
     def record(self) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray]]:
-        """Time [s], and by joint penetration [m] and size of the force [N], at every step of the
-        latest advance."""
-        stored = {
-            key: self.system.GetSensorStoredData(sensor) for key, sensor in self.recorded.items()
-        }
-        return (
-            next(iter(stored.values()))[:, 0],
-            {name: -stored[name, "DisplacementLocal"][:, 1] for name in self.loose},
-            {name: np.linalg.norm(stored[name, "Force"][:, 1:], axis=1) for name in self.loose},
-        )
+        """Time [s], and by joint penetration [m] and force [N], at every step of the latest
+        advance."""
+        stored = {key: self.system.GetSensorStoredData(item) for key, item in self.recorded.items()}
+        time = next(iter(stored.values()))[:, 0]
+        depths = {name: -stored[name, "DisplacementLocal"][:, 1] for name in self.loose}
+        forces = {name: np.linalg.norm(stored[name, "Force"][:, 1:], axis=1) for name in self.loose}
+        return time, depths, forces

@@ -1,4 +1,4 @@
-"""What each trial of a set hides: decided by the set's seed before anything is simulated."""
+"""Plan of a set of trials: the seed of the set determines what each trial hides."""
 
 import hashlib
 from dataclasses import dataclass, replace
@@ -14,24 +14,28 @@ from jointgap.core.joints import JOINTS, PINS
 from jointgap.core.section import ConfigModel, Seed, Word, whole_number
 from jointgap.core.units import quantity
 from jointgap.rig.sensors import ENCODER_OFFSET
+from validation.data_faults import DATA_FAULTS
 from validation.rig import LISTED, OFF_LIST, RECIPE
-from validation.wiring import DAMAGES
 
 CLEARANCES = tuple(f"{joint}_clearance" for joint in JOINTS)
 
-# Names that one word of the recipe stands for
-_NAMES = {"listed": LISTED, "off_list": OFF_LIST, "clearances": CLEARANCES, "damages": DAMAGES}
-_NAMES["exudyn"] = RECIPE["exudyn"]
+# Groups of effects that the recipe abbreviates
+_GROUPS = {
+    "listed": LISTED,
+    "off_list": OFF_LIST,
+    "clearances": CLEARANCES,
+    "damages": DATA_FAULTS,
+    "exudyn": RECIPE["exudyn"],
+}
 
-# How many trials of each kind a set has, the share of them whose crank follows the angle read, and
-# the share of these whose speed drifts slowly
+# Number of trials of each kind; share of measured cranks; share of these with drift
 TrialSet = create_model(
     "TrialSet",
     __base__=ConfigModel,
     seed=(Seed, ...),
     measured_angle=(quantity("", ge=0, le=1), 0.0),
     drift=(quantity("", ge=0, le=1), 0.0),
-    **{key: (whole_number(ge=0, le=10_000), 0) for key in RECIPE["kinds"]},
+    **{kind: (whole_number(ge=0, le=10_000), 0) for kind in RECIPE["kinds"]},
 )
 
 
@@ -43,27 +47,22 @@ class Sets(ConfigModel):
 
 @dataclass(frozen=True)
 class Trial:
-    """What one trial is to hide."""
+    """The plan of one trial."""
 
     kind: str
-    base: str  # The motion without an effect: ideal, loose or chaotic
-    size: float = 0.0  # Gap that each effect is to cause; 0 where nothing is injected
+    base: str  # motion without an effect: ideal, loose or chaotic
+    size: float = 0.0  # gap that each effect causes; 0 without effects or if `shown` is given
     effects: tuple[str, ...] = ()
     damage: str = ""
-    loose: str = (
-        ""  # A joint that has to be loose in the analyst's model; empty where it may be any
-    )
+    loose: str = ""  # joint that is loose in the model; empty: any
     measured_angle: bool = False
-    drift: bool = False  # Whether the speed of a measured crank drifts slowly
-    shown: tuple[float, float] | None = (
-        None  # Between which the gap has to lie of a size that is drawn
-    )
-    number: int = 0  # Its place in the set
-    id: str = ""  # Says nothing about it
+    drift: bool = False  # the speed of a measured crank drifts slowly
+    shown: tuple[float, float] | None = None  # range of the gap if the size is drawn
+    number: int = 0  # position in the set
+    id: str = ""  # anonymous
 
     @property
     def needs_encoder(self) -> bool:
-        """Whether the crank angle has to be measured."""
         return self.measured_angle or self.damage == "zero_off" or ENCODER_OFFSET in self.effects
 
 
@@ -75,80 +74,69 @@ def read_set(path: Path | str, name: str) -> Any:
     return sets[name]
 
 
-def plan_trials(chosen: Any, count: int | None = None) -> list[Trial]:
-    """The trials of a set, shuffled: all, or the first `count`, which are a random part."""
-    trials = [
-        trial
-        for stream, key in enumerate(RECIPE["kinds"], 1)
-        for trial in _of_kind(chosen, key, stream)
-    ]
-    if count is not None and (
-        isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= len(trials)
-    ):
+def plan_trials(trial_set: Any, count: int | None = None) -> list[Trial]:
+    """The shuffled trials of a set; the first `count` of them are a random part."""
+    trials = []
+    for stream, kind in enumerate(RECIPE["kinds"], 1):
+        trials += _trials_of_kind(trial_set, kind, stream)
+    if count is not None and (type(count) is not int or not 1 <= count <= len(trials)):
         raise InputError(
             f"trials: is {count!r}; give a whole number from 1 to {len(trials)}, how many the"
             " set has"
         )
-    rng = np.random.default_rng([chosen.seed, 0])
-    ids = [
-        hashlib.sha256(f"{chosen.seed} {number}".encode()).hexdigest()[:12]
-        for number in range(len(trials))
+    rng = np.random.default_rng([trial_set.seed, 0])
+    shuffled = []
+    for number, index in enumerate(rng.permutation(len(trials))):
+        digest = hashlib.sha256(f"{trial_set.seed} {number}".encode()).hexdigest()
+        shuffled.append(replace(trials[index], id=digest[:12], number=number))
+    constant_speed = {name for name, effect in EFFECTS.items() if effect.DRIVE == "constant"}
+    drivable = [
+        trial.number
+        for trial in shuffled
+        if not trial.damage and not constant_speed & set(trial.effects)
     ]
-    order = rng.permutation(len(trials))
-    shuffled = [
-        replace(trials[place], id=ids[number], number=number) for number, place in enumerate(order)
-    ]
-    steady = {name for name, effect in EFFECTS.items() if effect.DRIVE == "constant"}
-    able = [
-        trial.number for trial in shuffled if not trial.damage and not steady & set(trial.effects)
-    ]
-    measured = set(rng.permutation(able)[: round(chosen.measured_angle * len(able))])
-    drifting = set(rng.permutation(sorted(measured))[: round(chosen.drift * len(measured))])
+    measured = set(rng.permutation(drivable)[: round(trial_set.measured_angle * len(drivable))])
+    drifting = set(rng.permutation(sorted(measured))[: round(trial_set.drift * len(measured))])
     return [
         replace(trial, measured_angle=trial.number in measured, drift=trial.number in drifting)
-        for trial in shuffled
-    ][:count]
-
-
-def _of_kind(chosen: Any, key: str, stream: int) -> list[Trial]:
-    """Trials of one kind; they do not depend on how many there are of other kinds."""
-    kind, count = RECIPE["kinds"][key], getattr(chosen, key)
-    rng, trials = np.random.default_rng([chosen.seed, stream]), []
-    hidden = [name for word in kind["hidden"] for name in _NAMES.get(word, (word or "",))]
-    each, bases = kind.get("each", 1), kind.get("bases", RECIPE["bases"])
-    names = [
-        str(name)
-        for _ in range(-(-each * count // len(hidden)))
-        for name in rng.permutation(hidden)
+        for trial in shuffled[:count]
     ]
+
+
+def _trials_of_kind(trial_set: Any, key: str, stream: int) -> list[Trial]:
+    """Trials of one kind, independent of the number of other kinds."""
+    kind, count = RECIPE["kinds"][key], getattr(trial_set, key)
+    bases, effects_per_trial = kind.get("bases", RECIPE["bases"]), kind.get("each", 1)
+    hidden = [name for word in kind["hidden"] for name in _GROUPS.get(word, (word or "",))]
+    rng, trials = np.random.default_rng([trial_set.seed, stream]), []
+    names: list[str] = []
+    while len(names) < effects_per_trial * count:
+        names += map(str, rng.permutation(hidden))
     for number in range(count):
         base, loose = str(rng.choice(list(bases), p=list(bases.values()))), ""
-        own = [name for name in names[each * number : each * (number + 1)] if name]
-        while len(own) == 2 and _parts(own[0]) & _parts(own[1]):
-            own[1] = str(rng.choice(hidden))
+        first = effects_per_trial * number
+        effects = [name for name in names[first : first + effects_per_trial] if name]
+        while len(effects) == 2 and _name_and_joint(effects[0]) & _name_and_joint(effects[1]):
+            effects[1] = str(rng.choice(hidden))
         if "damages" in kind["hidden"]:
-            trials.append(Trial(kind["kind"], base, damage=own[0]))
+            trials.append(Trial(kind["kind"], base, damage=effects[0]))
             continue
-        for name in own:
-            joint = name.removesuffix("_clearance")
+        for name in effects:
             if name.startswith("lubricated_joint"):
                 base, loose = "loose" if base == "ideal" else base, name.partition(":")[2]
             elif name in CLEARANCES and key == "exudyn_loose":
                 base = str(rng.choice(["ideal", "loose"]))
-            elif (
-                name in CLEARANCES
-                and key == "clearances"
-                and base != "ideal"
-                and rng.random() < 0.5
-            ):
-                loose = joint if joint in PINS else ""
+            elif name in CLEARANCES and key == "clearances":
+                if base != "ideal" and rng.random() < 0.5:
+                    joint = name.removesuffix("_clearance")
+                    loose = joint if joint in PINS else ""
         shown = tuple(kind["shown"]) if "shown" in kind else None
-        size = RECIPE["gaps"][number % len(RECIPE["gaps"])] if own and not shown else 0.0
-        trials.append(Trial(kind["kind"], base, size, tuple(own), loose=loose, shown=shown))
+        size = RECIPE["gaps"][number % len(RECIPE["gaps"])] if effects and not shown else 0.0
+        trials.append(Trial(kind["kind"], base, size, tuple(effects), loose=loose, shown=shown))
     return trials
 
 
-def _parts(label: str) -> set[str]:
-    """Name and joint of an effect: in a joint one effect may overwrite another."""
-    name, _, site = label.partition(":")
-    return {name, site or name.removesuffix("_clearance")}
+def _name_and_joint(label: str) -> set[str]:
+    """In one joint an effect may overwrite another."""
+    name, _, joint = label.partition(":")
+    return {name, joint or name.removesuffix("_clearance")}

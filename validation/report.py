@@ -1,4 +1,4 @@
-"""The page and the figure of a set's score, and the run for MLflow."""
+"""Page and figures of the score of a set, and its MLflow run."""
 
 from pathlib import Path
 
@@ -21,10 +21,9 @@ from jointgap.core.publish import Record
 from validation.rig import RECIPE
 from validation.score import confusion, rates
 
-# Of the set's experiment in MLflow
 DESCRIPTION = "Blind trials: campaigns with hidden effects, analysed without the truth at hand"
 
-# Rates that the trials are to reach, and from which side
+# Required rates: relation and value
 GOALS = {what: rate["goal"].split() for what, rate in RECIPE["rates"].items() if "goal" in rate}
 
 _SHOWN = (
@@ -33,7 +32,7 @@ _SHOWN = (
 
 FILES = [f"{name}.{end}" for name in ("rates", "curves") for end in ("svg", "png")]
 FILES += ["summary.html", "summary.md", "trials.csv", "rates.csv", "confusion.csv"]
-"""What a score is written to."""
+"""Files of a score."""
 
 
 def write_score(name: str, trials: pd.DataFrame, folder: Path) -> str:
@@ -61,14 +60,11 @@ def write_score(name: str, trials: pd.DataFrame, folder: Path) -> str:
         (
             Paragraph(
                 f"{len(trials)} campaigns, all in trials.csv. Shares have 95 % intervals of Clopper"
-                " and Pearson, medians those of order statistics. confusion.csv counts what was"
-                " named where what was hidden."
+                " and Pearson, medians those of order statistics. confusion.csv counts hidden and"
+                " named effects."
             ),
             FigureBlock("rates", "Shares of right and wrong verdicts"),
-            FigureBlock(
-                "curves",
-                "Right names over the size of the effect, and how often intervals hold the truth",
-            ),
+            FigureBlock("curves", "Right names over the size of the effect; coverage of intervals"),
             TableBlock(("what", "group", "of", "value", "95 %"), tuple(numbers), "llrrl"),
             Heading("Trials that are not right"),
             TableBlock(
@@ -85,32 +81,24 @@ def write_score(name: str, trials: pd.DataFrame, folder: Path) -> str:
 
 
 def draw_rates(table: pd.DataFrame) -> plot.Drawing:
-    """Rates with their intervals beside what is asked for."""
+    """Rates with their intervals and the required values."""
     shown = table[table["what"].isin(GOALS)].reset_index(drop=True)
     goals = shown["what"].map(lambda what: float(GOALS[what][1]))
-    least = shown["what"].map(lambda what: GOALS[what][0] == ">=")
-    met = (shown["value"] == goals) | ((shown["value"] > goals) == least)
+    lower = shown["what"].map(lambda what: GOALS[what][0] == ">=")
+    reached_goal = (shown["value"] == goals) | ((shown["value"] > goals) == lower)
     names = shown["what"] + ": " + shown["group"] + " (" + shown["count"].astype(str) + ")"
     sheet = Sheet(1.2 + 0.22 * max(len(shown), 3), 1, 1)
     quantities = Quantity("share of the trials", "1"), Quantity("what, and of which trials", "")
     panel = sheet.panel((0, 0), "how often, with 95 % intervals", *quantities)
-    for words, colour, own in (
-        ("as asked for", "after", met),
-        ("not as asked for", "before", ~met),
+    for label, colour, rows in (
+        ("goal reached", "after", reached_goal),
+        ("goal missed", "before", ~reached_goal),
     ):
-        part = shown[own]
+        part = shown[rows]
         if len(part):
-            panel.marks(
-                words,
-                part["value"],
-                part.index,
-                colour,
-                part["low"],
-                part["high"],
-                names[own],
-                along="x",
-            )
-    panel.marks("asked for", goals, shown.index, "limit", labels=names, marker="|", markersize=9.0)
+            interval = part["low"], part["high"]
+            panel.marks(label, part["value"], part.index, colour, *interval, names[rows], along="x")
+    panel.marks("goal", goals, shown.index, "limit", labels=names, marker="|", markersize=9.0)
     list_rows(panel, names.tolist())
     panel.axes.set_xlim(-0.02, 1.02)
     panel.axes.set_ylabel("")
@@ -119,46 +107,38 @@ def draw_rates(table: pd.DataFrame) -> plot.Drawing:
 
 
 def draw_curves(table: pd.DataFrame) -> plot.Drawing:
-    """Right and wrong names over the gap that the effect causes, and the share of intervals that
-    hold the truth over the probability that they state."""
+    """Right and wrong names over the gap of the effect, and the coverage of intervals."""
     sheet = Sheet(3.2, 1, 2)
     share = Quantity("share of the trials", "1")
-    power = sheet.panel(
-        (0, 0),
-        "names by the size of the effect",
-        Quantity("gap that the effect causes", "1"),
-        share,
-    )
-    for words, what, colour in (
-        ("right", "right name", "after"),
-        ("wrong", "wrong name", "before"),
-    ):
-        part = table[(table["what"] == what) & table["group"].str.fullmatch(r"gap [\d.]+")]
+    gap = Quantity("gap of the effect", "1")
+    power = sheet.panel((0, 0), "names by the size of the effect", gap, share)
+    for label, colour in (("right", "after"), ("wrong", "before")):
+        part = table[
+            (table["what"] == f"{label} name") & table["group"].str.fullmatch(r"gap [\d.]+")
+        ]
         gaps = part["group"].str.removeprefix("gap ").astype(float)
-        power.marks(words, gaps, part["value"], colour, part["low"], part["high"])
+        power.marks(label, gaps, part["value"], colour, part["low"], part["high"])
     power.axes.set_ylim(-0.02, 1.02)
     power.axes.set_xlim(1.0, 1.1 * max(RECIPE["gaps"]))
-    stated = Quantity("probability stated", "1")
-    panel = sheet.panel(
-        (0, 1), "intervals that hold the truth", stated, Quantity("share of the intervals", "1")
-    )
-    panel.line("as stated", [0.0, 1.0], [0.0, 1.0], "limit")
-    for words, what, colour in (
+    quantities = Quantity("nominal coverage", "1"), Quantity("share of the intervals", "1")
+    panel = sheet.panel((0, 1), "intervals that contain the truth", *quantities)
+    panel.line("nominal", [0.0, 1.0], [0.0, 1.0], "limit")
+    of_all = table[table["group"] == "all"]
+    for label, what, colour in (
         ("sizes", "size within", "after"),
         ("nuisances", "nuisance within its", "before"),
     ):
-        of_all = table[table["group"] == "all"]
         part = of_all[of_all["what"].str.startswith(what) & of_all["what"].str.endswith("interval")]
         levels = part["what"].str.extract(r"(\d+) %")[0].astype(float) / 100
-        panel.marks(words, levels, part["value"], colour, part["low"], part["high"], marker="s")
+        panel.marks(label, levels, part["value"], colour, part["low"], part["high"], marker="s")
     sheet.legend()
     return sheet.drawing()
 
 
 def mlflow_records(folder: Path) -> list[Record]:
-    """The set as one run of MLflow with every score, so that sets can be compared."""
+    """The set as one MLflow run with every score."""
     table, trials = pd.read_csv(folder / "rates.csv"), pd.read_csv(folder / "trials.csv")
-    # MLflow takes no comma and no % in a name, and groups by what stands before a slash
+    # names in MLflow have no comma and no %, and are grouped by their part before a slash
     names = (table["what"] + ", " + table["group"]).replace(
         {": ": "/", ", ": "/", "%": "percent"}, regex=True
     )

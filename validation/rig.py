@@ -1,5 +1,4 @@
-"""Virtual test rigs, drawn at random with the effects hidden in them; and what their sensors read
-without noise."""
+"""Random virtual rigs with hidden effects, and the readings of their sensors without noise."""
 
 import math
 import re
@@ -39,14 +38,11 @@ from validation.exudyn import SliderCrank
 
 RECIPE = read_yaml(Path(__file__).with_name("recipe.yaml"))
 
-_FIRST, _MOST = (
-    3.0,
-    600.0,
-)  # sizes [steps of a fit] with which a search begins, and at which it ends
-_HIGHEST_ORDER = {"speed_fluctuation": 4, "crank_periodic_torque": 6}  # that is drawn
-_VISCOSITIES = (0.03, 1.0)  # [Pa s] thinner ones are hardly films
+_FIRST_SIZE, _LARGEST_SIZE = 3.0, 600.0  # [steps of a fit] start and end of a search for a size
+_HIGHEST_ORDER = {"speed_fluctuation": 4, "crank_periodic_torque": 6}
+_VISCOSITIES = (0.03, 1.0)  # [Pa s] thinner films hardly act
 
-# The shape [1] at which the law of a family is an effect, by the law and the effect
+# The shape [1] at which the law of a family is an effect, by law and effect
 SHAPES = {
     law.NAME: dict(law.MEMBERS) | RECIPE["families"].get(law.NAME, {}) for law in EFFECTS.values()
 }
@@ -55,145 +51,129 @@ SHAPES[LAG_AND_DELAY] = DELAY_SHARES
 
 @dataclass(frozen=True)
 class Hidden:
-    """One effect that acts, at a size still open; 0 where it is absent."""
+    """A hidden effect whose size is still open; it vanishes at size 0."""
 
-    name: str  # As in a verdict; of an effect that is not on the list, its own name
+    name: str  # as in a verdict
     site: str
-    parameters: Callable[
-        [float], dict[str, float]
-    ]  # From the size to the parameters of a verdict [SI]
-    first: float  # Size with which a search begins
+    parameters: Callable[[float], dict[str, float]]  # parameters of a verdict [SI] of a size
+    first: float  # size with which a search starts
     most: float
     least: float = 0.0
-    sensor: str = ""  # Channel of a sensor's fault, else empty
-    law: Mapping[str, Any] | None = (
-        None  # Formula and coefficients of a force that is not on the list
-    )
+    sensor: str = ""  # channel of a sensor fault
+    law: Mapping[str, Any] | None = None  # formula and coefficients of an unlisted force
 
     def in_file(self, size: float) -> list[dict]:
-        """Entries of a mechanism file's effects; none for a sensor's fault."""
+        """Entries in a mechanism file; none for a sensor fault."""
         if self.sensor:
             return []
+        values = self.parameters(size)
         if self.law:
             name = "discovered_crank_torque" if self.site == "crank" else "discovered_slider_force"
-            coefficients = self.law["coefficients"] | self.parameters(size)
-            return [{"name": name, "parameters": {**self.law, "coefficients": coefficients}}]
+            law = {**self.law, "coefficients": self.law["coefficients"] | values}
+            return [{"name": name, "parameters": law}]
         site = {"site": self.site} if EFFECTS[self.name].sites() else {}
-        return [{"name": self.name, **site, "parameters": self.parameters(size)}]
+        return [{"name": self.name, **site, "parameters": values}]
 
 
 def candidates(
     mechanism: Mechanism, speed: float, nuisances: Mapping[str, Parameter]
 ) -> dict[str, Candidate]:
-    """The physical effects that could be missing in a mechanism whose crank turns at `speed`
-    [rad/s], by label."""
+    """Physical candidates at a crank `speed` [rad/s], by label."""
     scale = MotionScale.of(mechanism, speed)
     context = FitContext(mechanism, scale, nuisances, True, speed / tau, (None, None))
     return {candidate.label: candidate for candidate in physical_candidates(context)}
 
 
-# Effects of the list by name, with the site where there is a choice
 LISTED = (
     *candidates(load_mechanism("erkaya2009"), 30.0, {}),
     *(ENCODER_OFFSET, "sensor_bias", "sensor_gain", SENSOR_LAG, SENSOR_DELAY),
 )
-
 OFF_LIST = (*RECIPE["laws"], *RECIPE["faults"])
-
-# Labels that can be right: effects, an encoder's fault among them; then faults of a sensor, each
-# with its channel
 CHANNELS = tuple(name for names in RECIPE["channels"].values() for name in names)
 SENSOR_FAULTS = tuple(name for name in LISTED if name in FAULTS and name != ENCODER_OFFSET)
-PLAIN = tuple(name for name in LISTED if name not in SENSOR_FAULTS)
-LABELS = (*PLAIN, *(f"{fault}:{channel}" for channel in CHANNELS for fault in SENSOR_FAULTS))
+
+# Labels of right answers: effects and encoder faults, then sensor faults with their channel
+LABELS = (
+    *(name for name in LISTED if name not in SENSOR_FAULTS),
+    *(f"{fault}:{channel}" for channel in CHANNELS for fault in SENSOR_FAULTS),
+)
 
 
 def draw_effect(
     label: str, rig: Any, spread: Mapping[str, float], rng: np.random.Generator
 ) -> Hidden | None:
-    """The effect `label` of a `rig` whose channels have the standard deviations `spread` [SI]; None
-    where it cannot act."""
+    """The effect `label` of a rig with the standard deviations `spread` [SI] of its channels; None
+    if it cannot act."""
     channel = "crank_angle" if label == ENCODER_OFFSET else str(rng.choice(list(rig.sensors)))
     if label in RECIPE["faults"]:
         fault = RECIPE["faults"][label]
         unit = spread[channel] if fault["of_spread"] else 1.0
-        return Hidden(
-            label,
-            channel,
-            lambda size: {label: size * unit},
-            fault["first"],
-            fault["most"],
-            0.0,
-            channel,
-        )
+
+        def fault_parameters(size: float) -> dict[str, float]:
+            return {label: size * unit}
+
+        sizes = fault["first"], fault["most"]
+        return Hidden(label, channel, fault_parameters, *sizes, sensor=channel)
     if label in RECIPE["laws"]:
-        return _law(label, rig, rng)
+        return _unlisted_law(label, rig, rng)
     if label in FAULTS:
         site = "sensor" if label == ENCODER_OFFSET else channel
-        candidate = FAULTS[label].candidate(
-            site, Reading(spread.get(channel, 0.0), "", rig.fastest)
-        )
-        return _sized(candidate, rng, {}, channel)
+        reading = Reading(spread.get(channel, 0.0), "", rig.fastest)
+        return _listed_effect(FAULTS[label].candidate(site, reading), rng, {}, channel)
     candidate = candidates(rig.nominal, rig.fastest, rig.nuisances).get(label)
-    return candidate and _sized(candidate, rng, rig.nuisances)
+    return candidate and _listed_effect(candidate, rng, rig.nuisances)
 
 
-def _law(label: str, rig: Any, rng: np.random.Generator) -> Hidden:
-    own, crank = RECIPE["laws"][label], rig.true.crank.length
-    coefficients = {
-        "V": crank * rig.fastest,
-        "R": crank,
-        "X": rig.true.rod.length,
-        "A": float(rng.uniform(0, 6)),
-    }
-    used = set(re.findall("[A-Z]", own["formula"]))
-    first = own["first"] * rig.true.slider.mass * crank ** (1 + own["power"]) * rig.fastest**2
-    site = "crank" if "theta" in own["formula"] else "slider"
-    law = {"formula": own["formula"], "coefficients": {key: coefficients[key] for key in used}}
-    return Hidden(label, site, lambda size: {"s": size}, first, 200 * first, law=law)
+def _unlisted_law(label: str, rig: Any, rng: np.random.Generator) -> Hidden:
+    law, crank = RECIPE["laws"][label], rig.true.crank.length
+    constants = {"V": crank * rig.fastest, "R": crank, "X": rig.true.rod.length}
+    constants["A"] = float(rng.uniform(0, 6))
+    used = set(re.findall("[A-Z]", law["formula"]))
+    first = law["first"] * rig.true.slider.mass * crank ** (1 + law["power"]) * rig.fastest**2
+    site = "crank" if "theta" in law["formula"] else "slider"
+    formula = {"formula": law["formula"], "coefficients": {key: constants[key] for key in used}}
+    return Hidden(label, site, lambda size: {"s": size}, first, 200 * first, law=formula)
 
 
-def _sized(
+def _listed_effect(
     candidate: Candidate, rng: np.random.Generator, nuisances: Mapping[str, Parameter], sensor=""
 ) -> Hidden:
-    """A candidate whose amplitudes grow with the size along a direction that is drawn, as its shape
-    parameters are."""
-    sizes = {p.key: p for p in candidate.coordinates if p.key in candidate.amplitudes}
-    steps = {
-        key: part * sizes[key].step
-        for key, part in zip(sizes, _direction(candidate, rng), strict=True)
+    """A candidate with random shape parameters and a random direction of its amplitudes."""
+    amplitudes = {p.key: p for p in candidate.coordinates if p.key in candidate.amplitudes}
+    direction = dict(zip(amplitudes, _direction(candidate, rng), strict=True))
+    order = sorted(direction, key=lambda key: -abs(direction[key]))
+    steps = {key: direction[key] * amplitudes[key].step for key in order}
+    shapes = {
+        p.key: _draw_shape(candidate, p, rng)
+        for p in candidate.coordinates
+        if p.key not in amplitudes
     }
-    steps = dict(sorted(steps.items(), key=lambda item: -abs(item[1] / sizes[item[0]].step)))
-    shapes = {p.key: _shape(candidate, p, rng) for p in candidate.coordinates if p.key not in sizes}
     ends = [
-        (sizes[key].high if step > 0 else sizes[key].low) / step
+        (amplitudes[key].high if step > 0 else amplitudes[key].low) / step
         for key, step in steps.items()
         if step
     ]
     if candidate.name == "rod_flexibility":
-        ends = [0.4 * ends[0]]  # five times as fast as the crank at least
-    least, most = 0.0, min(ends + [_MOST])
-    for (
-        name,
-        key,
-    ) in candidate.replaces.items():  # beyond what the campaign states of the same parameter
+        ends = [0.4 * ends[0]]  # at least five times as fast as the crank
+    least, most = 0.0, min([*ends, _LARGEST_SIZE])
+    for name, key in candidate.replaces.items():  # beyond the stated range of the parameter
         if steps[key]:
             least = (nuisances[name].high - nuisances[name].low) / abs(steps[key])
     searched = _VISCOSITIES if candidate.name == "lubricated_joint" else candidate.search_range
     if searched and not candidate.is_perturbation:
         least, most = (end / next(iter(steps.values())) for end in searched)
 
-    def parameters(size: float) -> dict[str, float]:
+    def effect_parameters(size: float) -> dict[str, float]:
         values = {key: size * step for key, step in steps.items()} | shapes
         return {key: float(value) for key, value in candidate.parameters(values).items()}
 
-    first = min(max(_FIRST, 1.2 * least), most)
-    return Hidden(candidate.name, candidate.site, parameters, first, most, least, sensor)
+    first = min(max(_FIRST_SIZE, 1.2 * least), most)
+    return Hidden(candidate.name, candidate.site, effect_parameters, first, most, least, sensor)
 
 
 def _direction(candidate: Candidate, rng: np.random.Generator) -> list[float]:
-    """A unit size in steps of each amplitude: a spring rests near the middle of the stroke, one of
-    two lengths is wrong, and all others with two amplitudes have a phase."""
+    """Steps of each amplitude at size 1: a spring rests near mid-stroke, one of two lengths is
+    wrong, other pairs of amplitudes have a phase."""
     low = candidate.coordinates[0].low
     sign = float(rng.choice([-1.0, 1.0])) if low < 0 and not candidate.is_perturbation else 1.0
     if candidate.name == "slider_spring":
@@ -205,47 +185,42 @@ def _direction(candidate: Candidate, rng: np.random.Generator) -> list[float]:
     return [sign] if len(set(candidate.amplitudes)) == 1 else [math.cos(angle), math.sin(angle)]
 
 
-def _shape(candidate: Candidate, p: Parameter, rng: np.random.Generator) -> float:
+def _draw_shape(candidate: Candidate, p: Parameter, rng: np.random.Generator) -> float:
     if p.search_values:
-        return rng.choice(
-            [order for order in p.search_values if order <= _HIGHEST_ORDER[candidate.name]]
-        )
+        highest = _HIGHEST_ORDER[candidate.name]
+        return rng.choice([order for order in p.search_values if order <= highest])
     shares = RECIPE["shapes"].get(p.name)
     return rng.uniform(*(np.multiply(shares, p.nominal) if shares else (p.low, p.high)))
 
 
-# Effects, each with its size
+# Effects with their sizes
 Effects = Sequence[tuple[Hidden, float]]
 
-# What sensors read of a signal (n,) by faults that are not on the list
+
+def _cubic_sensor(u: np.ndarray, size: float) -> np.ndarray:
+    middle, half = 0.5 * (u.max() + u.min()), 0.5 * np.ptp(u)
+    return u + size * (u - middle) ** 3 / half**2
+
+
+# Readings of a signal (n,) with unlisted sensor faults
 UNLISTED_FAULTS = {
     "drift": lambda u, size: u + size * np.linspace(0.0, 1.0, u.size),
     "quantisation": lambda u, size: size * (np.floor(u / size) + 0.5),
     "saturation": lambda u, size: np.clip(u, None, u.max() - size * np.ptp(u)),
-    "cubic_sensor": lambda u, size: (
-        u + size * (u - 0.5 * (u.max() + u.min())) ** 3 / (0.5 * np.ptp(u)) ** 2
-    ),
+    "cubic_sensor": _cubic_sensor,
 }
 
 _LOOSE = (PINS, PINS, PINS, ("piston_pin",), ("piston_pin",), ("crank_pin",))
 
-# Share of a channel's standard deviation by which settled revolutions may differ: far below any
-# sensor noise
-_REPEATS_BELOW = 3e-3
+# Difference of settled revolutions over a channel's standard deviation: periodic below (far below
+# sensor noise), non-periodic above
+_PERIODIC_BELOW, _CHAOTIC_ABOVE = 3e-3, 0.05
+_MOST_DRAWS = 200  # of mechanisms until the motion is as required at all three speeds
 
-# The same share above which samples cannot be compared, so that only statistics can
-_CHAOTIC_ABOVE = 0.05
-
-_MOST_DRAWS = 200  # mechanisms, until one moves as its base asks at all three speeds
-
-_DRIFT_GRID = (
-    240  # knots per revolution of a drifting crank: its angle between them is exact to 1e-11 rad
-)
-# samples per revolution on which a lag is applied: between them the signal is linear enough
-_LAG_GRID = 2880
-_LAGS_BEFORE = (
-    5.0  # lags that are simulated before the first sample: what was before has decayed to 1 %
-)
+# Knots per revolution of a drifting crank: its angle between them is exact to 1e-11 rad
+_DRIFT_GRID = 240
+# Samples per revolution for a sensor lag; lags simulated before the first sample (decay to 1 %)
+_LAG_GRID, _LAGS_BEFORE = 2880, 5.0
 
 # Of one run by channel, SI
 Readings = dict[str, np.ndarray]
@@ -253,41 +228,38 @@ Readings = dict[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Numerics:
-    """What an integrator may choose."""
+    """Solver settings that vary between simulators."""
 
-    tolerance: float = 1e-10  # Local error of a step [m]
-    # ``coulomb`` (a hyperbolic tangent), ``threlfall`` (an exponential), ``ambrosio``
-    friction_law: str = "coulomb"
-    friction_factor: float = (
-        1.0  # Factor on the sliding speed over which friction in loose joints is regularised
-    )
-    sign_factor: float = 1.0  # Factor on the width of the slider's and the crank's sign functions
+    tolerance: float = 1e-10  # local error of a step [m]
+    friction_law: str = "coulomb"  # or threlfall, ambrosio
+    friction_factor: float = 1.0  # on the regularisation speed of friction in loose joints
+    sign_factor: float = 1.0  # on the width of the sign functions of slider and crank
 
 
 @dataclass(frozen=True)
 class Drift:
     """A slow drift of the speed: a sum of sinusoids of time."""
 
-    sizes: np.ndarray  # Shares of the mean speed
-    rates: np.ndarray  # Angular frequencies [rad/s]
+    sizes: np.ndarray  # shares of the mean speed
+    rates: np.ndarray  # angular frequencies [rad/s]
     phases: np.ndarray  # [rad]
 
     def ahead(self, times: np.ndarray) -> np.ndarray:
-        """Times [s] by which the crank is ahead of a steady one with which it agrees at time 0."""
+        """Lead [s] over a steady crank that agrees at time 0."""
         phases = np.multiply.outer(times, self.rates) + self.phases
         return (np.sin(phases) - np.sin(self.phases)) @ (self.sizes / self.rates)
 
 
 @dataclass(frozen=True)
 class Run:
-    """How the crank turns in one run, and when it is sampled."""
+    """Motion of the crank in one run, and its sample times."""
 
-    speed: float  # Mean speed [rad/s]
-    phase: float  # Angle at time 0 [rad]
-    times: np.ndarray  # Of the samples [s]
-    start_angle: float = 0.0  # Crank angle at which the motion begins [rad], within a turn
-    settling: int = 12  # Whole revolutions between the start and time 0
-    nominal_speed: float = 0.0  # As the campaign file states it [rad/s]
+    speed: float  # mean speed [rad/s]
+    phase: float  # angle at time 0 [rad]
+    times: np.ndarray  # of the samples [s]
+    start_angle: float = 0.0  # crank angle at the start of the simulation [rad]
+    settling: int = 12  # revolutions between the start and time 0
+    nominal_speed: float = 0.0  # as stated in the campaign file [rad/s]
     drift: Drift | None = None
 
     @property
@@ -298,44 +270,35 @@ class Run:
 
 @dataclass(frozen=True)
 class Sensor:
-    """How one channel is measured."""
+    """Noise and sampling of a channel."""
 
-    noise_share: float  # Standard deviation of the noise over that of the signal
-    correlation: float  # Of the noise of neighbouring samples
-    gaps: bool  # Whether samples are lost
-    every: int = 1  # Every how many samples of the run it is read
+    noise_share: float  # standard deviation of the noise over that of the signal
+    correlation: float  # of the noise of neighbouring samples
+    gaps: bool
+    every: int = 1  # read at every n-th sample
 
 
 @dataclass(frozen=True)
 class Rig:
-    """One rig with its true, hidden values."""
+    """A rig with its true values."""
 
-    # The motion without an effect: ideal, loose (settles to a cycle) or chaotic (never repeats)
-    base: str
-    content: (
-        Mapping  # Of the analyst's mechanism file, but for a swing of the crank among the effects
-    )
-    bounds: Mapping[
-        str, tuple[float, float]
-    ]  # Of nuisances by key of the campaign file, SI; of ``speed`` as a share
-    values: Mapping[str, float]  # True values of nuisances, SI
-    runs: Mapping[str, Run]  # By id, in the order of the campaign file
-    confirm: str  # The held-out run
-    sensors: Mapping[str, Sensor]  # By channel
+    base: str  # motion without an effect: ideal, loose (periodic) or chaotic (non-periodic)
+    content: Mapping  # mechanism file of the analyst; a crank swing among the effects is hidden
+    bounds: Mapping[str, tuple[float, float]]  # of nuisances by key, SI; ``speed`` as a share
+    values: Mapping[str, float]  # true values of nuisances, SI
+    runs: Mapping[str, Run]
+    confirm: str  # the held-out run
+    sensors: Mapping[str, Sensor]  # by channel
     numerics: Numerics
     noise_is_stated: bool
-    angle_noise: float = (
-        0.0  # Standard deviation of the crank angle's reading [rad]; 0 where there is no encoder
-    )
-    angle_step: float = (
-        0.0  # Of the encoder [rad], where the campaign file states that in place of its noise
-    )
+    angle_noise: float = 0.0  # standard deviation of the crank angle [rad]; 0 without encoder
+    angle_step: float = 0.0  # of the encoder [rad], if stated instead of its noise
     drive: str = "constant_speed"
 
     @cached_property
     def nominal(self) -> Mechanism:
-        """The analyst's mechanism."""
-        return validate(Mechanism, self.content, "a drawn mechanism")
+        """The mechanism of the analyst."""
+        return _mechanism(self.content)
 
     @cached_property
     def true(self) -> Mechanism:
@@ -344,7 +307,7 @@ class Rig:
 
     @property
     def fitted(self) -> list[str]:
-        """Ids of the runs that are not held out."""
+        """Runs that are not held out."""
         return [run for run in self.runs if run != self.confirm]
 
     @property
@@ -354,30 +317,31 @@ class Rig:
 
     @property
     def nuisances(self) -> dict[str, Parameter]:
-        """What the campaign states of nuisances that all runs share, by name."""
-        return {
-            key: Parameter(
-                key, 0.5 * (low + high), low, high, 0.02 * (high - low), NUISANCES[key] or "1"
-            )
-            for key, (low, high) in self.bounds.items()
-            if key != "speed"
-        }
+        """Nuisances of all runs as stated in the campaign file, by name."""
+        found = {}
+        for key, (low, high) in self.bounds.items():
+            if key != "speed":
+                middle, step = 0.5 * (low + high), 0.02 * (high - low)
+                found[key] = Parameter(key, middle, low, high, step, NUISANCES[key] or "1")
+        return found
+
+
+def _mechanism(content: Mapping) -> Mechanism:
+    return validate(Mechanism, content, "a drawn mechanism")
 
 
 def simulate(
     mechanism: Mechanism, run: Run, numerics: Numerics, effects: Effects = (), perturbation=None
 ) -> Readings:
-    """All signals at the samples of a run, without sensors; `effects` with their sizes act on the
-    motion."""
+    """All signals at the samples of a run, without sensor faults."""
     data = with_effects(mechanism, effects).model_dump()
     for joint in data["joints"].values():
         width = numerics.friction_factor * joint["contact"]["friction_speed"]
         joint["contact"] |= {"friction_law": numerics.friction_law, "friction_speed": width}
-    mechanism = validate(Mechanism, data, "a drawn mechanism")
+    mechanism = _mechanism(data)
     wave = mechanism.effect("speed_fluctuation")
-    mean = (
-        run.speed / math.sqrt(1 - wave.ratio**2) if wave else run.speed
-    )  # the law's w0 is the mean over the angle
+    # the speed of the law is the mean over the angle
+    mean = run.speed / math.sqrt(1 - wave.ratio**2) if wave else run.speed
     p = parameters(mechanism, options_of(mean, run.start_angle, numerics.tolerance))
     p.effects.slider_sign_speed *= numerics.sign_factor
     p.effects.crank_sign_speed *= numerics.sign_factor
@@ -385,22 +349,21 @@ def simulate(
     if run.drift:
         p, times = _drifting(p, run)
     angles = prescribed_angles(p, times)
-    return channels_at(p, angles, numerics.tolerance, perturbation) | {
-        "crank_angle": angles - tau * run.settling
-    }
+    readings = channels_at(p, angles, numerics.tolerance, perturbation)
+    return readings | {"crank_angle": angles - tau * run.settling}
 
 
 def _drifting(p: Parameters, run: Run) -> tuple[Parameters, np.ndarray]:
-    """The crank of a run with drift, from one without, and the times of the samples since its start
-    [s]."""
-    begin = brentq(
-        lambda t: t + run.drift.ahead(np.array([t]))[0] + run.lead, -2.0 * run.lead - 1.0, 0.0
-    )
+    """Parameters of a drifting crank, and the times of the samples since its start [s]."""
+
+    def start(t: float) -> float:
+        return t + run.drift.ahead(np.array([t]))[0] + run.lead
+
+    begin = brentq(start, -2.0 * run.lead - 1.0, 0.0)
     step = tau / run.speed / _DRIFT_GRID
     knots = np.arange(begin, run.times[-1] + 8.0 * step, step)
-    smooth = make_interp_spline(
-        knots, prescribed_angles(p, knots + run.drift.ahead(knots) + run.lead), k=5
-    )
+    angles = prescribed_angles(p, knots + run.drift.ahead(knots) + run.lead)
+    smooth = make_interp_spline(knots, angles, k=5)
     powers = [smooth(knots[:-1], k) / math.factorial(k) for k in range(5, -1, -1)]
     table = np.column_stack([knots[:-1] - begin, *powers])
     drive = DriveParameters(kind=MEASURED, speed=run.speed, start_angle=float(table[0, 6]))
@@ -408,47 +371,44 @@ def _drifting(p: Parameters, run: Run) -> tuple[Parameters, np.ndarray]:
 
 
 def with_effects(mechanism: Mechanism, effects: Effects) -> Mechanism:
-    """A mechanism with those of `effects` that act on the motion, each at its size."""
+    """The mechanism with the effects that act on its motion."""
     data = mechanism.model_dump()
-    data["effects"] = [
-        *data["effects"],
-        *(entry for effect, size in effects for entry in effect.in_file(size)),
-    ]
-    return validate(Mechanism, data, "a drawn mechanism")
+    added = [entry for effect, size in effects for entry in effect.in_file(size)]
+    data["effects"] = [*data["effects"], *added]
+    return _mechanism(data)
 
 
 def read(mechanism: Mechanism, run: Run, numerics: Numerics, effects: Effects = ()) -> Readings:
-    """What sensors without noise read."""
+    """Sensor readings without noise."""
     readings = simulate(mechanism, run, numerics, effects)
     for effect, size in effects:
-        if effect.sensor:
-            (value,) = effect.parameters(size).values()
-            fault, true = FAULTS.get(effect.name), readings[effect.sensor]
+        if not effect.sensor:
+            continue
+        (value,) = effect.parameters(size).values()
+        fault, true = FAULTS.get(effect.name), readings[effect.sensor]
 
-            def at(times, channel=effect.sensor):
-                return simulate(mechanism, replace(run, times=times), numerics, effects)[channel]
+        def at(times, channel=effect.sensor):
+            return simulate(mechanism, replace(run, times=times), numerics, effects)[channel]
 
-            if effect.name == ENCODER_OFFSET:
-                faulty = true + value
-            elif fault is None:
-                faulty = UNLISTED_FAULTS[effect.name](true, value)
-            elif fault.delays:
-                faulty = at(run.times - value)
-            elif fault.over_time:
-                step = tau / run.speed / _LAG_GRID
-                grid = np.arange(
-                    run.times[0] - _LAGS_BEFORE * value - step, run.times[-1] + 2 * step, step
-                )
-                faulty = np.interp(run.times, grid, fault.over_time(at(grid), step, 0.0, value))
-            else:
-                faulty = (fault.before_filter or fault.after_filter)(true, value)
-            readings = readings | {effect.sensor: faulty}
+        if effect.name == ENCODER_OFFSET:
+            faulty = true + value
+        elif fault is None:
+            faulty = UNLISTED_FAULTS[effect.name](true, value)
+        elif fault.delays:
+            faulty = at(run.times - value)
+        elif fault.over_time:
+            step = tau / run.speed / _LAG_GRID
+            begin = run.times[0] - _LAGS_BEFORE * value - step
+            grid = np.arange(begin, run.times[-1] + 2 * step, step)
+            faulty = np.interp(run.times, grid, fault.over_time(at(grid), step, 0.0, value))
+        else:
+            faulty = (fault.before_filter or fault.after_filter)(true, value)
+        readings = readings | {effect.sensor: faulty}
     return readings
 
 
 def read_truth(rig: Rig, run: Run, effects: Effects, by_exudyn: bool) -> Readings:
-    """What the rig's sensors without noise read of a run, by the package's simulation or
-    Exudyn's."""
+    """Readings of the rig without noise, simulated by the package or by Exudyn."""
     if not by_exudyn:
         return read(rig.true, run, rig.numerics, effects)
     model = SliderCrank(with_effects(rig.true, effects), run.speed, run.start_angle)
@@ -456,20 +416,17 @@ def read_truth(rig: Rig, run: Run, effects: Effects, by_exudyn: bool) -> Reading
     return readings | {"crank_angle": readings["crank_angle"] - tau * run.settling}
 
 
-def visited(rig: Rig, effects: Effects) -> pd.DataFrame:
+def visited_states(rig: Rig, effects: Effects) -> pd.DataFrame:
     """Signals over one revolution of each run."""
     frames = []
     for run in rig.runs.values():
-        times = np.arange(100) / 100 * tau / run.speed
-        frames.append(
-            pd.DataFrame(simulate(rig.true, Run(run.speed, 0.0, times), rig.numerics, effects))
-        )
+        turn = Run(run.speed, 0.0, np.arange(100) / 100 * tau / run.speed)
+        frames.append(pd.DataFrame(simulate(rig.true, turn, rig.numerics, effects)))
     return pd.concat(frames, ignore_index=True)
 
 
 def draw_rig(rng: np.random.Generator, trial: Any) -> Rig:
-    """Draw a rig whose settled motion is as the trial's base says: the same in each revolution, or
-    not."""
+    """Draw a rig whose settled motion is periodic or not, as the base of the trial requires."""
 
     def drawn(key: str, size: int | None = None) -> Any:
         return rng.uniform(*RECIPE["rig"][key], size)
@@ -478,93 +435,100 @@ def draw_rig(rng: np.random.Generator, trial: Any) -> Rig:
         content = _draw_mechanism(rng, drawn, trial)
         speeds = np.minimum(drawn("slowest") * np.cumprod([1.0, *drawn("faster", 2)]), 600)
         speeds = np.round(rng.permutation(speeds)) * tau / 60
-        mechanism = validate(Mechanism, content, "a drawn mechanism")
-        spreads = (revolution_spread(mechanism, speed) for speed in speeds if trial.base != "ideal")
-        if all(
-            one < _REPEATS_BELOW if trial.base == "loose" else one > _CHAOTIC_ABOVE
-            for one in spreads
-        ):
+        if _has_base_motion(_mechanism(content), speeds, trial.base):
             break
     else:
         raise RuntimeError(f"no rig with a {trial.base} motion in {_MOST_DRAWS} draws")
     late = rng.random() < 0.2
     encoder = trial.needs_encoder or late or rng.random() < 0.85
     speed_known = encoder and (trial.measured_angle or rng.random() < 0.5)
-    bounds = ({} if speed_known else {"speed": (-0.003, 0.003)}) | _draw_bounds(rng, content)
-    bounds |= {"encoder_lag": tuple(RECIPE["rig"]["encoder_late"])} if late else {}
-    inside = {key: 0.5 + 0.9 * (float(rng.random()) - 0.5) for key in bounds if key != "speed"}
-    values = {
-        key: bounds[key][0] + share * (bounds[key][1] - bounds[key][0])
-        for key, share in inside.items()
-    }
+    bounds = {} if speed_known else {"speed": (-0.003, 0.003)}
+    bounds |= _draw_bounds(rng, content)
+    if late:
+        bounds["encoder_lag"] = tuple(RECIPE["rig"]["encoder_late"])
+    values = {}
+    for key, (low, high) in bounds.items():
+        if key != "speed":
+            values[key] = low + (0.5 + 0.9 * (float(rng.random()) - 0.5)) * (high - low)
     if trial.kind != "exudyn":
-        loose = [name for name, joint in content["joints"].items() if joint["loose"]]
-        values |= {f"lasting_damping_{joint}": float(drawn("log_damping")) for joint in loose}
-    chaotic, runs = trial.base == "chaotic", {}
-    for number, nominal in enumerate(map(float, speeds), 1):
-        speed = nominal * (1 + float(drawn("speed_off")))
-        samples = min(round(drawn("samples")), 100 if chaotic else 200)
-        times = np.arange(int((30 if chaotic else drawn("revolutions")) * samples)) * (
-            tau / speed / samples
-        )
-        if rng.random() < 0.25:
-            times[1:] += drawn("jitter", times.size - 1) * times[1]
-        phase, start = (float(angle) for angle in rng.uniform(0, tau, 2))
-        runs[f"run{number}"] = Run(speed, phase, times, start, int(drawn("settling")), nominal)
-    sensors, slower = (
-        {},
-        int(rng.integers(*RECIPE["rig"]["slower"], endpoint=True)) if rng.random() < 0.2 else 1,
-    )
-    for channel in _draw_channels(rng, trial.base):
-        correlation = float(drawn("correlation")) if rng.random() < 0.25 else 0.0
-        every = slower if rng.random() < 0.5 else 1
-        sensors[channel] = Sensor(
-            float(drawn("noise")), correlation, bool(rng.random() < 0.15), every
-        )
+        for name, joint in content["joints"].items():
+            if joint["loose"]:
+                values[f"lasting_damping_{name}"] = float(drawn("log_damping"))
+    runs = {
+        f"run{number}": _draw_run(rng, drawn, float(nominal), trial.base == "chaotic")
+        for number, nominal in enumerate(speeds, 1)
+    }
+    sensors = _draw_sensors(rng, drawn, trial.base)
     law, width = (("coulomb", 0.5), ("coulomb", 1.5), ("threlfall", 1.5))[rng.integers(3)]
-    noise, step = (
-        math.radians(drawn("driving_encoder_deg" if trial.measured_angle else "encoder_deg")),
-        0.0,
-    )
+    noise = math.radians(drawn("driving_encoder_deg" if trial.measured_angle else "encoder_deg"))
+    step = 0.0
     if trial.measured_angle and rng.random() < 0.5:
         step = tau / int(rng.choice([1000, 2000, 3600, 10_000]))
         noise = step * float(drawn("noise_of_step"))
     if trial.measured_angle and trial.kind != "exudyn" and rng.random() < 0.3:
-        swing = {
-            "ratio": float(drawn("swing")),
-            "order": 0.5,
-            "phase_rad": float(rng.uniform(0, tau)),
-        }
+        swing = {"ratio": float(drawn("swing")), "order": 0.5}
+        swing["phase_rad"] = float(rng.uniform(0, tau))
         content["effects"] = [{"name": "speed_fluctuation", "parameters": swing}]
+    confirm = str(rng.choice(list(runs)))
+    tolerance, sign_factor = 10 ** float(drawn("log_tolerance")), float(rng.choice([0.5, 1.0, 1.5]))
     rig = Rig(
         base=trial.base,
         content=content,
         bounds=bounds,
         values=values,
         runs=runs,
-        confirm=str(rng.choice(list(runs))),
+        confirm=confirm,
         sensors=sensors,
-        numerics=Numerics(
-            10 ** float(drawn("log_tolerance")), law, width, float(rng.choice([0.5, 1.0, 1.5]))
-        ),
+        numerics=Numerics(tolerance, law, width, sign_factor),
         noise_is_stated=bool(rng.random() < 0.8),
         angle_noise=noise if encoder else 0.0,
         angle_step=step,
         drive="measured_angle" if trial.measured_angle else "constant_speed",
     )
-    for name, run in runs.items() if trial.drift and trial.kind != "exudyn" and not chaotic else ():
-        sizes, turns, phases = (
-            rng.uniform(0.3, 1.0, 3),
-            drawn("drift_turns", 3),
-            rng.uniform(0, tau, 3),
-        )
-        sizes *= drawn("drift") / sizes.sum()
-        runs[name] = replace(run, drift=Drift(sizes, run.speed / turns, phases))
+    if trial.drift and trial.kind != "exudyn" and trial.base != "chaotic":
+        for name, run in runs.items():
+            sizes, turns = rng.uniform(0.3, 1.0, 3), drawn("drift_turns", 3)
+            phases = rng.uniform(0, tau, 3)
+            sizes *= drawn("drift") / sizes.sum()
+            runs[name] = replace(run, drift=Drift(sizes, run.speed / turns, phases))
     return rig
 
 
+def _has_base_motion(mechanism: Mechanism, speeds: np.ndarray, base: str) -> bool:
+    """Whether the settled motion is periodic (loose) or not (chaotic) at all speeds."""
+    if base == "ideal":
+        return True
+    spreads = (revolution_spread(mechanism, speed) for speed in speeds)
+    if base == "loose":
+        return all(spread < _PERIODIC_BELOW for spread in spreads)
+    return all(spread > _CHAOTIC_ABOVE for spread in spreads)
+
+
+def _draw_run(rng: np.random.Generator, drawn: Callable, nominal: float, chaotic: bool) -> Run:
+    speed = nominal * (1 + float(drawn("speed_off")))
+    samples = min(round(drawn("samples")), 100 if chaotic else 200)
+    count = int((30 if chaotic else drawn("revolutions")) * samples)
+    times = np.arange(count) * (tau / speed / samples)
+    if rng.random() < 0.25:
+        times[1:] += drawn("jitter", times.size - 1) * times[1]
+    phase, start = (float(angle) for angle in rng.uniform(0, tau, 2))
+    return Run(speed, phase, times, start, int(drawn("settling")), nominal)
+
+
+def _draw_sensors(rng: np.random.Generator, drawn: Callable, base: str) -> dict[str, Sensor]:
+    slower = RECIPE["rig"]["slower"]
+    slower = int(rng.integers(*slower, endpoint=True)) if rng.random() < 0.2 else 1
+    sensors = {}
+    for channel in _draw_channels(rng, base):
+        correlation = float(drawn("correlation")) if rng.random() < 0.25 else 0.0
+        every = slower if rng.random() < 0.5 else 1
+        noise, gaps = float(drawn("noise")), bool(rng.random() < 0.15)
+        sensors[channel] = Sensor(noise, correlation, gaps, every)
+    return sensors
+
+
 def _draw_mechanism(rng: np.random.Generator, drawn: Callable[..., Any], trial: Any) -> dict:
-    """Content of a mechanism file, around the paper's slider-crank."""
+    """Content of a mechanism file similar to the paper's slider-crank."""
     scale, masses = drawn("scale"), [0.3704, 0.773, 0.4482] * drawn("heavier", 3)
     crank, rod = 0.15 * scale * drawn("crank"), 0.564 * scale
     choices = [joints for joints in _LOOSE if not trial.loose or trial.loose in joints]
@@ -579,75 +543,63 @@ def _draw_mechanism(rng: np.random.Generator, drawn: Callable[..., Any], trial: 
     bodies["rod"]["mass_centre"] = rod * drawn("rod_centre")
     journal, joints = round(float(drawn("journal_radius")), 5), {}
     for name, body in (("crank_pivot", "crank"), ("crank_pin", "crank"), ("piston_pin", "slider")):
-        radii = {
-            "journal_radius": journal,
-            "bearing_radius": round(journal + 10 ** float(drawn("log_clearance")), 6),
-        }
+        bearing = round(journal + 10 ** float(drawn("log_clearance")), 6)
+        radii = {"journal_radius": journal, "bearing_radius": bearing}
         joints[name] = {"loose": name in loose, "journal": body, **radii, "contact": "steel"}
     steel = {"law": "lankarani_nikravesh", "restitution": round(float(drawn("restitution")), 3)}
     steel["friction"] = round(float(drawn(f"friction_{trial.base}")), 3)
     if trial.kind == "exudyn":
-        steel["memory"] = "published"  # Exudyn's contacts know no other
+        steel["memory"] = "published"  # the only contact law of Exudyn
     rounded = {
-        body: {key: float(f"{value:.5g}") for key, value in own.items()}
-        for body, own in bodies.items()
+        body: {key: float(f"{value:.5g}") for key, value in data.items()}
+        for body, data in bodies.items()
     }
     shared = {"contacts": {"steel": steel}, "gravity_direction": -math.pi / 2, "effects": []}
     return rounded | {"joints": joints} | shared
 
 
 def revolution_spread(mechanism: Mechanism, speed: float) -> float:
-    """RMS difference of settled revolutions that began differently or are some apart, over the
-    standard deviation."""
+    """Largest RMS difference of settled revolutions from different starts, over the standard
+    deviation."""
     times = np.arange(90) / 90 * tau / speed
     nudge = [1e-7 if pin in mechanism.loose else 0.0 for pin in PINS]  # [m]
-    first, *others = (
-        pd.DataFrame(
-            simulate(mechanism, Run(speed, 0.3, times, settling=turns), Numerics(), (), start)
-        )
-        for start, turns in ((None, 12), ([nudge[0], 0.0, 0.0, nudge[1]], 2), (None, 15))
-    )
-    seen = ["slider_acceleration", "crank_torque"]
+
+    def revolution(start: list[float] | None, turns: int) -> pd.DataFrame:
+        run = Run(speed, 0.3, times, settling=turns)
+        signals = pd.DataFrame(simulate(mechanism, run, Numerics(), (), start))
+        return signals[["slider_acceleration", "crank_torque"]]
+
+    first = revolution(None, 12)
+    others = revolution([nudge[0], 0.0, 0.0, nudge[1]], 2), revolution(None, 15)
     return max(
-        float((((first - one)[seen] ** 2).mean() ** 0.5 / first[seen].std()).max())
-        for one in others
+        float((((first - other) ** 2).mean() ** 0.5 / first.std()).max()) for other in others
     )
 
 
 def _draw_bounds(rng: np.random.Generator, content: Mapping) -> dict[str, tuple[float, float]]:
-    """Of parameters that are not known exactly, around nominal."""
+    """Bounds of uncertain parameters about their nominal values."""
     joints, steel, bounds = content["joints"], content["contacts"]["steel"], {}
-    for key, (share, often) in ((key, own.values()) for key, own in RECIPE["bounds"].items()):
+    for key, recipe in RECIPE["bounds"].items():
         joint, (body, _, datum) = joints.get(key.removesuffix("_clearance")), key.partition("_")
         if joint is None:
             nominal = content[body][datum]
         else:
             nominal = (joint["bearing_radius"] - joint["journal_radius"]) * joint["loose"]
-        width = nominal * rng.uniform(*share)
-        if rng.random() < often and width:
+        width = nominal * rng.uniform(*recipe["share"])
+        if rng.random() < recipe["often"] and width:
             bounds[key] = nominal - width, nominal + width
     if any(joint["loose"] for joint in joints.values()):
         bounds["restitution"] = 0.3, 0.9
-        if steel["friction"]:
-            bounds["joint_friction"] = (
-                round(0.5 * steel["friction"], 3),
-                round(1.6 * steel["friction"], 3),
-            )
+        if friction := steel["friction"]:
+            bounds["joint_friction"] = round(0.5 * friction, 3), round(1.6 * friction, 3)
     return bounds
 
 
 def _draw_channels(rng: np.random.Generator, base: str) -> list[str]:
-    """Channels, at least one of which carries forces."""
-    kinds = RECIPE["channels"]
-    informative = kinds["forces"] + (kinds["accelerations"] if base != "ideal" else [])
+    """Channels, at least one of which depends on forces."""
+    groups = RECIPE["channels"]
+    informative = groups["forces"] + (groups["accelerations"] if base != "ideal" else [])
     first = "crank_torque" if rng.random() < 0.5 else str(rng.choice(informative))
-    others = [name for names in kinds.values() for name in names if name != first]
-    return [
-        first,
-        *map(
-            str,
-            rng.permutation(others)[
-                : int(rng.integers(*RECIPE["rig"]["channels"], endpoint=True)) - 1
-            ],
-        ),
-    ]
+    others = rng.permutation([name for names in groups.values() for name in names if name != first])
+    count = int(rng.integers(*RECIPE["rig"]["channels"], endpoint=True))
+    return [first, *map(str, others[: count - 1])]

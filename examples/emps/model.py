@@ -77,9 +77,8 @@ class Emps:
         self._data = {run: _read(Path(folder) / file) for run, file in FILES.items()}
         self.force = {run: data["gtau"] * data["vir"] for run, data in self._data.items()}
         repeated = averages(self.force["reference"])
-        scatter = float(
-            np.std(repeated[CYCLE:] - repeated[:-CYCLE]) / np.sqrt(2.0)
-        )  # of one of two alike cycles
+        # of one of two alike cycles
+        scatter = float(np.std(repeated[CYCLE:] - repeated[:-CYCLE]) / np.sqrt(2.0))
         self.series = tuple(self._series(run, scatter) for run in FILES)
 
     def _series(self, run: str, scatter: float) -> Series:
@@ -191,8 +190,5 @@ def _read(path: Path) -> dict:
             f"'{path}' is not the EMPS data ({error}); get it anew from {ADDRESS}"
         ) from error
     pulses = np.ravel(table.get("pulses_N", np.zeros(samples["vir"].size))).astype(float)
-    return {
-        **numbers,
-        **samples,
-        "pulses": pulses,
-    }  # in volts, whatever the file's name for them says
+    # in volts, whatever the file's name for them says
+    return {**numbers, **samples, "pulses": pulses}

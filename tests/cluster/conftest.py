@@ -1,5 +1,4 @@
-"""A SLURM of one node on this machine, shared by the tests; `make test-cluster` installs its
-packages."""
+"""A SLURM of one node on this machine (`make test-cluster`)."""
 
 import os
 import signal
@@ -57,8 +56,7 @@ def run_on(slurm: Slurm, project: Path, *asked: str) -> subprocess.CompletedProc
 
 @contextmanager
 def begun_on(slurm: Slurm, project: Path, *asked: str) -> Iterator[subprocess.Popen]:
-    """A run of the workflow on a SLURM that goes on meanwhile, and writes what it says to the
-    project's `said.txt`."""
+    """A workflow running on SLURM in the background; output in the project's `said.txt`."""
     with open(project / "said.txt", "w") as said:
         run = subprocess.Popen(
             workflow(*asked),

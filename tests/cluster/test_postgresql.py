@@ -1,7 +1,4 @@
-"""Publishing to PostgreSQL, and to a server of MLflow that stands on it.
-
-Needs PostgreSQL, which scripts/services starts: `make test-cluster`.
-"""
+"""Publishing to PostgreSQL and to an MLflow server on it (`make test-cluster`)."""
 
 import os
 import shutil
@@ -35,8 +32,7 @@ SERVICES = ROOT / "scripts/services"
 
 
 def service(verb: str, folder: Path) -> str:
-    """What scripts/services prints; a test fails where it does, as where PostgreSQL is not
-    installed."""
+    """Output of scripts/services; the test fails if PostgreSQL is not installed."""
     done = subprocess.run(
         [SERVICES, verb, folder, "postgresql"],
         capture_output=True,
@@ -89,7 +85,7 @@ def said_by(server: str, command: str) -> list[tuple]:
 
 @pytest.fixture
 def mlflow_server(database, tmp_path) -> Iterator[str]:
-    """Address of a server of MLflow that stands on the database."""
+    """Address of an MLflow server on the database."""
     address = f"http://127.0.0.1:{free_port(5100)}"
     command = [
         sys.executable,
@@ -145,8 +141,7 @@ def store(request) -> str:
 
 
 def published(address: str, name: str, folder: Path) -> dict:
-    """What became of a run, and of one nested in it, that are published to the store at
-    `address`."""
+    """Results of publishing a run and a nested one."""
     files = simulated(folder / name)
     datasets = tuple(Dataset(table, path, "result") for table, path in files.items())
     curve = pd.Series(1.0 / (1 + np.arange(1000)))
@@ -161,7 +156,7 @@ def published(address: str, name: str, folder: Path) -> dict:
     return publish_records(name, "made up", [own, nested], address, folder)
 
 
-def test_scenarios_are_published_once_each(store, tmp_path):
+def test_scenarios_are_published_once(store, tmp_path):
     check_store(store)
     first, _ = (published(store, name, tmp_path) for name in ("one", "other"))
     again = published(store, "one", tmp_path)
@@ -184,7 +179,7 @@ def test_scenarios_are_published_once_each(store, tmp_path):
         )
 
 
-def test_a_wrong_password_and_a_database_that_is_not_there_are_refused(database):
+def test_a_wrong_password_or_database_is_refused(database):
     password, name = database.partition("@")[0].rpartition(":")[2], database.rpartition("/")[2]
     check_store(database)
     for known, wrong in ((f":{password}@", ":wrong@"), (f"/{name}", "/no_such_database")):

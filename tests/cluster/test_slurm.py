@@ -1,5 +1,4 @@
-"""The workflow on a real SLURM has the results that it has without, whatever dies; where there is
-none it says so."""
+"""The workflow on SLURM: same results, also after failures."""
 
 import json
 import os
@@ -30,8 +29,7 @@ Found = TypeVar("Found")
 def wait_for(
     something: Callable[[], Found], run: subprocess.Popen | None = None, project: Path = Path()
 ) -> Found:
-    """What the function `something` finds, as soon as it finds it; a `run` in a `project` has to go
-    on meanwhile."""
+    """Wait until `something` returns a value, while `run` continues."""
     deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
         if found := something():
@@ -82,21 +80,21 @@ def queued(slurm: Slurm) -> int:
 
 
 def finished(run: subprocess.Popen, project: Path) -> str:
-    """What a run said to its end, which has to be a good one."""
+    """Output of a run that ended without error."""
     code = run.wait(timeout=2 * PATIENCE)
     said = (project / "said.txt").read_text()
     assert code == 0, said[-6000:]
     return said
 
 
-def test_the_smoke_configuration_runs_from_the_simulation_to_the_report(slurm, project):
+def test_the_smoke_configuration_runs_to_the_report(slurm, project):
     done = run_on(slurm, project, SMOKE_REPORT, "all", "--configfile", "config/smoke.yaml")
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
     assert (project / SMOKE_REPORT).stat().st_size > 0
     assert (project / "results/smoke/comparison.md").stat().st_size > 0
 
 
-def test_a_campaign_comes_to_its_verdict(slurm, project):
+def test_a_campaign_reaches_its_verdict(slurm, project):
     campaign = 'campaigns=["config/campaigns/demonstration.yaml"]'
     done = run_on(slurm, project, "campaigned", "--config", campaign, "fit_parts=2")
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
@@ -105,16 +103,14 @@ def test_a_campaign_comes_to_its_verdict(slurm, project):
     assert verdict["verdict"] == "named"
 
 
-def test_a_sweep_has_the_bytes_that_it_has_on_one_machine_and_goes_in_an_array(
-    slurm, project, swept_here
-):
+def test_a_sweep_is_identical_and_runs_in_an_array(slurm, project, swept_here):
     done = run_on(slurm, project, *SWEPT)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
     assert re.search(r"Submitted array job with Snakemake IDs (\d+,){3}\d+ ", done.stderr)
     assert dataset(project) == swept_here
 
 
-def test_a_killed_and_a_cancelled_job_are_made_again(slurm, project, swept_here):
+def test_killed_and_cancelled_jobs_are_repeated(slurm, project, swept_here):
     with begun_on(slurm, project, *SWEPT) as run:
         kill(wait_for(lambda: simulating(project), run, project)[:1])
         wait_for(lambda: cancelled(slurm), run, project)
@@ -123,9 +119,7 @@ def test_a_killed_and_a_cancelled_job_are_made_again(slurm, project, swept_here)
     assert dataset(project) == swept_here
 
 
-def test_a_node_that_goes_down_with_its_jobs_and_comes_back_does_them_again(
-    slurm, project, swept_here
-):
+def test_a_failed_node_repeats_its_jobs(slurm, project, swept_here):
     with begun_on(slurm, project, *SWEPT) as run:
         wait_for(lambda: simulating(project), run, project)
         kill([*processes_with(f"slurmd\0-f\0{slurm.folder}/"), *simulating(project)])
@@ -134,7 +128,7 @@ def test_a_node_that_goes_down_with_its_jobs_and_comes_back_does_them_again(
     assert dataset(project) == swept_here
 
 
-def test_a_run_that_is_killed_itself_goes_on_when_it_is_called_again(slurm, project, swept_here):
+def test_a_killed_run_resumes(slurm, project, swept_here):
     with begun_on(slurm, project, *SWEPT) as run:
         # The last two parts wait for the cores of the first.
         wait_for(lambda: dataset(project) and queued(slurm) < len(swept_here), run, project)
@@ -147,7 +141,7 @@ def test_a_run_that_is_killed_itself_goes_on_when_it_is_called_again(slurm, proj
 
 
 def refused(environment, project, *options: str) -> str:
-    """What is said by a run that ends before its first job."""
+    """The error of a run that ends before its first job."""
     done = subprocess.run(
         workflow(*SWEPT, *options),
         cwd=project,
@@ -162,14 +156,12 @@ def refused(environment, project, *options: str) -> str:
     return error
 
 
-def test_without_the_commands_of_slurm_nothing_is_simulated_and_one_error_says_what_is_missing(
-    without_slurm, project
-):
+def test_missing_slurm_commands_are_reported(without_slurm, project):
     assert "no sbatch, squeue" in (said := refused(without_slurm, project))
     assert "apt-get install slurm-client" in said
 
 
-def test_without_a_controller_nothing_is_simulated_and_one_error_says_so(slurm, project, tmp_path):
+def test_a_missing_controller_is_reported(slurm, project, tmp_path):
     configuration = (slurm.folder / "slurm/slurm.conf").read_text()
     elsewhere = tmp_path / "slurm.conf"
     elsewhere.write_text(re.sub("(SlurmctldPort)=.*", r"\1=1", configuration))
@@ -177,7 +169,7 @@ def test_without_a_controller_nothing_is_simulated_and_one_error_says_so(slurm, 
     assert "controller does not answer" in said
 
 
-def test_jobs_that_would_wait_for_ever_or_are_too_many_are_refused(slurm, project):
+def test_impossible_or_too_many_jobs_are_refused(slurm, project):
     few, more = refused(slurm.environment, project, "--jobs", "3"), CORES + 1
     assert "4 jobs of sweep_designs are submitted in arrays, all at once, and jobs allows 3" in few
     said = refused(slurm.environment, project, "--set-threads", f"sweep_designs={more}")

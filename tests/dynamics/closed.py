@@ -1,5 +1,4 @@
-"""The slider-crank with ideal joints in closed form: kinematics over the crank angle, reactions by
-Newton and Euler."""
+"""The slider-crank with ideal joints in closed form: kinematics and reactions."""
 
 from dataclasses import dataclass
 
@@ -74,10 +73,10 @@ class Closed:
         crank = self.made.crank
         return crank.inertia + crank.mass * (crank.mass_centre**2 + crank.mass_centre_across**2)
 
-    def turned(self, along, beside, twice=False):
-        """A vector of the crank, `along` its line and `beside` it, turned by 90 degrees or by twice
-        that, (2, n)."""
-        arm = (along + 1j * beside) * np.exp(1j * self.angle) * (-1 if twice else 1j)
+    def turned(self, along, across_line, twice=False):
+        """A vector of the crank (`along` and `across_line` its axis), turned by 90 or 180 degrees,
+        (2, n)."""
+        arm = (along + 1j * across_line) * np.exp(1j * self.angle) * (-1 if twice else 1j)
         return np.array([arm.real, arm.imag])
 
     def virtual_work_torque(self, slider_force=0.0):

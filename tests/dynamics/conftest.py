@@ -1,4 +1,4 @@
-"""The worst case of every exact test, told at the end of a run with -v."""
+"""The largest deviation of every exact test, printed at the end with -v."""
 
 from collections.abc import Callable
 
@@ -20,9 +20,9 @@ def worst(record_property) -> Callable[[str, float, float], None]:
 def pytest_terminal_summary(terminalreporter, config) -> None:
     found: dict[str, tuple[float, float, str]] = {}
     for report in terminalreporter.getreports("passed"):
-        for key, told in report.user_properties:
-            if key == "worst" and told[1] >= found.get(told[0], (-1.0,))[0]:
-                found[told[0]] = (told[1], told[2], report.nodeid.rpartition("::")[2])
+        for key, record in report.user_properties:
+            if key == "worst" and record[1] >= found.get(record[0], (-1.0,))[0]:
+                found[record[0]] = (record[1], record[2], report.nodeid.rpartition("::")[2])
     if found and config.get_verbosity() > 0:
         terminalreporter.section("worst cases")
         for name, (deviation, bound, test) in sorted(found.items()):

@@ -1,4 +1,4 @@
-"""One loose joint for the tests of its laws."""
+"""A loose joint for tests of its laws."""
 
 import numpy as np
 from scipy.integrate import quad
@@ -19,7 +19,7 @@ def impact_duration(stiffness: float, exponent: float, mass: float, speed: float
     """How long [s] an elastic impact lasts: twice the integral of dt = dd / d' from the balance of
     energy."""
     deepest = ((exponent + 1) * mass * speed**2 / (2 * stiffness)) ** (1 / (exponent + 1))
-    # d = deepest sin^2(u): what is infinite where the motion turns is so no more
+    # d = deepest sin^2(u) removes the singularity at the turning point
     half, _ = quad(
         lambda u: 2 * np.sin(u) * np.cos(u) / np.sqrt(1 - np.sin(u) ** (2 * exponent + 2)),
         0,
@@ -30,9 +30,7 @@ def impact_duration(stiffness: float, exponent: float, mass: float, speed: float
 
 
 def joint(**changed) -> JointParameters:
-    """A steel journal of 7 mm in a bearing of 8 mm on the body: elastic, dry, without friction but
-    for what is `changed`.
-    """
+    """A steel journal of 7 mm in a bearing of 8 mm: elastic, dry, frictionless by default."""
     values = {
         "loose": True,
         "clearance": 1e-3,

@@ -1,8 +1,4 @@
-"""Energy, momenta, powers and forces of the whole mechanism, each from its own definition.
-
-Bodies as points and directions, forces by their laws: nothing here knows how the equations of
-motion are written.
-"""
+"""Energy, momenta, powers and forces of the mechanism, each from its definition."""
 
 import math
 
@@ -31,8 +27,7 @@ def rod_centre(moved: Motion) -> np.ndarray:
 
 
 def bodies(moved: Motion) -> list[tuple]:
-    """Crank, unbalance, rod, slider: mass, position and velocity of the mass centre, inertia,
-    angular velocity."""
+    """Crank, unbalance, rod, slider: mass, position, velocity, inertia, angular velocity."""
     made = moved.made
     angle, speed = moved.angles, moved["crank_speed"]
     pivot, pivot_rate = (np.array([moved.auxiliary(i), moved.auxiliary(i + 1)]) for i in (0, 4))
@@ -54,9 +49,7 @@ def bodies(moved: Motion) -> list[tuple]:
 
 
 def bending(moved: Motion) -> dict[str, np.ndarray]:
-    """What the rod's bending adds: integrals over a uniform beam with the deflection q sin(pi s /
-    l) across its axis.
-    """
+    """Contribution of the bending rod: a uniform beam with the deflection q sin(pi s / l)."""
     effect, rod = moved.made.effect("rod_flexibility"), moved.made.rod
     if not effect:
         names = ("kinetic", "strain", "potential", "spin", "loss", "moment")

@@ -1,9 +1,5 @@
-"""The same mechanism once more, written without a line of the package: vectors, cross products and
-scipy.
-
-Slow and plain on purpose. Bodies are given by their own radii and material points; the event search
-is scipy's. Friction in a joint acts halfway through the overlap of the surfaces.
-"""
+"""The mechanism again in plain vectors and scipy, without code of the package. Friction in a joint
+acts halfway through the overlap."""
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -53,8 +49,7 @@ def approach_rate(joint):
 
 
 def damping_factor(chi, approach, since, memory):
-    """chi / d'_0, and what it fades to as a contact lasts: `memory` is how long it stays and fades
-    [s], and v_ref."""
+    """chi / d'_0, fading to chi / v_ref; `memory`: time until fading, duration of fading, v_ref."""
     if memory is None:
         return chi / approach
     kept, fading, reference = memory
@@ -67,9 +62,8 @@ def force_on_ring(joint, contact, now, chi, friction, friction_speed, memory):
     """Force on the body with the ring (the rod), and the point where it acts."""
     pin, ring, pin_velocity, ring_velocity, pin_rate, ring_rate = joint
     depth = max(penetration(joint), 0.0)
-    outward = (pin - ring) / np.linalg.norm(
-        pin - ring
-    )  # from the ring's centre to the place of contact
+    # from the ring's centre to the place of contact
+    outward = (pin - ring) / np.linalg.norm(pin - ring)
     point = ring + (BEARING + depth / 2) * outward
     slip = (ring_velocity + turn(ring_rate, point - ring)) - (
         pin_velocity + turn(pin_rate, point - pin)

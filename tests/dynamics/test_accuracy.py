@@ -1,5 +1,4 @@
-"""Accuracy: against independent code, against itself at tighter tolerances, at samples and at
-events."""
+"""Accuracy of samples and events."""
 
 import numpy as np
 import pytest
@@ -54,9 +53,8 @@ def test_independent_code_gives_the_same_motion(
     if reference is not None:
         duration = impact_duration(plain.STIFFNESS, 1.5, plain.ROD_MASS + plain.SLIDER_MASS, 1e-3)
         kept = 2.5 * duration, 2.5 * duration, reference
-        assert (
-            run.times[-1] - run.begins[-1, :2] > 5 * duration
-        ).any()  # a contact whose memory has faded
+        # a contact whose memory has faded
+        assert (run.times[-1] - run.begins[-1, :2] > 5 * duration).any()
     states, impacts = plain.simulate(
         np.radians(DEGREES),
         SPEED,
@@ -75,7 +73,7 @@ def test_independent_code_gives_the_same_motion(
 
 
 @pytest.mark.slow
-def test_independent_code_agrees_where_heavy_damping_holds_the_force_at_zero(worst):
+def test_independent_code_agrees_with_force_free_contacts(worst):
     degrees = np.arange(0.0, 221.0)
     made = mechanism(law="exact_restitution", restitution=0.1)
     p, run = integrated(made, degrees, tolerance=1e-14)
@@ -113,11 +111,11 @@ def test_the_error_at_samples_falls_with_the_tolerance(worst, keys, drive, end):
         f"error at tolerance 1e-12 m, {end:.0f} deg [m]", errors[-2], 1e-9 if end < 90.0 else 1e-10
     )
     worst("error at tolerance 1e-13 m [m]", errors[-1], 1e-10)
-    # one more power of ten in the tolerance is worth nearly one in the error
+    # the error is about proportional to the tolerance
     assert 0.7 < np.polyfit(np.log10(tolerances), np.log10(errors), 1)[0] < 1.35
 
 
-def test_neither_samples_nor_the_length_of_a_run_change_the_motion():
+def test_samples_and_run_length_do_not_change_the_motion():
     made = mechanism(friction=0.1)
     coarse, fine, longer = (
         integrated(made, degrees, 1e-11)[1]
@@ -133,12 +131,8 @@ HEIGHT = THROW**2 / (2 * FALL)
 
 
 def thrown(clearance):
-    """Events of a body thrown up from the middle of a ring of that clearance, so that it turns near
-    the ring's top.
-
-    A crank and a lever of no length make the rod's mass centre the journal's; its whole flight fits
-    into one step.
-    """
+    """Events of a body thrown upwards in a ring of that clearance; it turns near the top. The
+    flight fits into one step."""
     p = with_numbers(
         parameters(mechanism(), options(speed=1.0)),
         bodies={"crank_length": 0.0, "rod_centre": 0.0, "gravity_y": -FALL},
@@ -150,7 +144,7 @@ def thrown(clearance):
 
 
 @pytest.mark.parametrize("share", (1e-3, 1e-6, 1e-9))
-def test_a_grazing_impact_between_two_step_ends_is_found_and_a_near_miss_is_none(share):
+def test_a_grazing_impact_between_steps_is_found_and_a_near_miss_is_not(share):
     events = thrown(HEIGHT * (1 - share))
     assert events.shape[0] == 2
     assert events[0, 0] == pytest.approx(THROW / FALL * (1 - np.sqrt(share)), rel=1e-6)

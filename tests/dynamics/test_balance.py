@@ -1,5 +1,4 @@
-"""Energy and momentum of the whole mechanism, integrated over its motion, whatever it is made
-of."""
+"""Balances of energy and momentum for many mechanisms."""
 
 from itertools import pairwise
 
@@ -115,7 +114,7 @@ def relative(balance, scale):
     return np.abs(balance).max() / np.abs(scale).max()
 
 
-def test_work_of_the_drive_becomes_motion_strain_and_heat(moved, worst):
+def test_energy_is_balanced(moved, worst):
     made, bend = moved.made, ledger.bending(moved)
     kinetic, height = bend["kinetic"], bend["potential"]
     for mass, place, velocity, inertia, turn in ledger.bodies(moved):
@@ -133,7 +132,7 @@ def test_work_of_the_drive_becomes_motion_strain_and_heat(moved, worst):
     energy = kinetic + height + stored
     if (
         moved.p.crank_pin.friction_law != FRICTION_LAWS["lugre"].code
-    ):  # bristles give back what they have stored
+    ):  # bristles return stored energy
         assert (joint_loss > -1e-6 * np.abs(kinetic).max()).all()
     worst(
         "energy balance",
@@ -142,7 +141,7 @@ def test_work_of_the_drive_becomes_motion_strain_and_heat(moved, worst):
     )
 
 
-def test_linear_momentum_changes_by_the_reactions_of_frame_and_guide(moved, worst):
+def test_linear_momentum_is_balanced(moved, worst):
     made, momentum, total = moved.made, ledger.bending(moved)["momentum"], 0.0
     for mass, _, velocity, _, _ in ledger.bodies(moved):
         momentum, total = momentum + mass * velocity, total + mass
@@ -153,7 +152,7 @@ def test_linear_momentum_changes_by_the_reactions_of_frame_and_guide(moved, wors
         worst("linear momentum", relative(change, momentum), BOUND)
 
 
-def test_angular_momentum_changes_by_drive_guide_frame_and_weight(moved, worst):
+def test_angular_momentum_is_balanced(moved, worst):
     made, bend = moved.made, ledger.bending(moved)
     spin, moment = bend["spin"], bend["moment"]
     for mass, place, velocity, inertia, turn in ledger.bodies(moved):
@@ -170,10 +169,9 @@ def test_angular_momentum_changes_by_drive_guide_frame_and_weight(moved, worst):
 
 
 @pytest.mark.parametrize("joint", ALL)
-def test_derivatives_of_the_clearance_are_derivatives(moved, worst, joint):
-    away = (
-        moved[f"r{ledger.NUMBERS[joint]}"].min(axis=1) > 1e-4
-    )  # at the centre directions turn at any rate
+def test_clearance_rates_are_derivatives(moved, worst, joint):
+    # at the centre directions turn at any rate
+    away = moved[f"r{ledger.NUMBERS[joint]}"].min(axis=1) > 1e-4
     for symbol in ("r", "gamma") if getattr(moved.p, joint).loose else ():
         seen = [moved[f"{symbol}{ledger.NUMBERS[joint]}{dots}"] for dots in ("", "_dot", "_ddot")]
         for quantity, rate in pairwise(seen):

@@ -1,4 +1,4 @@
-"""What compiled code is kept, where, for how long; one process compiles for all."""
+"""The cache of compiled code."""
 
 import os
 import subprocess
@@ -17,7 +17,7 @@ HOLD = (
 )
 
 
-def test_compiled_code_of_earlier_sources_goes_but_for_the_newest_and_those_of_the_last_day(
+def test_old_compiled_code_is_removed_except_recent_folders(
     tmp_path,
 ):
     now, day = time.time(), 24 * 3600
@@ -31,7 +31,7 @@ def test_compiled_code_of_earlier_sources_goes_but_for_the_newest_and_those_of_t
     assert {folder.name for folder in tmp_path.iterdir()} == {*list(ages)[:5], "not-a-digest"}
 
 
-def test_the_lock_of_a_process_that_was_killed_is_free(tmp_path):
+def test_the_lock_of_a_killed_process_is_released(tmp_path):
     pytest.importorskip("fcntl")
     lock = tmp_path / "f.lock"
     holder = subprocess.Popen(
@@ -41,12 +41,12 @@ def test_the_lock_of_a_process_that_was_killed_is_free(tmp_path):
     holder.kill()
     holder.communicate()
     assert compiled_by_one(str, lock)(1) == "1"
-    # without a place for the lock the work goes on
+    # without a folder for the lock the work continues
     assert compiled_by_one(str, tmp_path / "absent" / "f.lock")(1) == "1"
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
-def test_what_compiled_code_calls_is_linked_into_it_and_python_may_call_it_too():
+def test_compiled_code_links_its_callees_and_python_can_call_them():
     assert numba_cache.AVAILABLE, "the pinned numba is not the one that linked_code is written for"
 
     @compiled

@@ -1,5 +1,4 @@
-"""Where a joint is ideal: Newton's and Euler's equations of all bodies with their constraints,
-solved as one system."""
+"""Newton-Euler equations of all bodies with constraints, solved as one system."""
 
 import numpy as np
 import pytest
@@ -22,8 +21,8 @@ MIXES = (
 
 
 def point(rows, unknown, lever):
-    """Acceleration x, y of a body's point at `lever` (n, 2) from its mass centre, by the body's
-    x'', y'', angle''."""
+    """Acceleration x, y of a point at `lever` (n, 2) from the mass centre, by the body's x'', y'',
+    angle''."""
     jacobian = np.zeros((rows, 2, 8))
     jacobian[:, 0, unknown] = jacobian[:, 1, unknown + 1] = 1.0
     jacobian[:, 0, unknown + 2], jacobian[:, 1, unknown + 2] = -lever[:, 1], lever[:, 0]
@@ -84,15 +83,15 @@ def solved(mechanism, loose, t, motor):
             push[:, 2] -= moment if name == "crank_pin" else 0.0
     jacobian, right = np.concatenate(rows, 1), np.concatenate(right, 1)
     count = len(names)
-    whole = np.zeros((n, 8 + count, 8 + count))
-    whole[:, range(8), range(8)] = masses
-    whole[:, :8, 8:], whole[:, 8:, :8] = -jacobian.transpose(0, 2, 1), jacobian
-    found = np.linalg.solve(whole, np.concatenate([push, right], 1)[:, :, None])[:, :, 0]
+    system = np.zeros((n, 8 + count, 8 + count))
+    system[:, range(8), range(8)] = masses
+    system[:, :8, 8:], system[:, 8:, :8] = -jacobian.transpose(0, 2, 1), jacobian
+    found = np.linalg.solve(system, np.concatenate([push, right], 1)[:, :, None])[:, :, 0]
     return found[:, :8], dict(zip(names, found[:, 8:].T, strict=True))
 
 
 @pytest.mark.parametrize("loose, effects, crank, drive", MIXES)
-def test_accelerations_and_reactions_are_those_of_the_constrained_equations_of_motion(
+def test_accelerations_and_reactions_solve_the_constrained_equations_of_motion(
     loose, effects, crank, drive, worst
 ):
     made = mechanism(*effects, loose=loose, offset=0.03, gravity=True, crank=crank)

@@ -1,5 +1,4 @@
-"""Contact laws against the impact's closed form, the penalty form against its limits; which laws
-there are."""
+"""Contact laws compared with closed forms and limits."""
 
 import math
 from types import SimpleNamespace
@@ -23,8 +22,7 @@ from tests.dynamics.laws import joint
 
 MASS, STIFFNESS, SPEED = 0.7, 3.6e10, 0.5
 
-# What each published law delivers for 0.1, 0.3, 0.5, 0.7, 0.9, from the literature on restitution
-# in contact models.
+# Restitution of each published law for 0.1, 0.3, 0.5, 0.7, 0.9, from the literature.
 PUBLISHED = {
     "hunt_crossley": (0.516, 0.581, 0.663, 0.768, 0.909),
     "lankarani_nikravesh": (0.665, 0.684, 0.725, 0.796, 0.913),
@@ -49,8 +47,7 @@ def stiffness_of(exponent: float) -> float:
 
 
 def free_impact(law, damping_factor: float = 0.0) -> tuple[float, float]:
-    """Rebound over approach speed and largest penetration [m] of a free mass that meets a fixed
-    pin."""
+    """Rebound over approach speed and largest penetration [m] of a free mass on a fixed pin."""
 
     def slope(_, state):
         return state[1], -max(normal_force(law, state[0], state[1], damping_factor), 0.0) / MASS
@@ -59,11 +56,8 @@ def free_impact(law, damping_factor: float = 0.0) -> tuple[float, float]:
         return state[0]
 
     ends.terminal, ends.direction = True, -1
-    settings = {
-        "rtol": 1e-12,
-        "atol": (1e-18, 1e-13),
-        "max_step": 1e-6,
-    }  # a long step would miss a force that comes back
+    # a long step would miss a force that comes back
+    settings = {"rtol": 1e-12, "atol": (1e-18, 1e-13), "max_step": 1e-6}
     run = solve_ivp(
         slope, (0, 1), (0, SPEED), "DOP853", events=(ends, lambda _, state: state[1]), **settings
     )
@@ -86,26 +80,26 @@ def test_rebound_and_depth_of_a_free_impact_obey_the_closed_form(law, restitutio
 
 
 @pytest.mark.parametrize("restitution, exponent", [(0.1, 1.0), (0.5, 1.5), (0.95, 2.0)])
-def test_the_exact_law_delivers_what_is_asked_for_whatever_the_exponent(restitution, exponent):
+def test_the_exact_law_delivers_the_requested_restitution(restitution, exponent):
     chi = exact_restitution(restitution)
     law = joint(damping=chi, stiffness=stiffness_of(exponent), exponent=exponent)
     assert free_impact(law, chi / SPEED)[0] == pytest.approx(restitution, rel=1e-8)
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_each_law_delivers_the_restitution_that_is_published_for_it(law):
+def test_each_law_delivers_its_published_restitution(law):
     delivered = [delivered_restitution(LAWS[law](asked)) for asked in (0.1, 0.3, 0.5, 0.7, 0.9)]
     np.testing.assert_allclose(delivered, PUBLISHED[law], atol=6e-4)
 
 
 @pytest.mark.parametrize("restitution", (1e-3, 0.02, 0.5, 0.99, 0.999999))
-def test_root_and_delivered_restitution_undo_each_other_at_the_ends_of_their_range(restitution):
+def test_requested_and_delivered_restitution_are_inverse(restitution):
     assert delivered_restitution(exact_restitution(restitution)) == pytest.approx(
         restitution, rel=1e-9
     )
 
 
-def test_without_dissipation_all_of_the_speed_comes_back():
+def test_without_dissipation_the_rebound_is_elastic():
     assert delivered_restitution(0.0) == 1.0
     assert free_impact(joint())[0] == pytest.approx(1.0, rel=1e-9)
     assert penalty_restitution(STIFFNESS, 1.5, 0.0, 1e-4, MASS, SPEED) == pytest.approx(
@@ -113,7 +107,7 @@ def test_without_dissipation_all_of_the_speed_comes_back():
     )
 
 
-def test_hertz_stiffness_of_8_in_7_mm_steel_is_the_known_one():
+def test_hertz_stiffness_of_8_in_7_mm_steel():
     steel = SimpleNamespace(youngs_modulus=207e9, poisson_ratio=0.3)
     loose = SimpleNamespace(
         journal_radius=0.007, bearing_radius=0.008, clearance=0.001, contact=steel
@@ -122,24 +116,21 @@ def test_hertz_stiffness_of_8_in_7_mm_steel_is_the_known_one():
 
 
 @pytest.mark.parametrize("exponent, damping, depth", PENALTIES)
-def test_the_penalty_forms_restitution_is_that_of_an_impact_under_its_force(
-    exponent, damping, depth
-):
+def test_the_penalty_restitution_is_that_of_an_integrated_impact(exponent, damping, depth):
     stiffness = stiffness_of(exponent)
     law = joint(
         stiffness=stiffness, exponent=exponent, penalty_damping=damping, penalty_depth=depth
     )
     rebound, deepest = free_impact(law)
-    told = penalty_restitution(stiffness, exponent, damping, depth, MASS, SPEED)
-    assert told == pytest.approx(rebound, abs=1e-8)
-    elastic = ((exponent + 1) * MASS * SPEED**2 / (2 * stiffness)) ** (
-        1 / (exponent + 1)
-    )  # depth without damping
+    computed = penalty_restitution(stiffness, exponent, damping, depth, MASS, SPEED)
+    assert computed == pytest.approx(rebound, abs=1e-8)
+    # depth without damping
+    elastic = ((exponent + 1) * MASS * SPEED**2 / (2 * stiffness)) ** (1 / (exponent + 1))
     assert 0 < rebound < 1 and deepest < elastic
 
 
 @pytest.mark.parametrize("share", (0.05, 0.9, 1.5))
-def test_a_linear_penalty_contact_with_a_thin_step_is_the_spring_and_dashpot_that_never_pull(share):
+def test_a_linear_penalty_contact_is_a_spring_and_dashpot_without_tension(share):
     # T. Schwager and T. Poeschel, Granular Matter 9 (2007): they part when the force vanishes, not
     # the penetration.
     stiffness = 1e8
@@ -152,6 +143,6 @@ def test_a_linear_penalty_contact_with_a_thin_step_is_the_spring_and_dashpot_tha
     ) == pytest.approx(exact, abs=1e-7)
 
 
-def test_the_configuration_names_the_laws_that_the_simulation_knows():
+def test_configuration_and_simulation_have_the_same_laws():
     assert set(get_args(Law)) == {*LAWS, "penalty"}
     assert get_args(Contact.model_fields["friction_law"].annotation) == tuple(FRICTION_LAWS)

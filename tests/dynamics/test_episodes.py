@@ -1,5 +1,4 @@
-"""Contacts as episodes: impulse, peak force and duration in the table of events, and what mode each
-sample is in."""
+"""Contacts: impulse, peak force and duration of events; modes of samples."""
 
 import numpy as np
 import pytest
@@ -25,8 +24,7 @@ def test_the_impulse_of_a_free_impact_is_the_change_of_momentum(restitution, wor
 
 
 def contacts(moved):
-    """Impulse and peak of each contact that ended, as the events tell them and as the samples
-    do."""
+    """Impulse and peak of each finished contact, from events and from samples."""
     events, times = moved.run.events, moved.sampled(moved.run.times)
     for joint, name in enumerate(JOINTS):
         own = events[events[:, COLUMN["joint"]] == joint]
@@ -35,8 +33,8 @@ def contacts(moved):
         )
         for impact, separation in zip(own[::2], own[1::2], strict=False):
             inside = (times[:, 8] > impact[0]) & (times[:, 8] < separation[0])
-            told = separation[COLUMN["impulse"]], separation[COLUMN["peak_force"]]
-            yield *told, moved.steps(force)[inside].sum(), force[inside].max()
+            recorded = separation[COLUMN["impulse"]], separation[COLUMN["peak_force"]]
+            yield *recorded, moved.steps(force)[inside].sum(), force[inside].max()
 
 
 @pytest.mark.parametrize(
@@ -44,33 +42,28 @@ def contacts(moved):
     [
         ({"loose": ALL}, 1e-14, (1e-5, 1e-2)),
         (LUGRE, 1e-14, (1e-5, 1e-2)),
-        (
-            {"loose": ALL, "restitution": 0.9},
-            1e-8,
-            (5e-3, 5e-2),
-        ),  # long steps with near misses in them
+        # long steps with near misses in them
+        ({"loose": ALL, "restitution": 0.9}, 1e-8, (5e-3, 5e-2)),
     ],
 )
-def test_the_impulse_is_the_integral_of_the_normal_force_and_the_peak_its_largest_value(
-    keys, tolerance, bounds, worst
-):
+def test_impulse_and_peak_match_the_normal_force(keys, tolerance, bounds, worst):
     ended = list(contacts(motion(mechanism(**keys), revolutions=0.25, tolerance=tolerance)))
     assert len(ended) > 3
-    for told, told_peak, impulse, peak in ended:
+    for recorded, recorded_peak, impulse, peak in ended:
         worst(
             f"impulse over integral of force, tolerance {tolerance} m",
-            abs(told / impulse - 1),
+            abs(recorded / impulse - 1),
             bounds[0],
         )
         worst(
             f"peak force over densest sample, tolerance {tolerance} m",
-            abs(told_peak / peak - 1),
+            abs(recorded_peak / peak - 1),
             bounds[1],
         )
 
 
-def test_labels_of_samples_agree_with_the_events():
-    """An impact has one deepest point and an end; what lasts longer is a contact."""
+def test_contact_modes_agree_with_events():
+    """An impact has one deepest point; a longer contact has more."""
     run = simulate(mechanism(friction=0.1), options(samples_per_revolution=36000))
     for joint in PINS:
         own, time = run.events[run.events.joint == joint], run.samples.time.to_numpy()

@@ -1,5 +1,4 @@
-"""Oil film: against the pressure's quadrature, the short bearing's classical results and the laws
-of mechanics."""
+"""Oil film: quadrature of the pressure, classical short-bearing results, laws of mechanics."""
 
 import math
 
@@ -34,8 +33,7 @@ def oiled(side=-1.0) -> JointParameters:
 
 
 def random_motions(count=200, widest=0.98):
-    """Clearance vectors, their rates and both angular velocities, some at rest in one or the
-    other."""
+    """Clearance vectors, their rates and both angular velocities."""
     random = np.random.default_rng(5)
     radius, angle = (
         CLEARANCE * widest * np.sqrt(random.uniform(size=count)),
@@ -48,11 +46,9 @@ def random_motions(count=200, widest=0.98):
 
 
 def pressure(phi, ex, ey, vx, vy, body_rate, partner_rate, side):
-    """Solution of the short bearing's Reynolds equation halfway along it [Pa], from the film's
-    thickness alone."""
-    jx, jy, jvx, jvy = (
-        side * number for number in (ex, ey, vx, vy)
-    )  # the journal as seen from the bearing
+    """Pressure of the short bearing's Reynolds equation halfway along it [Pa]."""
+    # the journal as seen from the bearing
+    jx, jy, jvx, jvy = (side * number for number in (ex, ey, vx, vy))
     thickness = CLEARANCE - jx * np.cos(phi) - jy * np.sin(phi)
     around = jx * np.sin(phi) - jy * np.cos(phi)
     in_time = -jvx * np.cos(phi) - jvy * np.sin(phi)
@@ -60,7 +56,7 @@ def pressure(phi, ex, ey, vx, vy, body_rate, partner_rate, side):
     return -source / thickness**3 * LENGTH**2 / 8
 
 
-def test_the_force_is_the_integral_of_the_pressure_above_ambient():
+def test_the_force_is_the_integral_of_positive_pressure():
     phi, step = np.linspace(0, 2 * np.pi, 40000, endpoint=False, retstep=True)
     for motion in random_motions(20, widest=0.8):
         # A parabola along the axis, two thirds of its middle in the mean; on the journal it pushes
@@ -76,8 +72,8 @@ def test_the_force_is_the_integral_of_the_pressure_above_ambient():
     "eccentricity, angle",
     [(0.0, 3.0), (0.3, -2.0), (0.8, math.pi), (0.95, 1.8), (0.9999, 3.0), (0.9999, 2.5)],
 )
-def test_the_integrals_in_closed_form_are_those_of_quadrature(eccentricity, angle):
-    """On the thick side too, where terms of 1 / s^5 leave a number near one."""
+def test_closed_form_integrals_agree_with_quadrature(eccentricity, angle):
+    """Also on the thick side, where terms of 1 / s^5 cancel."""
     a, b = eccentricity * math.cos(angle), eccentricity * math.sin(angle)
 
     def integral(power):
@@ -105,7 +101,7 @@ def test_the_integrals_in_closed_form_are_those_of_quadrature(eccentricity, angl
 
 
 @pytest.mark.parametrize("eccentricity", ECCENTRICITIES)
-def test_a_journal_that_turns_in_place_carries_ocvirks_load_at_his_attitude(eccentricity):
+def test_a_rotating_journal_has_ocvirks_load_and_attitude(eccentricity):
     rate = 150.0
     fx, fy, *_ = film_force(
         oiled(), eccentricity * CLEARANCE, 0.0, 0.0, 0.0, 0.4 * rate, 0.6 * rate
@@ -124,14 +120,14 @@ def test_a_journal_that_turns_in_place_carries_ocvirks_load_at_his_attitude(ecce
 
 
 @pytest.mark.parametrize("eccentricity", (0.0, *ECCENTRICITIES))
-def test_squeezing_in_and_out_together_meet_the_resistance_of_a_film_that_does_not_tear(
+def test_squeezing_in_and_out_sums_to_the_full_film(
     eccentricity,
 ):
     speed, e = 0.02, eccentricity * CLEARANCE
     inwards, outwards = (
         film_force(oiled(), e, 0.0, sign * speed, 0.0, 0.0, 0.0)[0] for sign in (1, -1)
     )
-    whole = (
+    full_film = (
         LOAD
         / CLEARANCE
         * speed
@@ -139,12 +135,12 @@ def test_squeezing_in_and_out_together_meet_the_resistance_of_a_film_that_does_n
         * (1 + 2 * eccentricity**2)
         / (1 - eccentricity**2) ** 2.5
     )
-    assert outwards - inwards == pytest.approx(whole, rel=1e-12)
+    assert outwards - inwards == pytest.approx(full_film, rel=1e-12)
     assert inwards < 0 < outwards
 
 
 @pytest.mark.parametrize("eccentricity", (0.0, 0.4, 0.9))
-def test_shear_gives_the_couple_of_petroff_over_the_film_thickness(eccentricity):
+def test_shear_is_petroffs_couple(eccentricity):
     thinness = quad(lambda phi: 1 / (1 - eccentricity * math.cos(phi)), 0, 2 * math.pi)[0]
     couple = VISCOSITY * RADIUS**3 * LENGTH / CLEARANCE * thinness * 80.0
     # Opposite rates: the film is sheared, but not drawn in.
@@ -158,9 +154,7 @@ def test_shear_gives_the_couple_of_petroff_over_the_film_thickness(eccentricity)
 
 
 @pytest.mark.parametrize("side, widest", [(-1.0, 0.98), (1.0, 1.3)])
-def test_a_film_gives_no_energy_keeps_angular_momentum_and_knows_no_body_from_the_other(
-    side, widest
-):
+def test_a_film_dissipates_keeps_angular_momentum_and_is_symmetric(side, widest):
     for motion in random_motions(300, widest):
         fx, fy, on_body, on_partner = film_force(oiled(side), *motion)
         powers = np.array([fx, fy, on_body, on_partner]) * motion[2:]
@@ -168,8 +162,7 @@ def test_a_film_gives_no_energy_keeps_angular_momentum_and_knows_no_body_from_th
         turning = motion[0] * fy - motion[1] * fx
         assert on_body + on_partner == pytest.approx(-turning, rel=1e-9, abs=1e-12)
         still = film_force(oiled(side), *motion[:4], *[motion[4:].mean()] * 2)  # without shear
-        assert still[2] == pytest.approx(
-            -turning / 2, rel=1e-9, abs=1e-12
-        )  # acts halfway between the centres
+        # acts halfway between the centres
+        assert still[2] == pytest.approx(-turning / 2, rel=1e-9, abs=1e-12)
         exchanged = film_force(oiled(-side), *-motion[:4], motion[5], motion[4])
         np.testing.assert_allclose(exchanged, (-fx, -fy, on_partner, on_body), rtol=1e-12)

@@ -49,7 +49,7 @@ def slid(law: JointParameters, speed, *times: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("law", [law for law in FRICTION_LAWS if law != "lugre"])
-def test_the_coefficient_is_odd_opposes_sliding_and_is_the_kinetic_one_when_fast(law):
+def test_the_coefficient_is_odd_dissipative_and_kinetic_at_high_speed(law):
     speeds = np.geomspace(1e-7, 10, 200)
     forward, backward = (coefficients(law, sign * speeds) for sign in (1, -1))
     np.testing.assert_array_equal(forward, -backward)
@@ -58,13 +58,13 @@ def test_the_coefficient_is_odd_opposes_sliding_and_is_the_kinetic_one_when_fast
 
 
 @pytest.mark.parametrize("law, share", [("coulomb", math.tanh(1)), ("threlfall", 1 - math.exp(-3))])
-def test_coulomb_and_threlfall_rise_to_their_known_shares_at_the_friction_speed(law, share):
+def test_coulomb_and_threlfall_reach_known_shares_at_the_friction_speed(law, share):
     rising = coefficients(law, 0, 30 * SPEED)
     assert (np.diff(rising) >= 0).all() and rising.max() <= MU
     assert coefficients(law, SPEED) == pytest.approx(share * MU, rel=1e-14)
 
 
-def test_ambrosio_has_a_dead_band_a_straight_ramp_and_a_plateau():
+def test_ambrosio_has_dead_band_ramp_and_plateau():
     assert not coefficients("ambrosio", -DEAD_BAND, DEAD_BAND).any()
     np.testing.assert_allclose(
         coefficients("ambrosio", DEAD_BAND, SPEED), np.linspace(0, MU, 101), atol=1e-15
@@ -72,7 +72,7 @@ def test_ambrosio_has_a_dead_band_a_straight_ramp_and_a_plateau():
     assert (coefficients("ambrosio", SPEED, 1) == MU).all()
 
 
-def test_bengisu_and_akay_peak_at_the_static_coefficient_and_decay_with_the_stribeck_speed():
+def test_bengisu_akay_peaks_at_the_static_coefficient():
     law = "bengisu_akay"
     assert coefficients(law, SPEED) == STATIC
     assert (np.diff(coefficients(law, 0, SPEED)) > 0).all() and (
@@ -83,11 +83,10 @@ def test_bengisu_and_akay_peak_at_the_static_coefficient_and_decay_with_the_stri
 
 
 @pytest.mark.parametrize("speed", (-2.0, 1e-4, 0.01))
-def test_steady_sliding_of_bristles_is_on_the_stribeck_curve(speed):
+def test_steady_bristles_follow_the_stribeck_curve(speed):
     law = rubbing("lugre")
-    (bristle,), _ = slid(
-        law, lambda _: speed, 2e-4 / abs(speed)
-    )  # a path of many times the bristles' bend
+    # a path of many times the bristles' bend
+    (bristle,), _ = slid(law, lambda _: speed, 2e-4 / abs(speed))
     steady = math.copysign(MU + (STATIC - MU) * math.exp(-((speed / STRIBECK) ** 2)), speed)
     assert bristle == pytest.approx(steady / BRISTLES["bristle_stiffness"], rel=1e-7)
     force = friction_coefficient(law, speed, bristle)
@@ -97,7 +96,7 @@ def test_steady_sliding_of_bristles_is_on_the_stribeck_curve(speed):
 @pytest.mark.parametrize(
     "law, stroke", [("coulomb", 1e-6), ("bengisu_akay", 1e-6), ("ambrosio", 1e-4), ("lugre", 1e-6)]
 )
-def test_a_cycle_takes_up_energy(law, stroke):
+def test_a_cycle_dissipates_energy(law, stroke):
     """To and fro from rest, the first and the later cycles; what bent bristles store can only make
     it more."""
     assert BRISTLES["bristle_damping"] * (STATIC - MU) <= BRISTLES["viscous_friction"] * MU

@@ -1,5 +1,4 @@
-"""Ideal joints: closed-form kinematics, drives, torque by virtual work, reactions, frictions; a rod
-that bends."""
+"""Ideal joints and a bending rod: closed forms."""
 
 import math
 
@@ -38,9 +37,7 @@ def of_largest(seen, exact):
         ({"crank": COUNTERWEIGHT}, {"speed": 600.0}),
     ],
 )
-def test_motion_and_reactions_are_those_of_the_closed_form_and_of_newton_and_euler(
-    keys, drive, worst
-):
+def test_motion_and_reactions_are_exact(keys, drive, worst):
     made = mechanism(loose=(), gravity=True, **keys)
     samples = simulate(made, options(**drive)).samples
     exact = Closed(made, samples.crank_angle.to_numpy(), drive.get("speed", SPEED))
@@ -91,7 +88,7 @@ def test_motion_and_reactions_are_those_of_the_closed_form_and_of_newton_and_eul
 
 
 @pytest.mark.parametrize("loose", [(), *((joint,) for joint in ALL)])
-def test_ideal_joints_stay_shut_and_say_so(loose):
+def test_ideal_joints_stay_closed(loose):
     samples = simulate(mechanism(loose=loose), options()).samples
     for number, name in enumerate(ALL, 1):
         assert (samples[f"r{number}"].max() > 1e-3) == (name in loose)
@@ -100,7 +97,7 @@ def test_ideal_joints_stay_shut_and_say_so(loose):
 
 
 @pytest.mark.parametrize("ratio, order, phase, loose", [(0.02, 2, 0.5, PINS), (0.3, 12, 4.0, ())])
-def test_a_fluctuating_speed_follows_its_law_over_angle_and_time(ratio, order, phase, loose, worst):
+def test_a_fluctuating_speed_follows_its_law(ratio, order, phase, loose, worst):
     made = mechanism(
         effect("speed_fluctuation", ratio=ratio, order=order, phase_rad=phase), loose=loose
     )
@@ -119,7 +116,7 @@ def test_a_fluctuating_speed_follows_its_law_over_angle_and_time(ratio, order, p
     worst("fluctuating speed: angle over time [rad]", np.abs(turned - angle).max(), 1e-10)
 
 
-def test_a_motor_runs_up_as_lagranges_equation_says(worst):
+def test_a_motor_accelerates_by_lagranges_equation(worst):
     losses = [
         effect("crank_viscous_friction", damping_N_m_s=0.2),
         effect("crank_coulomb_friction", torque_N_m=3.0),
@@ -152,7 +149,7 @@ def test_a_motor_runs_up_as_lagranges_equation_says(worst):
     assert samples.crank_speed.iloc[-1] > 30
 
 
-def test_friction_in_proportion_to_the_guides_load_is_solved_for(worst):
+def test_guide_load_friction_is_solved_for(worst):
     """Guide force N = A + B F with F = -k |N| sgn v, that is A / (1 + B k sgn v sgn A), k = 1."""
     made = mechanism(
         effect("slider_load_friction", coefficient=1.0), loose=(), offset=0.05, gravity=True
@@ -175,7 +172,7 @@ def bending(frequency, ratio=0.0):
 
 
 def deflection(made, times, start=0.0):
-    """Of the rod of a mechanism that stands nearly still (n,) [m]."""
+    """Deflection (n,) [m] of the rod of a mechanism nearly at rest."""
     p = parameters(made, options(speed=1e-6))
     y, x = start_state(p)
     x[3] = start
@@ -183,7 +180,7 @@ def deflection(made, times, start=0.0):
 
 
 @pytest.mark.parametrize("ratio", (0.0, 0.05))
-def test_a_rod_at_rest_rings_at_its_frequency_and_dies_away_with_its_damping(ratio, worst):
+def test_a_rod_at_rest_rings_with_its_frequency_and_damping(ratio, worst):
     times, angular_frequency = np.linspace(0.0, 0.1, 200), 2 * math.pi * 250.0
     damped = angular_frequency * math.sqrt(1 - ratio**2)
     swing = np.cos(damped * times) + ratio * angular_frequency / damped * np.sin(damped * times)
@@ -192,9 +189,8 @@ def test_a_rod_at_rest_rings_at_its_frequency_and_dies_away_with_its_damping(rat
     worst("flexible rod: free vibration", np.abs(found - exact).max() / 1e-4, 1e-9)
 
 
-def test_a_rod_at_rest_sags_under_its_weight_as_a_beam_does(worst):
-    """First mode of w'''' = rho g / EI with both ends pinned: 4 rho g l^4 / (pi^5 EI); and EI from
-    the frequency."""
+def test_a_rod_at_rest_sags_like_a_beam(worst):
+    """First mode of a pinned beam: sag 4 rho g l^4 / (pi^5 EI), with EI from the frequency."""
     frequency, line_mass = 50.0, MASS / ROD
     rigidity = line_mass * (2 * math.pi * frequency) ** 2 * ROD**4 / math.pi**4
     sag = -4 * line_mass * GRAVITY * ROD**4 / (math.pi**5 * rigidity)
@@ -204,7 +200,7 @@ def test_a_rod_at_rest_sags_under_its_weight_as_a_beam_does(worst):
     worst("flexible rod: sag", abs(found[-1] / sag - 1), 1e-9)
 
 
-def test_the_deflection_obeys_the_modal_equation_of_the_beam(worst):
+def test_the_deflection_solves_the_modal_equation(worst):
     """q'' + 2 zeta w0 q' + (w0^2 - turn^2) q = -4/pi times the acceleration of midspan across the
     rod."""
     made = mechanism(bending(100.0, 0.02), loose=(), offset=0.05, gravity=True)

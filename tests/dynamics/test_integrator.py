@@ -1,5 +1,4 @@
-"""Order of the integration, at smooth contact and across the branch points where contact begins and
-ends."""
+"""Order of the integration, within contacts and at their ends."""
 
 import numpy as np
 import pytest
@@ -24,7 +23,7 @@ from jointgap.dynamics.simulation import integrate_to_angles, start_state
 from tests.dynamics.cases import SPEED, integrated, mechanism, order
 
 
-def test_the_tableau_fulfils_the_conditions_of_its_order():
+def test_the_tableau_fulfils_its_order_conditions():
     np.testing.assert_allclose(STAGES.sum(axis=1), NODES, atol=1e-14)
     weights, nodes = STAGES[COUNT], NODES[:COUNT]
     for power in range(8):
@@ -39,7 +38,7 @@ def test_the_tableau_fulfils_the_conditions_of_its_order():
 
 
 @pytest.mark.parametrize("share", (0.0, 0.3, 1.0))
-def test_the_interpolant_fulfils_the_conditions_of_the_seventh_order(share):
+def test_the_interpolant_fulfils_the_order_conditions_of_order_7(share):
     rest, identity = 1.0 - share, np.eye(KEPT)
     weights, first, end = (
         np.append(STAGES[COUNT], np.zeros(KEPT - COUNT)),
@@ -75,19 +74,19 @@ def impact():
     return p, *instants, end
 
 
-def test_a_smooth_contact_converges_at_the_eighth_order(impact):
+def test_a_smooth_contact_converges_with_order_8(impact):
     p, begin, quarter, _, end = impact
     assert order(p, quarter, LINEAR, 0.0, 0.5 * (end - begin.time), (2, 3, 4)) > 7.5
 
 
-def test_from_an_impact_on_the_order_is_kept_only_in_the_root_of_time(impact):
+def test_after_an_impact_the_order_needs_the_root_of_time(impact):
     p, begin, _, middle, _ = impact
     length = middle.time - begin.time
     assert order(p, begin, AFTER, 0.0, np.sqrt(length), (3, 4, 6)) > 7.5
     assert order(p, begin, LINEAR, 0.0, length, (3, 4, 6)) < 4
 
 
-def test_towards_a_separation_the_order_is_kept_only_in_the_root_of_time(impact):
+def test_before_a_separation_the_order_needs_the_root_of_time(impact):
     p, _, _, middle, end = impact
     length = end - middle.time
     assert order(p, middle, BEFORE, np.sqrt(length), 0.0, (3, 4, 6)) > 7

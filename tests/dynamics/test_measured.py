@@ -1,5 +1,4 @@
-"""A measured crank angle: what is recovered of a known one, how far it errs, and what is
-refused."""
+"""A measured crank angle: smoothing, errors and invalid records."""
 
 import numpy as np
 import pandas as pd
@@ -18,7 +17,7 @@ NOISE = np.random.default_rng(1).normal(scale=1e-3, size=2001)
 
 
 def known(time):
-    """A crank that swings about a steady rotation: angle, speed, acceleration."""
+    """A crank that oscillates about a steady rotation: angle, speed, acceleration."""
     rate = 2 * SPEED
     angle = 0.2 + SPEED * time + RATIO * np.sin(rate * time)
     return angle, SPEED + RATIO * rate * np.cos(rate * time), -RATIO * rate**2 * np.sin(rate * time)
@@ -62,7 +61,7 @@ def in_steps(angle):
         ("1e-3 rad noise", lambda angle: angle + NOISE, {}, (1e-3, 1e-2, np.inf)),
     ],
 )
-def test_an_angle_is_recovered_with_its_derivatives_within_its_steps_or_noise(
+def test_angle_and_derivatives_are_recovered_within_steps_or_noise(
     tmp_path, worst, name, angle_of, keys, bounds
 ):
     samples = simulate(IDEAL, measured(tmp_path, angle_of, **keys)).samples
@@ -80,25 +79,6 @@ def test_an_angle_is_recovered_with_its_derivatives_within_its_steps_or_noise(
     worst("measured angle: torque by virtual work", off, 1e-13)
 
 
-@pytest.mark.parametrize(
-    "turns, order, doubled", [(20, 12, False), (4, 0.5, True), (2.5, 1, False)]
-)
-def test_long_and_short_records_keep_their_motion_and_readings_may_be_nearly_at_the_same_time(
-    turns, order, doubled
-):
-    rng, speed, size = np.random.default_rng(0), 30.0, 4.0 / (order * 30.0) ** 2
-    time = np.linspace(0.0, turns * 2.0 * np.pi / speed, round(180 * turns))
-    if doubled:
-        time = np.sort(np.append(time, time[[20, 90, 300]] * (1.0 + 1e-12)))
-    angle = (
-        speed * time
-        + size * np.sin(order * speed * time + 0.4)
-        + 3e-3 * size * rng.standard_normal(time.size)
-    )
-    exact = -4.0 * np.sin(order * speed * time + 0.4)
-    assert np.sqrt(np.mean((smooth_angle(time, angle, None)(time, 2) - exact)[36:-36] ** 2)) < 0.5
-
-
 def test_samples_beyond_a_record_are_refused(tmp_path):
     time = np.linspace(0.0, 10.0, 4001)
     p = parameters(IDEAL, along(tmp_path, time, np.pi * time, 4, resolution=STEP))
@@ -109,7 +89,7 @@ def test_samples_beyond_a_record_are_refused(tmp_path):
 
 
 def test_noise_at_the_ends_costs_no_revolution(tmp_path):
-    """The record holds four turns, from the start angle to the start angle."""
+    """The record contains four turns from the start angle."""
     exact, time = np.linspace(0.0, 4 * TURN, 2001), np.linspace(0.0, 10.0, 2001)
     rounded, floored = STEP * np.round(exact / STEP + 0.3), STEP * np.floor(exact / STEP)
     for angle, resolution in ((exact + NOISE, None), (rounded, STEP), (floored, STEP)):
@@ -117,7 +97,7 @@ def test_noise_at_the_ends_costs_no_revolution(tmp_path):
         assert samples.time.iloc[-1] == pytest.approx(10.0, abs=4e-3)
 
 
-def test_angles_run_on_over_turns_wherever_they_fall_back():
+def test_angles_are_unwrapped():
     exact, to_and_fro = np.linspace(0.1, 30.0, 301), np.array([6.2, 6.3, 6.27, 6.29, 6.4])
     for read, true in (
         (exact % TURN, exact),
@@ -161,9 +141,7 @@ def as_it_is(table):
         (as_it_is, "16999 pieces, more than 16384", {"count": 17000}),
     ],
 )
-def test_tables_that_cannot_drive_a_crank_are_refused_with_file_column_and_row(
-    tmp_path, change, says, keys
-):
+def test_tables_that_cannot_drive_a_crank_are_refused(tmp_path, change, says, keys):
     chosen, path = measured(tmp_path, **keys), tmp_path / "angle.csv"
     change(pd.read_csv(path)).to_csv(path, index=False)
     with pytest.raises(InputError, match=says):
@@ -171,11 +149,8 @@ def test_tables_that_cannot_drive_a_crank_are_refused_with_file_column_and_row(
 
 
 @pytest.mark.parametrize("unsteadiness, mean_speed", [(0.0, 8.0), (0.6, 80.0), (0.95, 8.0)])
-def test_the_smooth_angle_of_exact_readings_is_exact_however_unsteadily_the_crank_turns(
-    unsteadiness, mean_speed
-):
-    """The speed falls and rises by `unsteadiness` of its mean within each turn, and drifts over the
-    record."""
+def test_the_smooth_angle_of_exact_readings_is_exact(unsteadiness, mean_speed):
+    """The speed varies by `unsteadiness` within each turn and drifts over the record."""
     per_turn, turns = 120, 6
     time = np.arange(per_turn * turns) * (TURN / mean_speed / per_turn)
 

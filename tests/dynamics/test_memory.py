@@ -1,4 +1,4 @@
-"""A contact that lasts forgets the impact that it began with; a free impact does not notice."""
+"""Fading of the impact memory of a lasting contact."""
 
 import numpy as np
 import pytest
@@ -22,12 +22,12 @@ FADING = {
 
 
 @pytest.mark.parametrize("exponent, speed", [(1.0, 0.5), (1.5, 1e-3), (3.0, 0.5)])
-def test_an_elastic_impact_lasts_as_long_as_the_balance_of_energy_says(exponent, speed):
+def test_the_duration_of_an_elastic_impact_is_exact(exponent, speed):
     exact = impact_duration(3.6e10, exponent, 0.7, speed)
     assert elastic_duration(3.6e10, exponent, 0.7, speed) == pytest.approx(exact, rel=1e-9)
 
 
-def test_memory_and_fading_last_as_long_as_is_documented():
+def test_memory_and_fading_times_are_as_documented():
     p = parameters(mechanism(loose=ALL), options())
     for name, mass in {"crank_pin": 1.2212, "piston_pin": 1.2212, "crank_pivot": 1.5916}.items():
         numbers = getattr(p, name)
@@ -37,7 +37,7 @@ def test_memory_and_fading_last_as_long_as_is_documented():
         assert numbers.steady_contact_damping == numbers.damping / 0.05
 
 
-def test_the_damping_goes_over_as_a_smooth_step_of_ninth_order():
+def test_damping_fades_as_a_smooth_step_of_order_9():
     numbers, times = joint(**FADING), np.linspace(0.0, 4e-3, 401)
     found = [damping_factor_at(numbers, APPROACH, 1.0, 1.0 + time) for time in times]
     np.testing.assert_allclose(found, faded_damping(numbers, APPROACH, times), rtol=1e-11)
@@ -48,7 +48,7 @@ def test_the_damping_goes_over_as_a_smooth_step_of_ninth_order():
     "law, restitution",
     [("exact_restitution", 0.1), ("lankarani_nikravesh", 0.46), ("flores", 0.95)],
 )
-def test_a_free_impact_is_the_published_one_to_the_last_bit(law, restitution):
+def test_a_free_impact_is_the_published_one(law, restitution):
     by_form = [
         free_impact(mechanism(law=law, restitution=restitution, memory=memory), 0.773, 0.3)[1]
         for memory in ("published", "fading")
@@ -57,8 +57,8 @@ def test_a_free_impact_is_the_published_one_to_the_last_bit(law, restitution):
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_even_the_slowest_impact_of_all_that_moves_is_over_before_its_memory_fades(law):
-    """And one ninety times slower than the slowest that is damped as itself."""
+def test_the_slowest_impact_ends_before_its_memory_fades(law):
+    """Also an impact 90 times slower than the slowest damped as such."""
     for speed in (1e-3, 1e-3 / 90):
         p, (impact, separation) = free_impact(
             mechanism(law=law, restitution=0.1), mass=1.2212, speed=speed
@@ -71,9 +71,8 @@ def test_the_order_is_kept_while_memory_fades_and_after():
     made = mechanism(friction=0.2, friction_speed=0.1, loose=("crank_pin",))
     p, run = integrated(made, np.linspace(0.0, 90.0, 2), tolerance=1e-15)
     begin, approach, length = run.begins[-1, 0], run.approaches[-1, 0], p.crank_pin.fading_time
-    knots = (
-        begin + p.crank_pin.memory_time + np.array([0.0, length])
-    )  # where fading begins and ends
+    # where fading begins and ends
+    knots = begin + p.crank_pin.memory_time + np.array([0.0, length])
     assert run.modes[-1, 0] == CONTACT and knots[1] < run.times[-1]
     at = integrate_to_angles(p, start_state(p), SPEED * np.concatenate(([0.0], knots)), 1e-15)
     contact = (CONTACT, FLIGHT, FLIGHT), (approach, np.inf, np.inf), (begin, np.inf, np.inf)
@@ -82,12 +81,11 @@ def test_the_order_is_kept_while_memory_fades_and_after():
         assert order(p, here, LINEAR, 0.0, length, (12, 16, 24)) > 7.5
 
 
-STARTS, SAMPLES = 18, 720
+STARTS, SAMPLES = 12, 360
 
 
 def settled(**contact) -> np.ndarray:
-    """Slider acceleration and crank torque over one settled revolution, from 18 start angles: (18,
-    2, 720)."""
+    """Slider acceleration and crank torque in a settled revolution, by start angle: (12, 2, 360)."""
     made, found = mechanism(friction=0.15, gravity=True, **contact), []
     chosen = {
         "speed": 10 * np.pi,
@@ -103,17 +101,16 @@ def settled(**contact) -> np.ndarray:
 
 
 def apart(motions: np.ndarray) -> np.ndarray:
-    """Largest root mean square difference of each two motions over the standard deviation of the
-    signal."""
+    """Largest RMS difference of two motions over the standard deviation of the signal."""
     between = np.sqrt(((motions[:, None] - motions[None]) ** 2).mean(axis=-1))
     return (between / motions.std(axis=-1).mean(axis=0)).max(axis=-1)
 
 
-def test_from_eighteen_start_angles_the_motion_settles_on_one(worst):
+def test_the_settled_motion_does_not_depend_on_the_start_angle(worst):
     worst("settled motions apart, over the signal's sd", apart(settled()).max(), 1e-4)
 
 
-def test_as_published_the_start_decides_which_motion_it_settles_on():
+def test_without_fading_the_settled_motion_depends_on_the_start_angle():
     between = apart(settled(memory="published"))
     different = [i for i in range(STARTS) if (between[i, :i] > 1e-4).all()]
-    assert len(different) >= 10 and between.max() > 5e-3
+    assert len(different) >= 7 and between.max() > 5e-3

@@ -1,4 +1,4 @@
-"""Windows of a chaotic motion, each from a state of its trajectory, read what it does."""
+"""Windows that start in states of a chaotic trajectory reproduce it."""
 
 import math
 
@@ -15,7 +15,7 @@ TOLERANCE = 1e-10  # m
 SPEED, SETTLED, PER_TURN, TURNS, SAMPLES = 20.0, 6, 16, 2, 120
 
 
-def test_windows_that_begin_in_states_of_a_trajectory_of_a_loose_crank_pivot_read_what_it_does(
+def test_windows_reproduce_the_trajectory_of_a_loose_crank_pivot(
     worst,
 ):
     loose = {name: {"loose": name == "crank_pivot"} for name in ALL}
@@ -31,7 +31,7 @@ def test_windows_that_begin_in_states_of_a_trajectory_of_a_loose_crank_pivot_rea
         x, y, vx, vy = clearances(motion.states[row], motion.auxiliary_states[row])[joint]
         slow[k] = math.atan2(y, x), (x * vy - y * vx) / (x * x + y * y) / SPEED
         carried.modes[k] = motion.modes[row]
-    for _ in range(3):  # what a window carries beside its state, it has from the one before
+    for _ in range(3):  # further initial values come from the window before
         found, ends, after, done = simulate_windows(
             p, rows_of(p, edges, angles), slow, carried, TOLERANCE
         )

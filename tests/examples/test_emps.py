@@ -1,6 +1,4 @@
-"""The positioning axis in closed loop: its simulation against force balances, and what is named on
-made and on real data.
-"""
+"""The positioning axis: force balances, synthetic and real data."""
 
 import os
 import re
@@ -15,7 +13,6 @@ from examples.emps.effects import STROKE
 from examples.emps.model import ADDRESS, AVERAGED, CYCLE, FILES, SAMPLE_TIME, Emps
 from examples.naming import estimates, name
 from jointgap.core.errors import InputError
-from tests.catalogue import each
 
 pytestmark = pytest.mark.integration
 
@@ -35,14 +32,12 @@ def write(folder: Path, reference: np.ndarray, volts=None) -> Emps:
 
 @pytest.fixture
 def ramp(tmp_path) -> Emps:
-    """Motion at one speed."""
+    """Motion at constant speed."""
     return write(tmp_path, SPEED * SAMPLE_TIME * np.arange(SAMPLES))
 
 
 def force(model: Emps, **sizes):
-    """Of the drive where effects act, by label with the values of their coordinates; what is left
-    out is as in the first start.
-    """
+    """Drive force with effects, by label with their values; others as in the first start."""
     known = {candidate.label: candidate for candidate in model.candidates}
     values = {
         label: {p.name: at.get(p.name, p.nominal) for p in known[label].coordinates}
@@ -53,20 +48,19 @@ def force(model: Emps, **sizes):
     )
 
 
-def test_at_one_speed_the_drive_balances_the_resistance_and_a_spring_at_the_place_where_the_slide_is(
+def test_at_constant_speed_the_drive_balances_the_resistance(
     ramp,
 ):
-    def balances(label, at, resistance):
-        assert force(ramp, **{label: at})[-1] == pytest.approx(
-            VALUES["viscous"] * SPEED + resistance, rel=1e-6
-        )
 
     cases = [
         ("slider_coulomb_friction", {"force_N": 20.0}, 20.0),
         ("slider_constant_force", {"force_N": 3.0}, -3.0),
         ("slider_quadratic_drag", {"drag_N_s2_m2": 4000.0}, 4000.0 * SPEED**2),
     ]
-    each(balances, cases)
+    for label, at, resistance in cases:
+        assert force(ramp, **{label: at})[-1] == pytest.approx(
+            VALUES["viscous"] * SPEED + resistance, rel=1e-6
+        )
     last = force(ramp, slider_spring={"stiffness_N_m": 100.0, "rest_position_m": STROKE / 2})[-1]
     slide = (
         SPEED * SAMPLE_TIME * (SAMPLES - 1)
@@ -75,16 +69,15 @@ def test_at_one_speed_the_drive_balances_the_resistance_and_a_spring_at_the_plac
     assert last == pytest.approx(VALUES["viscous"] * SPEED + 100.0 * (slide - STROKE / 2), abs=0.02)
 
 
-def test_dry_friction_holds_the_slide_until_the_drive_is_stronger(tmp_path):
+def test_dry_friction_holds_the_slide(tmp_path):
     model = write(tmp_path, np.where(np.arange(SAMPLES) < 100, 0.0, 1e-6))
-    drive = (
-        LOOP["gtau"] * LOOP["kv"] * LOOP["kp"] * 1e-6
-    )  # of the whole step, with the slide at rest
+    # of the full step, with the slide at rest
+    drive = LOOP["gtau"] * LOOP["kv"] * LOOP["kp"] * 1e-6
     found = force(model, slider_coulomb_friction={"force_N": 1.01 * drive})
     np.testing.assert_allclose(found[100:], drive, rtol=1e-12)
 
 
-def test_absent_or_foreign_data_is_refused_with_the_address_to_get_it(tmp_path, monkeypatch):
+def test_missing_data_are_refused_with_their_address(tmp_path, monkeypatch):
     monkeypatch.delenv("JOINTGAP_EMPS", raising=False)
     for given in ((), (tmp_path,)):
         with pytest.raises(InputError, match=ADDRESS):
@@ -100,19 +93,17 @@ def test_absent_or_foreign_data_is_refused_with_the_address_to_get_it(tmp_path, 
     [
         {},
         {"slider_coulomb_friction": {"force_N": 20.0}, "slider_constant_force": {"force_N": 3.0}},
-        {
-            "slider_spring": {"stiffness_N_m": 40.0, "rest_position_m": 0.0}
-        },  # at an end of the stroke
+        # at an end of the stroke
+        {"slider_spring": {"stiffness_N_m": 40.0, "rest_position_m": 0.0}},
     ],
     ids=lambda truth: " and ".join(truth) or "nothing",
 )
-def test_effects_hidden_in_made_data_are_named_with_their_sizes(tmp_path, truth):
+def test_effects_in_synthetic_data_are_named(tmp_path, truth):
     phase = 2 * np.pi * np.arange(3 * CYCLE * AVERAGED) / (CYCLE * AVERAGED)
     reference = STROKE / 2 * (1.0 - np.cos(phase) + 0.1 * (1.0 - np.cos(5 * phase)))
     rng, clean = np.random.default_rng(7), force(write(tmp_path, reference), **truth)
-    volts = {
-        run: (clean + rng.normal(0.0, 3.0, clean.size)) / LOOP["gtau"] for run in FILES
-    }  # 3 N on every sample
+    # 3 N on every sample
+    volts = {run: (clean + rng.normal(0.0, 3.0, clean.size)) / LOOP["gtau"] for run in FILES}
     found = name(write(tmp_path, reference, volts))
     assert found.decision.verdict == ("named" if truth else "parameters_only"), (
         found.decision.because
@@ -132,20 +123,18 @@ def test_effects_hidden_in_made_data_are_named_with_their_sizes(tmp_path, truth)
             if line.startswith("slider_spring.rest_position_m")
         )
         low, high = map(float, re.search(r"interval (\S+) to (\S+)", line).groups())
-        assert (
-            low == pytest.approx(0.0, abs=1e-3) and 1e-4 < high < STROKE / 10
-        )  # the interval ends there
+        # the interval ends there
+        assert low == pytest.approx(0.0, abs=1e-3) and 1e-4 < high < STROKE / 10
 
 
 @pytest.mark.skipif(
     not os.environ.get("JOINTGAP_EMPS"), reason=f"needs the EMPS data of {ADDRESS} in JOINTGAP_EMPS"
 )
-def test_on_the_real_axis_published_friction_and_a_constant_force_explain_most_of_what_is_missing():
+def test_published_friction_and_a_constant_force_explain_most_of_the_real_data():
     model = Emps()
     found = name(model)
-    assert found.decision.verdict == "unexplained", (
-        found.decision.because
-    )  # a gap of 7 is left on the held-out run
+    # a gap of 7 remains on the held-out run
+    assert found.decision.verdict == "unexplained", found.decision.because
     assert set(found.names) == {"slider_coulomb_friction", "slider_constant_force"}
     assert found.chosen.mapping["slider_coulomb_friction.force_N"] == pytest.approx(20.4, rel=0.05)
     assert found.chosen.mapping["viscous"] == pytest.approx(203.0, rel=0.05)

@@ -1,5 +1,4 @@
-"""The examples on real data, as README.md calls them, run to their end on small files of the same
-format."""
+"""The examples on real data, run on small synthetic files."""
 
 import importlib
 import re
@@ -38,7 +37,7 @@ def check(said: str, effect: str, unit: str, runs) -> None:
     assert "nan" not in said
 
 
-def test_the_example_of_the_positioning_axis_prints_its_report(tmp_path, run):
+def test_the_positioning_axis_example_prints_its_report(tmp_path, run):
     period = test_emps.CYCLE * test_emps.AVERAGED
     phase = 2 * np.pi * np.arange(3 * period) / period
     reference = test_emps.STROKE / 2 * (1.0 - np.cos(phase) + 0.1 * (1.0 - np.cos(5 * phase)))
@@ -53,6 +52,6 @@ def test_the_example_of_the_positioning_axis_prints_its_report(tmp_path, run):
     check(run("examples.emps", tmp_path), "slider_coulomb_friction", "", test_emps.FILES)
 
 
-def test_the_example_of_the_pendulum_prints_its_report(tmp_path, run):
+def test_the_pendulum_example_prints_its_report(tmp_path, run):
     test_pendulum.write_swings(tmp_path, {"coulomb_friction": {"torque_Nm": 0.15}})
     check(run("examples.pendulum", tmp_path), "coulomb_friction", " rad", test_pendulum.RUNS)

@@ -1,5 +1,4 @@
-"""Commands that README.md and the documentation name are there, and those that no other test runs
-do run."""
+"""Commands in the documentation exist, and those without other tests run."""
 
 import importlib.util
 import re
@@ -14,7 +13,6 @@ import validation.__main__ as trials
 from benchmarks.project import ROOT, run
 from examples import demonstration
 from jointgap.app.cli import cli
-from tests.catalogue import each
 
 PAGES = {
     path: path.read_text(encoding="utf-8")
@@ -28,8 +26,7 @@ BLOCK, SPAN = re.compile(r"^```.*?^```$", re.DOTALL | re.MULTILINE), re.compile(
 
 
 def named(pattern: str) -> set[str]:
-    """What `pattern` finds in code: lines of blocks, without a prompt, and code within
-    sentences."""
+    """Matches of a pattern in code blocks and inline code."""
     found = set()
     for text in PAGES.values():
         blocks = "\n".join(BLOCK.findall(text)).splitlines()
@@ -40,14 +37,11 @@ def named(pattern: str) -> set[str]:
     return found
 
 
-def test_every_command_that_a_page_names_is_there():
+def test_documented_commands_exist():
     targets = set(
         re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
     )
     verbs = {name for name in vars(trials) if not name.startswith("_")}
-
-    def there(found, known):
-        assert found and found <= known, found - known
 
     modules, scripts = named(r"\bpython -m ([\w.]+)"), named(r"(?<![\w/.])scripts/([\w-]+)")
     cases = [
@@ -58,19 +52,21 @@ def test_every_command_that_a_page_names_is_there():
         (scripts, {path.name for path in (ROOT / "scripts").iterdir()}),
         (named(r"python -m validation ([a-z]+)"), verbs),
     ]
-    each(there, cases)
+    for found, known in cases:
+        assert found and found <= known, found - known
 
 
-def test_every_shell_script_can_be_read_by_its_shell():
+def test_shell_scripts_are_valid():
     scripts = [
         path
         for path in (ROOT / "scripts").iterdir()
         if path.read_bytes().startswith(b"#!/usr/bin/env bash")
     ]
-    each(lambda path: subprocess.run(["bash", "-n", path], check=True), scripts)
+    for path in scripts:
+        subprocess.run(["bash", "-n", path], check=True)
 
 
-def test_the_data_of_the_demonstration_are_written_as_a_campaign_reads_them(tmp_path, monkeypatch):
+def test_demonstration_data_are_written_as_shipped(tmp_path, monkeypatch):
     shutil.copytree(ROOT / "config", tmp_path / "config")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(demonstration, "SETTLED", 1)
@@ -88,7 +84,7 @@ def test_the_data_of_the_demonstration_are_written_as_a_campaign_reads_them(tmp_
 
 
 @pytest.mark.slow
-def test_what_is_compiled_at_set_up_compiles_and_each_benchmark_can_be_asked_for_help(tmp_path):
+def test_setup_compiles_and_benchmarks_have_help(tmp_path):
     commands = [("python", str(ROOT / "scripts/compile-once"))]
     commands += [("python", "-m", name, "--help") for name in ("benchmarks", "benchmarks.sweep")]
     for command in commands:

@@ -1,4 +1,4 @@
-"""The notebooks of the documentation run from top to bottom and contain what they give."""
+"""The notebooks of the documentation."""
 
 import re
 from pathlib import Path
@@ -26,7 +26,7 @@ def numbers(text):
     return [float(number.replace(",", "")) for number in NUMBER.findall(text)]
 
 
-def test_the_stored_outputs_of_notebooks_belong_to_their_code():
+def test_stored_outputs_belong_to_the_code():
     for name, file in FILES.items():
         stored = nbformat.read(file, as_version=4)
         assert stored.metadata["digest_of_code"] == SCRIPT["digest"](stored), (
@@ -47,13 +47,12 @@ def test_the_stored_outputs_of_notebooks_belong_to_their_code():
         for name in FILES
     ],
 )
-def test_a_notebook_gives_its_stored_outputs(name):
+def test_a_notebook_reproduces_its_outputs(name):
     stored, again = nbformat.read(FILES[name], as_version=4), SCRIPT["run"](FILES[name])
     assert [sorted(each.get("data", ())) for each in outputs(again)] == [
         sorted(each.get("data", ())) for each in outputs(stored)
     ]
     for now, before in zip(texts(again), texts(stored), strict=True):
         assert NUMBER.sub("#", now).split() == NUMBER.sub("#", before).split()
-        assert numbers(now) == pytest.approx(
-            numbers(before), rel=0.02
-        )  # processors round differently
+        # processors round differently
+        assert numbers(now) == pytest.approx(numbers(before), rel=0.02)

@@ -1,4 +1,4 @@
-"""The code of docs/how_to/own_model.md, run as it stands on made data."""
+"""The code of docs/how_to/own_model.md on synthetic data."""
 
 import re
 from pathlib import Path
@@ -15,9 +15,7 @@ MASS = 10.3  # kg; the page's model says 10
 
 @pytest.fixture
 def outcome(tmp_path, monkeypatch):
-    """What the page's names hold after its code has run on its two CSV files: thirty cycles of each
-    run, in which a force of the speed acts on the slide.
-    """
+    """The names defined by the page after its code has run on 30 cycles of two runs."""
 
     def run(force) -> dict:
         random = np.random.default_rng(1)
@@ -37,7 +35,7 @@ def outcome(tmp_path, monkeypatch):
     return run
 
 
-def test_friction_is_named_with_the_intervals_of_a_line_through_the_forces_and_the_gap_falls_to_noise(
+def test_friction_is_named_with_least_squares_intervals(
     outcome,
 ):
     names = outcome(lambda speed: -2.0 * np.sign(speed))
@@ -75,13 +73,13 @@ def test_friction_is_named_with_the_intervals_of_a_line_through_the_forces_and_t
     assert names["disagreement"].remark == ""
 
 
-def test_with_nothing_hidden_the_mass_alone_is_found(outcome):
+def test_only_the_mass_is_found_without_effects(outcome):
     found = outcome(lambda speed: 0.0)["found"]
     assert found.verdict == "parameters_only", found.because
     assert found.chosen.mapping["mass"] == pytest.approx(MASS, rel=0.01)
 
 
-def test_a_law_that_is_not_on_the_list_is_found_as_a_formula(outcome):
+def test_an_unlisted_law_is_found_as_a_formula(outcome):
     names = outcome(lambda speed: -400.0 * speed**3)
     proposed = names["proposed"]
     assert names["found"].verdict == "unexplained" and proposed.accepted, proposed.because
@@ -89,7 +87,7 @@ def test_a_law_that_is_not_on_the_list_is_found_as_a_formula(outcome):
     assert proposed.law.coefficients["c1"] == pytest.approx(-400.0, rel=0.05)
 
 
-def test_a_force_that_the_held_out_run_lacks_is_not_named_but_shown(outcome):
+def test_a_force_absent_from_the_held_out_run_is_not_named(outcome):
     names = outcome(
         lambda speed: -2.0 * np.sign(speed) if np.max(np.abs(speed)) < 0.2 else 0.0 * speed
     )

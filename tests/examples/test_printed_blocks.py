@@ -1,9 +1,6 @@
-"""What README.md, the tutorials and some how-to pages print can be typed: files are written,
-commands and code are run, page by page. What code and quick commands print is what the page shows.
-
-A `make` of a workflow takes minutes, and `jointgap analyse` a minute: that the target exists and
-that the files can be used is tested here; what the workflow does then has tests of its own.
-"""
+"""Files, commands and code of README.md, the tutorials and some how-to pages are run in order and
+their output is compared. Of a workflow and of `jointgap analyse` only targets and files are
+checked: they take minutes."""
 
 import contextlib
 import io
@@ -40,7 +37,7 @@ TARGETS = set(
 
 @pytest.fixture
 def clone(tmp_path, monkeypatch):
-    """A folder that has what a clone has and that may be written to."""
+    """A writable folder with the content of a clone."""
     for name in ("config", "examples"):
         (tmp_path / name).symlink_to(ROOT / name)
     (tmp_path / ".venv/bin").mkdir(parents=True)
@@ -52,8 +49,7 @@ def clone(tmp_path, monkeypatch):
 
 
 def results_of_the_workflow(page: str) -> None:
-    """Small stand-ins for the results that a page's code reads, with the columns that a workflow
-    gives them."""
+    """Small substitutes for workflow results that a page reads."""
     if page.endswith("first_simulation.md"):
         Path("results/smoke/simulate").mkdir(parents=True)
         motion = jg.simulate(jg.load_mechanism("erkaya2009"), speed="600 rpm", revolutions=1)
@@ -71,7 +67,7 @@ def results_of_the_workflow(page: str) -> None:
 
 
 def written(text: str) -> None:
-    """A block of YAML becomes the file that its first line names, and can be read as what it is."""
+    """Write a YAML block to the file in its first line, and read it."""
     name = re.match(r"# ([\w./-]+\.yaml)", text)
     if name is None:
         return
@@ -88,8 +84,7 @@ def written(text: str) -> None:
 
 
 def commands(language: str, text: str) -> list[tuple[str, list[str]]]:
-    """What is typed, each with what the page says it prints: lines after ``$`` of a console, all
-    lines of a shell block; comments taken away."""
+    """Commands of a block, each with its printed lines."""
     found: list[tuple[str, list[str]]] = []
     for line in text.splitlines():
         if language == "console" and not line.startswith("$ "):
@@ -105,7 +100,7 @@ def check_campaign(path: str) -> None:
 
 
 def typed(command: str, shown: list[str]) -> None:
-    """Run a command; what the page shows of it, up to ``...`` in a line, is printed."""
+    """Run a command and compare its output with the page, up to ``...`` in a line."""
     words = shlex.split(command)
     given = dict(word.split("=", 1) for word in words if re.match(r"[A-Z]+=", word))
     if words[0] == "git":
@@ -139,7 +134,7 @@ SLOW = ("docs/tutorial/own_data.md",)
 @pytest.mark.parametrize(
     "page", [pytest.param(page, marks=[pytest.mark.slow] * (page in SLOW)) for page in PAGES]
 )
-def test_every_block_of_a_page_does_what_it_prints(page, clone):
+def test_documentation_blocks_run_and_print_what_they_show(page, clone):
     names: dict = {}
     printed = ""
     results_of_the_workflow(page)

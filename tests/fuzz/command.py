@@ -1,4 +1,4 @@
-"""Damage to the text and the values of YAML files, and what a command may make of it."""
+"""Damaged YAML files, and checks of commands on them."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -32,8 +32,7 @@ scraps = st.sampled_from(
 
 
 def works_or_is_refused(file: Path, *words: str) -> str | None:
-    """Output of a command that reads `file`; None where it ends with exit code 2 and an error that
-    names the file."""
+    """Output of a command; None if it ends with exit code 2 and an error that contains the file."""
     done = jointgap(*words)
     if done.returncode == 0:
         return done.stdout
@@ -44,16 +43,15 @@ def works_or_is_refused(file: Path, *words: str) -> str | None:
     return None
 
 
-def check_files_are_whole(folder: Path) -> None:
-    """Every table below `folder` can be read; hidden files, which a killed write leaves, are no
-    results."""
+def check_tables(folder: Path) -> None:
+    """Every table below `folder` can be read; hidden files are unfinished."""
     for path in folder.rglob("*.parquet"):
         if not path.name.startswith("."):
             pq.read_table(path)
 
 
 def places(node: Any, path: tuple = ()) -> Iterator[tuple]:
-    """Paths to every value of a nested structure but the whole."""
+    """Paths to every value of a nested structure."""
     if path:
         yield path
     children = (

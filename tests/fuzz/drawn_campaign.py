@@ -1,4 +1,4 @@
-"""Campaigns drawn at random: what a rig can be and how its sensors can read it."""
+"""Random campaigns: rigs and sensors."""
 
 import math
 from math import tau
@@ -26,7 +26,7 @@ LEAST_ROWS, MOST_ROWS = 40, 1200  # of a run, and of all runs, so that a draw ta
 
 
 def draw_campaign(rng: np.random.Generator, folder: Path) -> Path:
-    """A drawn campaign file in `folder`, beside the runs of its rig."""
+    """A random campaign file with its data in `folder`."""
     drive, loose = str(rng.choice(DRIVES)), LOOSE[rng.integers(len(LOOSE))]
     if drive == "motor" and rng.random() < 0.7:
         loose = ()  # the motor's settling makes a simulation last
@@ -41,9 +41,8 @@ def draw_campaign(rng: np.random.Generator, folder: Path) -> Path:
     turns = rng.uniform(1.6, 7.0)
     least = max(6.0, LEAST_ROWS / turns)
     per_turn = least * (MOST_ROWS / turns / speeds.size / least) ** rng.random()
-    rate = (
-        per_turn * speeds.mean() / tau
-    )  # all runs have one rate, or one number of samples per revolution
+    # all runs have one rate, or one number of samples per revolution
+    rate = per_turn * speeds.mean() / tau
     rate = None if rng.random() < 0.5 else rate
     motor = _motor(true, float(speeds.max())) if drive == "motor" else None
     content: dict[str, Any] = {"name": "drawn", "mechanism": mechanism, "drive": drive, "runs": []}
@@ -97,8 +96,7 @@ TURNED = {*MIRRORED}  # have the other sign where the crank turns clockwise
 
 
 def _mechanism(rng: np.random.Generator, loose: tuple[str, ...], fastest: float) -> dict:
-    """Content of a mechanism file: small enough for its speed [rad/s] that contacts bear the
-    loads."""
+    """Content of a mechanism file whose contacts bear the loads at its speed [rad/s]."""
     scale = min(1.0, 60.0 / fastest) * rng.uniform(0.5, 1.0)
     bodies = {}
     for name, body in BODIES.items():
@@ -137,7 +135,7 @@ def _plain(node: Any) -> Any:
 
 
 def _hidden(rng: np.random.Generator, mechanism: dict, speed: float, drive: str) -> list[dict]:
-    """Effects that act although the mechanism file does not have them: none, one or two."""
+    """Zero to two effects that are not in the mechanism file."""
     crank, mass = mechanism["crank"]["length"], mechanism["slider"]["mass"]
     force = mass * crank * speed**2 * 0.3 * 10 ** -rng.uniform(0, 2)
     found = [

@@ -1,5 +1,4 @@
-"""Random damage to good files ends in a message that names the file, or in the right reading of
-what was left alone."""
+"""Randomly damaged data files are refused by name or read correctly where undamaged."""
 
 import numpy as np
 import pytest
@@ -51,7 +50,7 @@ def read_or_refused(folder, campaign, content: bytes, touched: set[int] | None):
         return
     to_frame(measurements)
     recording = measurements.runs["slow"]
-    _numbers(campaign.runs[0], recording)  # what was read can be inspected
+    _numbers(campaign.runs[0], recording)  # it can be inspected
     assert np.isfinite(recording.time).all()
     assert (np.diff(recording.time) > 0).all()
     if touched is None:

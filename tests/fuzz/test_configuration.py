@@ -1,5 +1,4 @@
-"""A damaged configuration ends with one clear error, or works; quantities mean the same in every
-unit."""
+"""Damaged configurations end with one error or work; quantities agree in every unit."""
 
 import json
 from pathlib import Path
@@ -51,8 +50,7 @@ def file(tmp_path_factory):
 
 
 def read(file: Path, content: str | bytes) -> dict | None:
-    """What `jointgap config` prints, which is read again as the same; None where it refuses the
-    file."""
+    """Output of `jointgap config`, which can be read again; None if the file is refused."""
     file.write_bytes(
         content if isinstance(content, bytes) else content.encode("utf-8", "surrogatepass")
     )

@@ -1,4 +1,4 @@
-"""Campaigns drawn at random come to a verdict, or are refused before the search begins."""
+"""Random campaigns reach a verdict or are refused before the search."""
 
 import json
 import time
@@ -38,8 +38,7 @@ class OutOfTime(BaseException):
 
 
 def limited(command: Callable[[], Any]) -> Any:
-    """What a command returns; None where it is stopped by the limit, at its next report of
-    progress."""
+    """Result of a command; None if it exceeds the time limit."""
     end = time.process_time() + SECONDS
 
     def stop(*_):
@@ -54,7 +53,7 @@ def limited(command: Callable[[], Any]) -> Any:
 
 
 @pytest.mark.parametrize("seed", range(COUNT))
-def test_a_drawn_campaign_comes_to_a_verdict_or_is_refused_before_the_search(seed, tmp_path):
+def test_a_random_campaign_has_a_verdict_or_is_refused_early(seed, tmp_path):
     folder = tmp_path / "results"
     try:
         path = limited(lambda: draw_campaign(np.random.default_rng(seed), tmp_path))

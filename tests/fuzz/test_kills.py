@@ -1,5 +1,4 @@
-"""A command that is killed at any moment leaves whole files or none, and run again gives the
-undisturbed results."""
+"""Commands killed at any moment leave complete files and can be repeated."""
 
 import os
 import shutil
@@ -14,7 +13,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.fuzz.command import check_files_are_whole, fuzz
+from tests.fuzz.command import check_tables, fuzz
 
 pytestmark = pytest.mark.slow
 
@@ -73,7 +72,7 @@ def undisturbed(request, tmp_path_factory):
 
 @settings(fuzz, max_examples=3)
 @given(st.floats(0.02, 1.02))
-def test_a_killed_command_run_again_gives_the_same(undisturbed, share):
+def test_a_killed_command_can_be_repeated(undisturbed, share):
     folder, command, wanted, seconds = undisturbed
     shutil.rmtree(folder / "out", ignore_errors=True)
     process = started(folder, command)
@@ -81,5 +80,5 @@ def test_a_killed_command_run_again_gives_the_same(undisturbed, share):
     if process.poll() is None:
         os.killpg(process.pid, signal.SIGKILL)
     process.communicate()
-    check_files_are_whole(folder / "out")
+    check_tables(folder / "out")
     assert completed(folder, command)[0] == wanted

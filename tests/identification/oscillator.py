@@ -1,5 +1,4 @@
-"""An oscillator in windows for tests, whose exact solution is linear in its state and in the forces
-that act."""
+"""An oscillator in windows with an exact solution, linear in state and forces."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -25,7 +24,6 @@ def force(name: str, low: float = -math.inf) -> Candidate:
 
 SWING, WOBBLE, PULL = force("swing"), force("wobble"), force("pull", low=0.0)
 PUSH = replace(force("push"), replaces={"drive": "size"})
-"""What the drive is beyond its nominal size."""
 SPRING = Candidate(
     "spring",
     "mass",
@@ -35,14 +33,14 @@ SPRING = Candidate(
     is_perturbation=True,
     search_range=(-0.9, 0.6),
 )
-"""By how much stiffer the spring is; at -1 nothing is left of it. It may damp, too."""
+"""Relative change of stiffness (-1: no spring), and damping."""
 HIDDEN_SPRING = replace(
     SPRING,
     coordinates=(Parameter("size", 0.0, 0.0, 3.0, 0.01), SPRING.coordinates[1]),
     is_perturbation=False,
     search_range=(0.1, 1.6),
 )
-"""The same as an effect without a slope at size 0, as a clearance."""
+"""The same without a slope at size 0, like a clearance."""
 
 
 class Handed(NamedTuple):
@@ -69,19 +67,16 @@ class Oscillator:
     nuisances: Sequence[Parameter]
     series: Sequence[Series] = ()
     broken: int = -1  # a window that cannot be simulated
-    windowed: Callable[[dict], bool] = lambda effects: (
-        True
-    )  # whether there are windows, by the effects' values
-    deviance: Callable[[dict], float] = lambda effects: (
-        0.0
-    )  # for each reading, that a filter is to find with effects
+    # whether there are windows, by the effects' values
+    windowed: Callable[[dict], bool] = lambda effects: True
+    # for each reading, that a filter is to find with effects
+    deviance: Callable[[dict], float] = lambda effects: 0.0
     name: str = "oscillator"
     candidates: Sequence[Candidate] = (SWING, WOBBLE, PULL)
     numerics: Sequence[str] = ()
     per_turn: int = 0  # windows that were asked for at last
-    filtered: list = field(
-        default_factory=list
-    )  # values, effects, jump and turns of all searches for states
+    # values, effects, jump and turns of all searches for states
+    filtered: list = field(default_factory=list)
 
     def windows(self, run, values, effects=()):
         own = {candidate.name: at for candidate, at in effects}
@@ -136,7 +131,7 @@ class Windows:
         return States(edges, slow, Handed(np.zeros((len(slow), 1))))
 
     def filter_states(self, measured, noise, per_turn, jump, turns):
-        """States at rest: nothing is known of them."""
+        """States at rest."""
         self.model.per_turn = per_turn
         self.model.filtered.append((self.values, self.effects, jump, turns))
         states = self.states_from(np.zeros((round(TURNS * per_turn), 2)), per_turn)
@@ -185,8 +180,7 @@ def linear(
     runs=tuple(SPEEDS),
     **more,
 ) -> Problem:
-    """A problem with effects `hidden` in the truth, and noise that remembers; `more` of the
-    oscillator."""
+    """A problem with `hidden` effects and correlated noise; `more`: arguments of the oscillator."""
     own = [Parameter("zero", 0.0, -0.5, 0.5, 0.01, run=run) for run in runs]
     model = Oscillator([Parameter("drive", 0.2, *bounds, 0.01), *own], **more)
     return measured(model, {"drive": drive, "zero": zero}, dict(hidden), MEMORY, settings)
@@ -214,7 +208,7 @@ def measured(
 
 
 def windows(**changed) -> IdentificationSettings:
-    """Usual settings but for some of windows."""
+    """Default settings with changed window settings."""
     return replace(DEFAULT_SETTINGS, windows=replace(DEFAULT_SETTINGS.windows, **changed))
 
 

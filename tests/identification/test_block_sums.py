@@ -29,7 +29,7 @@ def test_a_sum_over_a_block_of_noise_has_variance_one(problem):
     assert sums.size == 6 * 59  # 350 samples in blocks of 6, the last of 2
 
 
-def test_an_even_number_of_blocks_holds_the_sums_of_its_samples(problem):
+def test_blocks_sum_their_samples(problem):
     values = {p.key: p.nominal for p in problem.nuisances}
     sums, residual = BlockSums(problem, 10), problem.residual(values)
     np.testing.assert_allclose(
@@ -37,17 +37,7 @@ def test_an_even_number_of_blocks_holds_the_sums_of_its_samples(problem):
     )
 
 
-def test_other_runs_keep_their_sums(problem):
-    values, sums = {p.key: p.nominal for p in problem.nuisances}, BlockSums(problem, 10)
-    changed = values | {"speed@slow": 10.01, "speed@mid": 16.02}
-    before = sums.residual(values)
-    after = sums.residual(changed, runs=("slow",), out=before)
-    for part in sums.parts:
-        kept = np.array_equal(after[part.place], before[part.place])
-        assert kept == (part.series.run != "slow")
-
-
-def test_sums_of_sensitivities_are_the_sensitivities_of_sums():
+def test_sensitivities_of_sums_are_sums_of_sensitivities():
     baseline, sensitivities = screened(toy({"viscous": {"damping_N_s_m": 0.5}}))
     sums = BlockSums(baseline.problem, 12)
     jacobian = FiniteDifferences(sums).jacobian(
@@ -69,7 +59,7 @@ def test_a_fit_to_sums_finds_the_effect_and_counts_its_simulations(problem):
 
 
 @pytest.mark.parametrize("start", [0.2, 0.5, 0.8])
-def test_hits_that_come_later_are_found_by_ever_shorter_sums_where_single_samples_end_beside_them(
+def test_fits_to_ever_shorter_sums_reach_the_optimum_where_a_sample_fit_does_not(
     start,
 ):
     model = toy(noise=0.05, samples=360, hidden=lambda x, v, angle, time: knocking(1.0, angle))
@@ -82,15 +72,15 @@ def test_hits_that_come_later_are_found_by_ever_shorter_sums_where_single_sample
     )
 
 
-def test_sums_that_exceed_noise_by_far_are_not_followed_to_the_samples():
+def test_a_fit_whose_sums_exceed_noise_is_not_continued_on_samples():
     model = toy({"spring": {"stiffness_N_m": 40.0}})
     problem = Problem(model, stated_noise(model))
     wrong = fit_hypothesis(first_sums(problem), (candidate_of("constant_force"),))
     assert fit_from_sums(problem, wrong, probed_differences(problem, wrong.mapping)) is None
 
 
-def test_a_fit_that_stalled_goes_on_through_sums_though_an_effect_is_missing():
-    """The constant force is on no list, so that no sums are noise."""
+def test_a_stalled_fit_improves_through_sums_though_an_effect_is_missing():
+    """The constant force is not a candidate, so no sums are at noise level."""
     model = toy(
         noise=0.05, samples=360, hidden=lambda x, v, angle, time: knocking(1.0, angle) + 0.1
     )

@@ -1,5 +1,4 @@
-"""What data and bounds say of parameters together: against the exact distribution, and by whether
-truths are found."""
+"""Parameters given data and bounds: exact distributions and coverage."""
 
 from dataclasses import replace
 from itertools import product
@@ -22,14 +21,12 @@ from jointgap.identification.fit import (
     prior_of_bounds,
 )
 from jointgap.identification.problem import Noise, Problem
-from tests.catalogue import each
 
 FREE = -np.inf, np.inf
 
 
 def known_of(jacobian, low, high, values=None, slope=None, scale=1.0, shifts=None):
-    """The distribution of parameters about `values`, zero by default, where chi2 falls on by
-    `slope`."""
+    """The distribution about `values` (0 by default), where chi2 has the given slope."""
     jacobian = np.atleast_2d(jacobian)
     count = jacobian.shape[1]
     values, slope = (
@@ -55,36 +52,26 @@ def fit_of(jacobian, data, low, high, shifts=None):
 
 
 def correlated(rng, count=3):
-    """Derivatives of 40 residuals by parameters of which each two change nearly the same."""
+    """Derivatives of 40 residuals by parameters that act nearly alike."""
     return (rng.normal(size=(40, 1)) + 0.4 * rng.normal(size=(40, count))) / np.sqrt(40) * 5.0
 
 
-def test_far_from_its_bounds_it_is_the_normal_distribution_and_other_numerics_add_to_its_covariance():
-    known = known_of([2.0], -9.0, 9.0)
-    assert known.draws is None and known.covariance == pytest.approx(0.25)
-    known = known_of(np.diag([2.0, 5.0]), *FREE, shifts=np.array([[0.3, 0.0], [0.0, 0.4]]))
-    assert known.covariance == pytest.approx(np.diag([0.25 + 0.09, 0.04 + 0.16]))
+def test_one_parameter_has_a_truncated_normal_distribution():
+    """At the bound 0 chi2 has a slope: the minimum is at -slope / 4 for a derivative of 2."""
 
-
-def test_one_parameter_is_a_cut_off_normal_number():
-    """At the bound 0 chi2 falls on by its slope: the minimum lies at -slope / 4 for a derivative of
-    2."""
-
-    def check(value, slope):
+    for value, slope in [(0.0, 3.0), (0.0, 0.0), (0.4, 0.0)]:
         known, mean, sd = known_of([2.0], 0.0, 2.0, value, slope), value - slope / 4.0, 0.5
         exact = truncnorm((0.0 - mean) / sd, (2.0 - mean) / sd, mean, sd)
         assert np.quantile(known.draws, [0.05, 0.5, 0.95]) == pytest.approx(
             exact.ppf([0.05, 0.5, 0.95]), abs=0.02 * sd
         )
         assert known.covariance[0, 0] == pytest.approx(exact.var(), rel=0.05)
-
-    each(check, [(0.0, 3.0), (0.0, 0.0), (0.4, 0.0)])
-    # a slope that leads inwards is what the fit left over and does not count
+    # an inward slope is an unfinished fit and does not count
     inwards, none = (known_of([2.0], 0.0, 9.0, slope=slope) for slope in (-3.0, 0.0))
     assert np.array_equal(inwards.draws, none.draws)
 
 
-def test_two_parameters_agree_with_a_sum_over_a_grid():
+def test_two_parameters_agree_with_a_grid_integral():
     jacobian, values, slope = (
         np.array([[3.0, 2.9], [0.0, 0.8]]),
         np.array([0.0, 0.5]),
@@ -103,7 +90,7 @@ def test_two_parameters_agree_with_a_sum_over_a_grid():
     assert known.covariance[1, 1] == pytest.approx(np.sum(weight * (y - mean[1]) ** 2), rel=0.05)
 
 
-def test_what_the_data_do_not_say_is_anywhere_within_its_bounds():
+def test_an_undetermined_parameter_is_uniform_within_its_bounds():
     known = known_of([1.0, 0.0], np.array([-9.0, -1.0]), np.array([9.0, 3.0]))
     assert kstest(known.draws[::30, 1], "uniform", (-1.0, 4.0)).pvalue > 1e-3
     assert known.covariance[0, 0] == pytest.approx(1.0, rel=0.05)
@@ -114,29 +101,27 @@ def test_what_the_data_do_not_say_is_anywhere_within_its_bounds():
     assert np.isfinite(known.covariance).all() and np.all(np.abs(known.draws) <= 1.0)
 
 
-def test_shifts_of_many_standard_errors_widen_each_parameter_by_itself_within_its_bounds():
-    """Of two parameters with error 1 one is cut off at half a shift below: that tells nothing of
-    the other one."""
-
-    def check(size, direction):
-        shift, low = size * np.array([direction]), np.array([-0.5 * size, -np.inf])
-        known, sd = known_of(np.eye(2), low, np.inf, shifts=shift), np.sqrt(1.0 + shift[0] ** 2)
-        first = truncnorm(low[0] / sd[0], np.inf, 0.0, sd[0])
-        independent = 0.5 * len(known.draws)  # neighbouring sweeps go together
-        for share in (0.05, 0.5, 0.95):
-            exact = first.ppf(share)
-            error = np.sqrt(share * (1.0 - share) / independent) / first.pdf(exact)
-            assert np.quantile(known.draws[:, 0], share) == pytest.approx(exact, abs=4.0 * error)
-        second = known.draws[:, 1]
-        assert second.mean() == pytest.approx(0.0, abs=4.0 * sd[1] / np.sqrt(independent))
-        assert second.std() == pytest.approx(sd[1], rel=4.0 / np.sqrt(2.0 * independent))
-
-    each(check, product([10.0, 30.0, 100.0], [(1.0, 1.0), (1.0, -2.0)]))
+@pytest.mark.parametrize(
+    "size, direction", list(product([10.0, 30.0, 100.0], [(1.0, 1.0), (1.0, -2.0)]))
+)
+def test_large_numerical_shifts_widen_each_parameter_separately_within_its_bounds(size, direction):
+    """Two parameters with error 1; one is truncated at half a shift. The other is unaffected."""
+    shift, low = size * np.array([direction]), np.array([-0.5 * size, -np.inf])
+    known, sd = known_of(np.eye(2), low, np.inf, shifts=shift), np.sqrt(1.0 + shift[0] ** 2)
+    first = truncnorm(low[0] / sd[0], np.inf, 0.0, sd[0])
+    independent = 0.5 * len(known.draws)  # neighbouring sweeps go together
+    for share in (0.05, 0.5, 0.95):
+        exact = first.ppf(share)
+        error = np.sqrt(share * (1.0 - share) / independent) / first.pdf(exact)
+        assert np.quantile(known.draws[:, 0], share) == pytest.approx(exact, abs=4.0 * error)
+    second = known.draws[:, 1]
+    assert second.mean() == pytest.approx(0.0, abs=4.0 * sd[1] / np.sqrt(independent))
+    assert second.std() == pytest.approx(sd[1], rel=4.0 / np.sqrt(2.0 * independent))
 
 
-def test_ranks_of_the_truth_are_even_and_nine_of_ten_intervals_hold_it_at_the_bounds_and_beside_them():
-    """Truths are drawn evenly within bounds that cut off much. With parameters held at their
-    bounds, and taken as known there, intervals would hold too rarely."""
+def test_ranks_of_the_truth_are_uniform_and_90_percent_intervals_cover_90_percent():
+    """Truths are uniform within narrow bounds. Fixing parameters at their bounds would give
+    intervals that are too short."""
     ranks, inside, at_bound, plainly = [], [], [], []
     low, high = np.zeros(3), np.array([0.5, 1.0, 4.0])
     for seed in range(150):
@@ -161,25 +146,18 @@ def test_ranks_of_the_truth_are_even_and_nine_of_ten_intervals_hold_it_at_the_bo
     assert np.mean(plainly) < 0.8
 
 
-def test_a_shift_away_from_a_bound_widens_the_intervals_of_the_other_parameters_to_both_sides():
-    """Its sign is unknown, and so is how it goes with that of another parameter."""
-
-    def check(sign):
-        jacobian, low, high = 100.0 * np.eye(2), np.array([0.0, 0.0]), np.array([2.0, 9.0])
-        fit = fit_of(
-            jacobian, jacobian @ [1.0, -1e-4], low, high, shifts=np.array([[0.1, sign * 0.1]])
-        )
-        (_, inside), (_, at_bound) = nuisance_estimates(fit)
-        assert at_bound["remark"] == AT_BOUND and at_bound["interval_90"][0] == 0.0
-        half_width = 1.645 * np.hypot(0.1, 0.01)
-        assert inside["interval_90"] == pytest.approx(
-            [1.0 - half_width, 1.0 + half_width], abs=0.01
-        )
-
-    each(check, [1.0, -1.0])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_shift_at_a_bound_widens_the_other_parameters_intervals_to_both_sides(sign):
+    """Its sign and its correlation with other shifts are unknown."""
+    jacobian, low, high = 100.0 * np.eye(2), np.array([0.0, 0.0]), np.array([2.0, 9.0])
+    fit = fit_of(jacobian, jacobian @ [1.0, -1e-4], low, high, shifts=np.array([[0.1, sign * 0.1]]))
+    (_, inside), (_, at_bound) = nuisance_estimates(fit)
+    assert at_bound["remark"] == AT_BOUND and at_bound["interval_90"][0] == 0.0
+    half_width = 1.645 * np.hypot(0.1, 0.01)
+    assert inside["interval_90"] == pytest.approx([1.0 - half_width, 1.0 + half_width], abs=0.01)
 
 
-def test_nine_of_ten_intervals_hold_the_truth_and_end_at_the_value_only_at_a_bound_with_changes_by_other_numerics():
+def test_90_percent_intervals_cover_90_percent_with_numerical_shifts():
     """Simulations err by as much as other numerics change the values, in any direction."""
     low, high, size, inside, ends = (
         np.zeros(3),
@@ -219,7 +197,7 @@ class Line:
         return {"y": np.full(9, values.get("x", 0.0))}
 
 
-def test_fits_from_draws_widen_an_interval_by_the_mean_square_of_their_changes(monkeypatch):
+def test_refits_from_drawn_starts_widen_an_interval_by_their_mean_square_change(monkeypatch):
     model = Line()
     problem = Problem(model, {series.key: Noise(series.stated_noise) for series in model.series})
     none, fit = (
@@ -227,9 +205,8 @@ def test_fits_from_draws_widen_an_interval_by_the_mean_square_of_their_changes(m
     )
     sd = np.sqrt(fit.distribution.covariance[0, 0])
     assert with_intervals(problem, none) is none
-    assert np.all(
-        np.abs(with_intervals(problem, fit).shifts) < 0.22 * sd
-    )  # of a linear residual they end where it did
+    # of a linear residual they end where it did
+    assert np.all(np.abs(with_intervals(problem, fit).shifts) < 0.22 * sd)
     ends = iter((0.3, -0.4))
     monkeypatch.setattr(
         baseline, "fit_hypothesis", lambda *of, **more: replace(fit, values=fit.values + next(ends))
@@ -238,7 +215,7 @@ def test_fits_from_draws_widen_an_interval_by_the_mean_square_of_their_changes(m
     assert widened == pytest.approx(sd**2 + 0.5 * (0.3**2 + 0.4**2))
 
 
-def test_bounds_as_a_prior_have_the_standard_deviation_of_a_uniform_distribution():
+def test_the_prior_of_bounds_has_the_standard_deviation_of_a_uniform_distribution():
     low, high = np.array([0.9, 2.0, 0.0]), np.array([1.1, 2.0, np.inf])
     drawn = np.random.default_rng(0).uniform(0.9, 1.1, 100_000)
     assert prior_of_bounds(low, high) == pytest.approx([1.0 / np.std(drawn), 0.0, 0.0], rel=0.01)

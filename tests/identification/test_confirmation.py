@@ -1,5 +1,4 @@
-"""Gaps before and after, on data that took no part: exact on a model that can be worked out by
-hand."""
+"""Gaps before and after, on a model with an exact solution."""
 
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
@@ -52,8 +51,7 @@ class Levels:
         ]
 
     def _scatter(self):
-        """One standard deviation up and down in turn: a residual of this alone has a mean square of
-        exactly 1."""
+        """Alternating by one standard deviation: its mean square is exactly 1."""
         return self.noise_sd * np.resize([1.0, -1.0, -1.0, 1.0], SAMPLES)
 
     def simulate(self, run, values, effects=(), numerics=0):
@@ -86,14 +84,13 @@ def fit_of(model, hypothesis=(), **values):
 
 
 def confirmed(model, rise=None):
-    """What becomes of its gaps by an effect, if any is named, of that rise."""
+    """The gaps, with an effect of that rise if any is named."""
     named = [] if rise is None else [fit_of(model, (SLOPE,), rise=rise)]
     return confirm(model, model.noise, fit_of(model), *named)
 
 
 def held_out(rise):
-    """A shared level of 2 and a rise of 3 in two runs, and a held-out one with a level of its own,
-    5, that nobody has fitted."""
+    """Level 2 and rise 3 in two runs, and a held-out run with an own level of 5."""
     return Levels({"one": (2.0, 3.0), "two": (2.0, 3.0), "held": (7.0, rise)}, held_out=("held",))
 
 
@@ -127,27 +124,24 @@ def test_the_gap_is_the_root_mean_square_of_the_whitened_residual(case):
     ]
 
 
-def test_what_a_held_out_run_has_for_itself_is_fitted_to_it_before_and_after(case):
-    gaps, change = (
-        gaps_of(case.found, "held", "confirm"),
-        case.slope * (X - X.mean()),
-    )  # the level takes up the mean
+def test_run_parameters_are_refitted_on_the_held_out_run(case):
+    # the level takes up the mean
+    gaps, change = (gaps_of(case.found, "held", "confirm"), case.slope * (X - X.mean()))
     assert gaps["before"] == pytest.approx(np.sqrt(np.mean((change + case.scatter) ** 2)), rel=1e-3)
     assert gaps["after"] == pytest.approx(1.0, rel=1e-3)
     assert gaps["closed"] == pytest.approx(1 - (gaps["after"] ** 2 - 1) / (gaps["before"] ** 2 - 1))
     assert set(case.found.gaps["run"]) == {"one", "two", "held", "all"}
-    # the fall that an effect foretells is the mean square of what it changes
+    # the expected fall is the mean square of the effect
     assert gaps["fall_expected"] == pytest.approx(np.mean(change**2), rel=1e-3)
     assert 0.0 < gaps["fall_low"] < gaps["before"] ** 2 - gaps["after"] ** 2 < gaps["fall_high"]
     base, named = fit_of(case.model), fit_of(case.model, (SLOPE,), rise=3.0)
-    assert (
-        fit_run_parameters(Problem(case.model, case.model.noise), base) == base.mapping
-    )  # where it was fitted
+    # where it was fitted
+    assert fit_run_parameters(Problem(case.model, case.model.noise), base) == base.mapping
     values = fit_run_parameters(Problem(case.model, case.model.noise, held_out=True), named)
     assert values["own@held"] == pytest.approx(5.0, abs=1e-3) and values["shared"] == 2.0
 
 
-def test_intervals_hold_the_gap_are_repeated_by_the_same_seed_and_as_wide_as_independent_stretches_scatter(
+def test_gap_intervals_contain_the_gap_are_seeded_and_match_the_scatter_of_stretches(
     case,
 ):
     gaps = case.found.gaps
@@ -170,7 +164,7 @@ def test_intervals_hold_the_gap_are_repeated_by_the_same_seed_and_as_wide_as_ind
     assert found["before_high"] - found["before_low"] == pytest.approx(2 * 1.645 * error, rel=0.1)
 
 
-def test_nine_of_ten_intervals_of_a_gap_hold_that_of_noise():
+def test_90_percent_intervals_of_the_gap_of_noise_cover_90_percent():
     inside, settings = [], DEFAULT_SETTINGS.confirmation
     for seed in range(400):
         random = np.random.default_rng([31, seed])
@@ -188,20 +182,19 @@ def test_nine_of_ten_intervals_of_a_gap_hold_that_of_noise():
     check_rate(inside, 0.88, 0.92)
 
 
-def test_an_effect_that_is_not_there_lets_the_held_out_gap_rise_and_one_half_as_steep_lets_it_stay(
+def test_the_held_out_gap_rises_without_the_effect_and_stays_with_half_of_it(
     case,
 ):
     tests = [confirmed(held_out(rise), 3.0).test for rise in (3.0, 0.0, 1.5)]
     assert [test.outcome for test in tests] == ["falls", "rises", "stays"]
-    assert tests[2].after == pytest.approx(
-        tests[2].before, rel=0.1
-    )  # the misfit only changes its sign
+    # the misfit only changes its sign
+    assert tests[2].after == pytest.approx(tests[2].before, rel=0.1)
 
 
 # In windows
 
 
-def test_runs_of_a_clearance_are_as_its_fit_left_them_and_held_out_ones_from_their_likeliest_states():
+def test_with_a_clearance_runs_keep_the_states_of_the_fit_and_held_out_runs_get_new_states():
     problem = linear(hidden={"spring": {"size": 0.3, "damping": 0.0}}, candidates=(SPRING,))
     noise = noise_of(problem)
     problem.model.series = [

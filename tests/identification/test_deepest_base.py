@@ -1,4 +1,4 @@
-"""The base is fitted to whole runs, from drawn nuisances too, until a minimum is found twice."""
+"""The base is fitted from several starts until a minimum recurs."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from tests.identification.oscillator import SWING, WOBBLE, linear, noise_of
 from tests.identification.toy import stated_noise, toy
 
 
-def test_a_base_that_leaves_more_than_noise_is_fitted_again_until_a_minimum_is_found_twice(
+def test_a_base_with_remaining_misfit_is_refitted_until_a_minimum_recurs(
     monkeypatch,
 ):
     model = toy(hidden=lambda x, v, angle, time: -0.3 * v**3, seed=1)
@@ -47,8 +47,8 @@ def test_a_base_that_leaves_more_than_noise_is_fitted_again_until_a_minimum_is_f
     assert deepest(0.0, enough=2.0 * base.chi2) == (base, [])
 
 
-def test_with_loose_joints_base_and_effects_are_fitted_to_whole_runs_as_with_ideal_ones():
-    """The model has windows for all. Only those of a hidden clearance are used."""
+def test_with_loose_joints_base_and_forces_are_fitted_to_whole_runs():
+    """The model offers windows for everything. Only a hidden clearance uses them."""
     problem = linear(
         hidden={"swing": {"size": 0.1}}, candidates=(SWING, WOBBLE), numerics=("another step",)
     )
@@ -65,7 +65,7 @@ def test_with_loose_joints_base_and_effects_are_fitted_to_whole_runs_as_with_ide
     assert named.chosen.mapping["drive"] == pytest.approx(0.3, abs=0.01)
 
 
-def test_a_rig_that_cannot_be_simulated_says_why():
+def test_a_rig_that_cannot_be_simulated_reports_the_reason():
     problem = linear()
 
     def simulate(*_, **__):

@@ -1,5 +1,4 @@
-"""Estimates as a verdict states them: value, standard error, 90 % interval, and a remark where
-there is none."""
+"""Estimates of a verdict: value, standard error, intervals and remarks."""
 
 import math
 from types import SimpleNamespace
@@ -26,7 +25,6 @@ from jointgap.identification.fit import (
 )
 from jointgap.identification.problem import Problem
 from jointgap.identification.settings import DEFAULT_SETTINGS
-from tests.catalogue import each
 from tests.identification.toy import stated_noise, toy
 
 NO_INTERVALS = {f"interval_{level}": [None, None] for level in HALF_WIDTHS}
@@ -70,7 +68,7 @@ def cut_off(value, sd, low, high=math.inf):
     return truncnorm((low - value) / sd, (high - value) / sd, value, sd)
 
 
-def test_the_interval_is_the_value_and_the_half_width_of_a_normal_number_to_either_side_within_bounds():
+def test_the_interval_is_value_plus_minus_half_width_within_bounds():
     found = estimate_with_interval(10.0, 2.0, -100.0, 100.0)
     assert (found["value"], found["sd"]) == (10.0, 2.0)
     for level, half_width in HALF_WIDTHS.items():
@@ -86,7 +84,7 @@ def test_the_interval_is_the_value_and_the_half_width_of_a_normal_number_to_eith
         assert found == {"value": value, "sd": None, **NO_INTERVALS, "remark": remark}
 
 
-def test_amplitude_and_phase_take_their_errors_from_cosine_and_sine_linearly():
+def test_amplitude_and_phase_have_linearly_propagated_errors():
     def polar(values):
         return {
             "amplitude": math.hypot(values["c"], values["s"]),
@@ -111,7 +109,7 @@ def test_amplitude_and_phase_take_their_errors_from_cosine_and_sine_linearly():
     assert found["interval_90"] == pytest.approx([math.pi - 0.03645, math.pi - 0.00355], abs=1e-4)
 
 
-def test_what_follows_from_a_coordinate_at_its_bound_is_at_its_bound_too_with_an_interval_to_one_side():
+def test_a_derived_value_at_a_bound_has_a_one_sided_interval():
     for value, low, high in ((0.0, 0.0, math.inf), (4.0, -math.inf, 4.0)):
         double = stretch(low, high, double=lambda x: 2.0 * x, constant=lambda x: 7.0)
         found = effect_estimates(fit_of(double, value), double)
@@ -124,21 +122,21 @@ def test_what_follows_from_a_coordinate_at_its_bound_is_at_its_bound_too_with_an
     )
 
 
-def test_a_nuisance_that_changes_nothing_is_reported_as_that_and_not_as_fitted():
+def test_a_nuisance_without_influence_is_reported_as_such():
     model = toy(seed=0, channels=("acceleration",))  # no force is read: the mass changes nothing
     fit = fit_hypothesis(Problem(model, stated_noise(model)), refresh=True)
-    told = {p.name: estimate for p, estimate in nuisance_estimates(fit)}
-    assert told["slider_mass"] == {
+    estimates = {p.name: estimate for p, estimate in nuisance_estimates(fit)}
+    assert estimates["slider_mass"] == {
         "value": 0.5,
         "sd": None,
         **NO_INTERVALS,
         "remark": CHANGES_NOTHING,
     }
-    assert told["crank_length"]["sd"] > 0.0
+    assert estimates["crank_length"]["sd"] > 0.0
 
 
-def test_a_nuisance_that_may_be_almost_anywhere_in_its_range_has_no_interval():
-    def told(error, value=0.5):
+def test_an_undetermined_nuisance_has_no_interval():
+    def estimates(error, value=0.5):
         fit = fit_of(
             FORCE,
             value,
@@ -148,16 +146,16 @@ def test_a_nuisance_that_may_be_almost_anywhere_in_its_range_has_no_interval():
         )
         return nuisance_estimates(fit)[0][1]
 
-    assert told(np.diag([0.02, 0.1]) ** 2)["interval_90"][0] == pytest.approx(
+    assert estimates(np.diag([0.02, 0.1]) ** 2)["interval_90"][0] == pytest.approx(
         0.5 - 0.0329, abs=1e-4
     )
-    assert told(np.diag([9.0, 0.1]) ** 2) == {
+    assert estimates(np.diag([9.0, 0.1]) ** 2) == {
         "value": 0.5,
         "sd": None,
         **NO_INTERVALS,
         "remark": NOT_DETERMINED,
     }
-    assert told(np.diag([9.0, 0.1]) ** 2, 0.9)["remark"] == AT_BOUND
+    assert estimates(np.diag([9.0, 0.1]) ** 2, 0.9)["remark"] == AT_BOUND
 
 
 # Of draws
@@ -175,10 +173,10 @@ def drawn(candidate, value, draws):
     return effect_estimates(fit, candidate)
 
 
-def test_intervals_hold_the_value_their_share_and_those_of_lower_levels():
+def test_intervals_contain_the_value_their_share_of_draws_and_lower_levels():
     force, draws = effect("force", Parameter("force_N", 0.0)), np.linspace(0.0, 1.0, 401)
 
-    def check(value):
+    for value in [-0.01, 0.03, 0.2, 0.5, 0.8, 0.97, 1.01]:
         found, inner = drawn(force, value, draws)["force_N"], [value, value]
         for level in (50, 90, 99):
             low, high = found[f"interval_{level}"]
@@ -188,10 +186,8 @@ def test_intervals_hold_the_value_their_share_and_those_of_lower_levels():
             )
             inner = [low, high]
 
-    each(check, [-0.01, 0.03, 0.2, 0.5, 0.8, 0.97, 1.01])
 
-
-def test_no_end_of_an_interval_is_infinite():
+def test_interval_ends_are_finite():
     found = drawn(FORCE, 9.0, np.linspace(0.0, 1.0, 101))["force_N"]  # beyond all draws: symmetric
     assert found["interval_90"] == pytest.approx([0.1, 17.9])
     rod = stretch(
@@ -201,12 +197,10 @@ def test_no_end_of_an_interval_is_infinite():
     assert (found["interval_90"], found["remark"]) == ([1.0, None], AT_BOUND)
 
 
-# A whole coefficient that is fitted as its change
-
-COEFFICIENT = stretch(-0.1, 0.5, coefficient=lambda change: 0.1 + change)
+# Adopted values
 
 
-def test_only_parameters_that_the_data_determine_are_taken_over():
+def test_only_determined_parameters_are_adopted():
     mass = Parameter("slider_mass", 0.5, 0.4, 0.6)
     restitution = Parameter("restitution", 0.5, 0.2, 0.795)
     friction = Parameter("joint_friction", 0.1, 0.05, 0.15)
@@ -217,5 +211,5 @@ def test_only_parameters_that_the_data_determine_are_taken_over():
     )
     values = {"slider_mass": 0.447, "push.force_N": 2.5, "restitution": 0.5, "joint_friction": 0.1}
     assert {key: determined_values(fit)[key] for key in values} == values
-    told = {p.name: is_taken_over(estimate) for p, estimate in nuisance_estimates(fit)}
-    assert told == {"slider_mass": True, "restitution": False, "joint_friction": False}
+    estimates = {p.name: is_taken_over(estimate) for p, estimate in nuisance_estimates(fit)}
+    assert estimates == {"slider_mass": True, "restitution": False, "joint_friction": False}

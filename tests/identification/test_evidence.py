@@ -1,5 +1,4 @@
-"""What speaks against an effect, and what held-out data show, of fits and residuals made up for
-it."""
+"""Objections to an effect, and the outcome of held-out data."""
 
 from dataclasses import replace
 
@@ -12,14 +11,13 @@ from jointgap.identification.confirmation import Confirmed
 from jointgap.identification.evidence import final_verdict, row_of
 from jointgap.identification.fit import Fit
 from jointgap.identification.verdict import Decision, Thresholds
-from tests.catalogue import each
 
 SAMPLES = 1000
 NOISE = SAMPLES - 1.0
 
 
 def effect(name, *more, low=-np.inf, high=np.inf, **attributes):
-    """An effect with one amplitude, and `more` coordinates."""
+    """An effect with one amplitude, and further coordinates."""
     return Candidate(
         name, "slider", (Parameter("size", 0.0, low, high), *more), ("size",), **attributes
     )
@@ -40,7 +38,7 @@ LENGTHS = Candidate(
 
 
 def fitted(chi2, *effects, values=(1.0,), slope=1e6, nuisances=1, **more):
-    """A fit with that chi2; its effects' coordinates have `values`, or all the last one of them."""
+    """A fit with this chi2; coordinates have `values`, the last one repeated."""
     parameters = [Parameter(f"n{place}", 0.5, 0.0, 1.0) for place in range(nuisances)]
     own = [replace(p, name=f"{one.label}.{p.name}") for one in effects for p in one.coordinates]
     residual, jacobian = np.zeros(SAMPLES), np.zeros((SAMPLES, nuisances + len(own)))
@@ -63,118 +61,105 @@ def objection(*effects, bounds=None, order_label=lambda _: "", **more):
     return row_of(fitted(NOISE, *effects, **more), bounds or {}, order_label=order_label).objection
 
 
-# Effects that are not there, and parameters within their ranges
+# Absent effects, and parameters within their ranges
 
 
-def test_an_effect_is_not_there_without_a_size_or_whose_interval_holds_zero_or_that_is_drawn_to_its_bound():
-    def check(effect, values, is_there, slope=1e6):
-        found = objection(*effect, values=values, slope=slope)
-        assert (found == "") == is_there, found
-        assert is_there or effect[-1].label in found
-
-    def length(is_perturbation):
-        return (effect("length", low=-0.5, high=0.5, is_perturbation=is_perturbation),)
-
-    each(
-        check,
-        [
-            ((COULOMB,), [1.0], True),
-            ((COULOMB,), [0.0], False),
-            ((COULOMB, SPRING), [1.0, 0.0], False),
-            ((COULOMB,), [1.646], True, 1.0),  # of a standard error of 1: its 90 % interval
-            ((COULOMB,), [1.644], False, 1.0),
-            (length(False), [0.5], False),
-            (length(False), [0.499], True),
-            (length(False), [-0.5], False),
-            (length(False), [-0.499], True),
-            (length(True), [-0.5], True),  # nothing is left of what was known
-            (length(True), [0.5], False),
-            (
-                (effect("drag", Parameter("exponent", 2.0, 1.0, 3.0)),),
-                [1.0, 3.0],
-                True,
-            ),  # shapes may end at bounds
-        ],
-    )
+LENGTH = effect("length", low=-0.5, high=0.5)
+KNOWN_LENGTH = replace(LENGTH, is_perturbation=True)  # vanishes at its lower bound
+SHAPED = effect("drag", Parameter("exponent", 2.0, 1.0, 3.0))  # shapes may end at bounds
 
 
-def test_nor_one_whose_stated_size_is_at_its_bound_as_one_of_its_parts_is():
-    """Such as a spring that is stated as one between two at the farthest places of rest."""
+@pytest.mark.parametrize(
+    "effects, values, slope, is_present",
+    [
+        ((COULOMB,), [1.0], 1e6, True),
+        ((COULOMB,), [0.0], 1e6, False),
+        ((COULOMB, SPRING), [1.0, 0.0], 1e6, False),
+        ((COULOMB,), [1.646], 1.0, True),  # a 90 % interval with a standard error of 1
+        ((COULOMB,), [1.644], 1.0, False),
+        ((LENGTH,), [0.5], 1e6, False),
+        ((LENGTH,), [0.499], 1e6, True),
+        ((LENGTH,), [-0.5], 1e6, False),
+        ((LENGTH,), [-0.499], 1e6, True),
+        ((KNOWN_LENGTH,), [-0.5], 1e6, True),
+        ((KNOWN_LENGTH,), [0.5], 1e6, False),
+        ((SHAPED,), [1.0, 3.0], 1e6, True),
+    ],
+)
+def test_an_effect_is_absent_if_its_interval_contains_zero_or_its_size_is_at_a_bound(
+    effects, values, slope, is_present
+):
+    remark = objection(*effects, values=values, slope=slope)
+    assert (remark == "") == is_present
+    assert is_present or effects[-1].label in remark
+
+
+@pytest.mark.parametrize(
+    "values, is_present", [([1.0, 1.0], True), ([1.0, 0.0], False), ([0.0, 1.0], False)]
+)
+def test_an_effect_is_absent_if_the_stated_size_is_at_a_bound_because_one_part_is(
+    values, is_present
+):
+    """Example: a spring given as two springs at the outermost rest positions."""
     parts = Parameter("out", 0.0, 0.0, step=0.1), Parameter("in", 0.0, 0.0, step=0.1)
 
-    def check(values, is_there, **states):
-        two = Candidate(
-            "two",
-            "slider",
-            parts,
-            ("out", "in"),
-            parameters=lambda v: {k: s(v) for k, s in states.items()},
-        )
-        found = objection(two, values=values)
-        assert (found == "") == is_there and (is_there or "bound of size" in found), found
+    def stated(at):
+        return {"size": at["out"] + at["in"], "place": at["out"]}
 
-    def total(values):
-        return values["out"] + values["in"]
-
-    each(
-        lambda values, is_there: check(values, is_there, size=total, place=lambda v: v["out"]),
-        [([1.0, 1.0], True), ([1.0, 0.0], False), ([0.0, 1.0], False)],
-    )
-    check(
-        [1.0, 0.0], True, size=lambda v: v["out"], place=total
-    )  # the size does not depend on that part
+    pair = Candidate("two", "slider", parts, ("out", "in"), parameters=stated)
+    remark = objection(pair, values=values)
+    assert (remark == "") == is_present and (is_present or "bound of size" in remark)
 
 
-def test_nor_one_that_swings_at_an_order_of_a_crank():
+def test_a_force_at_a_crank_order_is_rejected():
     swing = effect("swing", Parameter("frequency_Hz", 5.0), carrier="push")
     for order in ("order 1 of the crank in run slow", ""):
-        for beside in ((), (COULOMB,)):
+        for others in ((), (COULOMB,)):
             found = objection(
-                *beside,
+                *others,
                 swing,
-                values=[1.0] * len(beside) + [1.0, 5.04],
+                values=[1.0] * len(others) + [1.0, 5.04],
                 order_label={5.04: order}.__getitem__,
             )
             assert (found == "") == (order == "") and order in found
 
 
-def test_a_nuisances_own_parameter_is_an_effect_beyond_its_range():
-    def check(effects, values, bounds, named, slope=1e6):
-        found = objection(*effects, values=values, slope=slope, bounds=bounds)
-        assert (found == "") == (not named) and all(name in found for name in named), found
+MASS_RANGE = {"slider_mass": (1.0, 0.9, 1.5)}
+LENGTH_RANGE = {"length": (1.0, 0.9, 1.1)}
+TWO_LENGTHS = replace(LENGTHS, replaces={"crank_length": "a", "rod_length": "b"})
+PINS = {"joint_friction": (0.1, 0.0, 0.2), "slider_mass": (1.0, 0.9, 1.1)}
+ERRORS = [1.0, 100.0, 4.0]  # a further size counts from two standard errors of 0.25
 
-    mass, length, errors = (
-        {"slider_mass": (1.0, 0.9, 1.5)},
-        {"length": (1.0, 0.9, 1.1)},
-        [1.0, 100.0, 4.0],
-    )
-    two = replace(LENGTHS, replaces={"crank_length": "a", "rod_length": "b"})
-    pins = {"joint_friction": (0.1, 0.0, 0.2), "slider_mass": (1.0, 0.9, 1.1)}
-    each(
-        check,
-        [
-            *(((MASS,), [value], mass, ["slider_mass"]) for value in (0.49, 1e-4, -0.09)),
-            *(((MASS,), [value], mass, []) for value in (0.51, -0.11)),
-            # a further size counts from two standard errors of 0.25 on
-            *(((LENGTHS,), [0.05, value], length, [], errors) for value in (0.51, -0.51)),
-            *(((LENGTHS,), [0.05, value], length, ["length"], errors) for value in (0.49, -0.49)),
-            (
-                (two,),
-                [0.05],
-                dict.fromkeys(two.replaces, (1.0, 0.9, 1.1)),
-                ["crank_length", "rod_length"],
-            ),
-            # the rest of a shared nuisance is left to be fitted
-            ((PIN,), [0.05, 0.1], pins, []),
-            ((PIN, MASS), [0.05, 0.1, 0.05], pins, ["mass is equivalent to slider_mass"]),
-        ],
-    )
+
+@pytest.mark.parametrize(
+    "effects, values, bounds, names, slope",
+    [
+        *(((MASS,), [size], MASS_RANGE, ["slider_mass"], 1e6) for size in (0.49, 1e-4, -0.09)),
+        *(((MASS,), [size], MASS_RANGE, [], 1e6) for size in (0.51, -0.11)),
+        *(((LENGTHS,), [0.05, size], LENGTH_RANGE, [], ERRORS) for size in (0.51, -0.51)),
+        *(((LENGTHS,), [0.05, size], LENGTH_RANGE, ["length"], ERRORS) for size in (0.49, -0.49)),
+        (
+            (TWO_LENGTHS,),
+            [0.05],
+            dict.fromkeys(TWO_LENGTHS.replaces, (1.0, 0.9, 1.1)),
+            ["crank_length", "rod_length"],
+            1e6,
+        ),
+        ((PIN,), [0.05, 0.1], PINS, [], 1e6),  # the other pin's friction is still fitted
+        ((PIN, MASS), [0.05, 0.1, 0.05], PINS, ["mass is equivalent to slider_mass"], 1e6),
+    ],
+)
+def test_an_effect_on_an_uncertain_parameter_must_exceed_the_parameters_range(
+    effects, values, bounds, names, slope
+):
+    remark = objection(*effects, values=values, slope=slope, bounds=bounds)
+    assert (remark == "") == (not names) and all(name in remark for name in names)
 
 
 # The row of a fit
 
 
-def test_a_row_knows_which_shared_nuisances_ended_at_bounds():
+def test_a_row_lists_shared_nuisances_at_bounds():
     fit = fitted(NOISE, COULOMB, nuisances=3)
     own = replace(fit.parameters[2], run="slow")
     fit = replace(
@@ -183,23 +168,21 @@ def test_a_row_knows_which_shared_nuisances_ended_at_bounds():
         parameters=(*fit.parameters[:2], own, fit.parameters[3]),
     )
     assert row_of(fit).at_bounds == ("n0", "n1")
-    assert row_of(replace(fit, jacobian=fit.jacobian * [0, 1, 1, 1])).at_bounds == (
-        "n1",
-    )  # the first changes nothing
+    # the first changes nothing
+    assert row_of(replace(fit, jacobian=fit.jacobian * [0, 1, 1, 1])).at_bounds == ("n1",)
 
 
-def test_motion_depends_roughly_on_a_joint_that_became_loose_not_on_one_that_was():
+def test_only_a_joint_that_becomes_loose_makes_the_motion_nonsmooth():
     loose = effect("loose", low=0.0, search_range=(0.1, 2.0))
     looser = effect("looser", low=-1.0, high=2.0, is_perturbation=True, search_range=(-0.5, 2.0))
     assert [row_of(fitted(NOISE, one)).is_nonsmooth for one in (loose, looser)] == [True, False]
 
 
-# What held-out data show
+# Held-out data
 
 
 def confirmed(identify=1.0, confirm=1.0, channel="crank_torque", variation=2.0, run=""):
-    """Residuals of one channel that leave these gaps with the effects, a noise of 1, and the gaps
-    of 2 before."""
+    """Residuals of one channel with these gaps after the effects, noise 1 and gap 2 before."""
     frames, gaps = [], []
     for role, gap in (("identify", identify), ("confirm", confirm)):
         series = {
@@ -232,7 +215,7 @@ def together(*parts):
     return Confirmed(pd.concat([part.residuals for part in parts]), parts[0].gaps, variation)
 
 
-def test_the_channel_with_the_largest_rest_counts_however_many_are_met_and_runs_by_the_root_mean_square():
+def test_the_worst_channel_counts_and_runs_are_combined_by_the_root_mean_square():
     found = together(
         confirmed(4.0, 0.5), *(confirmed(1.0, 2.0, f"other_{number}") for number in range(9))
     ).held_out
@@ -242,7 +225,7 @@ def test_the_channel_with_the_largest_rest_counts_however_many_are_met_and_runs_
     assert found.fitted == (pytest.approx(np.sqrt((1 + 16) / 2)), "crank torque")
 
 
-def test_noise_is_the_largest_part_of_what_a_channel_varies_by_a_crank_angle_by_no_more_than_a_turn():
+def test_noise_is_compared_with_the_variation_of_the_channel():
     found = together(confirmed(), confirmed(channel="slider_x", variation=1.25)).held_out
     assert found.noise == (pytest.approx(0.8), "slider x")
     angle = np.linspace(0.0, 60 * 2 * np.pi, 5000)
@@ -251,26 +234,22 @@ def test_noise_is_the_largest_part_of_what_a_channel_varies_by_a_crank_angle_by_
     assert replace(series, unit="m").variation(angle) == pytest.approx(angle.std())
 
 
-def test_the_gap_falls_or_rises_by_more_than_noise_leaves_open_or_stays_where_it_should_fall():
-    def check(low, high, outcome):
-        found = confirmed()
-        found = replace(
-            found, gaps=found.gaps.assign(fall_low=low, fall_high=high, fall_expected=0.5)
-        )
-        assert (found.test.outcome, found.test.before, found.test.after) == (outcome, 2.0, 1.0)
-
-    each(
-        check,
-        [
-            (0.01, 0.02, "falls"),
-            (-0.02, -0.01, "rises"),
-            (-0.01, 0.02, "stays"),
-            (-0.01, 0.5, "cannot_tell"),
-        ],
-    )
+@pytest.mark.parametrize(
+    "low, high, outcome",
+    [
+        (0.01, 0.02, "falls"),
+        (-0.02, -0.01, "rises"),
+        (-0.01, 0.02, "stays"),
+        (-0.01, 0.5, "cannot_tell"),
+    ],
+)
+def test_the_held_out_outcome_follows_from_the_interval_of_the_fall(low, high, outcome):
+    found = confirmed()
+    found = replace(found, gaps=found.gaps.assign(fall_low=low, fall_high=high, fall_expected=0.5))
+    assert (found.test.outcome, found.test.before, found.test.after) == (outcome, 2.0, 1.0)
 
 
-def test_of_held_out_runs_one_of_which_cannot_be_simulated_the_one_that_speaks_against_counts():
+def test_the_worst_simulated_held_out_run_counts():
     held = confirmed()
     lost = held.gaps[held.gaps["role"] == "confirm"].assign(after=np.nan)
     one = lost.query("run == 'confirm' and channel == 'all'")
@@ -289,26 +268,26 @@ def test_of_held_out_runs_one_of_which_cannot_be_simulated_the_one_that_speaks_a
     )
 
 
-# With held-out data heard
+# The final verdict
 
 
 BASE, FRICTION = fitted(4.0 * SAMPLES), fitted(990.0, COULOMB)
 NAMED = Decision("named", FRICTION, BASE)
 
 
-def test_a_name_that_the_held_out_data_bear_out_stands_and_channels_in_doubt_are_no_evidence():
+def test_a_confirmed_name_is_kept_and_inconsistent_channels_withdraw_it():
     assert final_verdict(NAMED, confirmed()) is NAMED
     assert "torque" in final_verdict(NAMED, confirmed(), ["torque"]).because
 
 
-def test_errors_grow_with_the_gap_that_is_left_of_held_out_data():
+def test_errors_grow_with_the_remaining_held_out_gap():
     rest = Decision(
         "named_with_remaining_misfit", fitted(4.0 * (SAMPLES - 2), COULOMB), fitted(9e4)
     )
     for gap, scale in ((0.9, 1.0), (1.4, 1.4)):
         assert final_verdict(NAMED, confirmed(confirm=gap)).chosen.scale == pytest.approx(scale)
         assert final_verdict(rest, confirmed(confirm=gap)).chosen.scale == pytest.approx(2.0)
-    # so do those of what is best known and equivalent, and of the base where nothing is proposed
+    # also those of the best known and equivalent fits, and of the base without a proposal
     withheld = final_verdict(NAMED, confirmed(confirm=4.0))
     assert (withheld.verdict, withheld.chosen, withheld.best_known.gap_left) == (
         "unexplained",

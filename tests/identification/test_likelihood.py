@@ -1,6 +1,4 @@
-"""States and parameters together in windows, on an oscillator whose exact solution is linear in its
-state and forces: the marginal likelihood is that of a Gaussian computation, and what a trajectory
-hides is found."""
+"""Fits in windows, on an oscillator with an exact Gaussian likelihood."""
 
 import math
 from dataclasses import replace
@@ -44,8 +42,7 @@ from tests.identification.oscillator import (
 def exact(
     problem: Problem, hypothesis, jump: float, per_turn: int = 4
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """Minus twice the log marginal likelihood but for n log 2 pi, the parameters of most, and their
-    covariance: dense, from the covariance of all readings."""
+    """Minus twice the log marginal likelihood (without n log 2 pi), its optimum and covariance."""
     parameters, first = problem.parameters(hypothesis), problem.settings.windows.first_state
     base = {p.key: 0.0 for p in parameters}
     covariances, offsets, columns = [], [], []
@@ -120,15 +117,15 @@ def swinging(size=0.03, **more) -> Problem:
 
 @pytest.fixture(scope="module")
 def hidden():
-    """A problem with a hidden swing, and estimates of the base and with it."""
+    """A problem with a hidden swing; estimates without and with it."""
     problem = swinging()
     return problem, annealed(problem), annealed(problem, SWING)
 
 
 @pytest.fixture(scope="module", params=["as measured", "driven by a measured angle"])
 def either(request, hidden):
-    """The same, and with errors of a drive that the channels of a run share, some far larger than
-    the noise."""
+    """The same, and with drive errors that the channels of a run share, some larger than the
+    noise."""
     if request.param == "as measured":
         return hidden
     rng, noise = np.random.default_rng(8), noise_of(hidden[0])
@@ -139,7 +136,7 @@ def either(request, hidden):
     return problem, annealed(problem), annealed(problem, SWING)
 
 
-def test_the_deviance_is_the_marginal_likelihood_of_a_gaussian_computation(either):
+def test_the_deviance_is_the_exact_gaussian_marginal_likelihood(either):
     problem, *estimates = either
     free = [
         [s for s in one.stages if s.jump <= problem.settings.windows.held_above]
@@ -167,7 +164,7 @@ def test_at_the_smallest_jump_values_and_errors_are_those_of_one_trajectory(eith
     assert errors == pytest.approx(np.sqrt(np.diag(covariance)), rel=0.05)
 
 
-def test_signatures_hold_what_a_force_and_the_parameters_would_explain_together(either):
+def test_sensitivities_predict_the_joint_fit_of_a_force_and_parameters(either):
     problem, base, true = either
     sensitivities = base.sensitivities([SWING])
     (own,) = sensitivities.entries
@@ -184,7 +181,7 @@ def test_signatures_hold_what_a_force_and_the_parameters_would_explain_together(
     assert sensitivities.residual.size == problem.size
 
 
-def test_what_replaces_a_nuisance_goes_on_beyond_its_bounds_and_not_with_another_such():
+def test_an_effect_that_replaces_a_nuisance_exceeds_its_bounds_and_excludes_others():
     problem = linear(drive=0.3, bounds=(0.0, 0.25))
     sensitivities = annealed(problem).sensitivities([PUSH])
     (single,) = SensitivityRegression(sensitivities).singles()
@@ -195,7 +192,7 @@ def test_what_replaces_a_nuisance_goes_on_beyond_its_bounds_and_not_with_another
     ] == [SWING]
 
 
-def test_bounds_hold_nothing_is_simulated_beyond_them_and_the_others_are_best_for_that():
+def test_bounds_hold_and_the_other_parameters_are_optimal_for_them():
     for drive, (low, high), at, held in (
         (0.3, (0.0, 0.25), 0.25, 0.25),
         (0.1, (0.15, 0.25), 0.15, 0.15),
@@ -218,9 +215,8 @@ def test_bounds_hold_nothing_is_simulated_beyond_them_and_the_others_are_best_fo
         assert estimate.values == pytest.approx(fixed.values, abs=1e-6)
 
 
-def test_derivatives_are_over_about_a_standard_error_where_a_usual_step_is_hundreds_of_them():
-    """The oscillator's frequency bends what is read: over a long step a derivative is that of
-    something else."""
+def test_derivatives_use_steps_of_about_a_standard_error():
+    """The frequency acts nonlinearly: over a long step the difference quotient is wrong."""
     found = []
     for step in (1e-4, 0.3):
         own = Parameter("frequency", 1.3, 0.5, 2.0, step), Parameter("drive", 0.2, 0.0, 0.6, 0.01)
@@ -234,7 +230,7 @@ def test_derivatives_are_over_about_a_standard_error_where_a_usual_step_is_hundr
     assert coarse.stages[-1].hessian == pytest.approx(fine.stages[-1].hessian, rel=0.05, abs=1.0)
 
 
-def test_what_one_long_trajectory_has_no_slope_to_is_found_in_windows():
+def test_a_parameter_is_found_in_windows_where_one_trajectory_gets_stuck():
     frequency = Parameter("frequency", 1.0, 0.5, 2.0, 1e-3)
     steady = {"drive": 0.0, "damping": 0.001}
     problem = measured(Oscillator([frequency]), steady | {"frequency": FREQUENCY}, {})
@@ -258,13 +254,13 @@ def test_what_one_long_trajectory_has_no_slope_to_is_found_in_windows():
 # Windows, their states and what cannot be simulated
 
 
-def test_a_window_that_cannot_be_simulated_costs_does_not_end_the_fit_and_hands_nothing_on():
-    whole, cut = (annealed(linear(broken=broken)) for broken in (-1, 6))
+def test_a_failed_window_costs_but_does_not_end_the_fit():
+    complete, cut = (annealed(linear(broken=broken)) for broken in (-1, 6))
     stage = cut.stages[-1]
-    assert stage.jump == whole.stages[-1].jump and stage.lost == 1 / 16
+    assert stage.jump == complete.stages[-1].jump and stage.lost == 1 / 16
     # of two runs, two channels and six samples each
-    assert stage.cost - whole.stages[-1].cost == pytest.approx(24 * 10.0**2, rel=0.05)
-    assert cut.values == pytest.approx(whole.values, abs=0.02)
+    assert stage.cost - complete.stages[-1].cost == pytest.approx(24 * 10.0**2, rel=0.05)
+    assert cut.values == pytest.approx(complete.values, abs=0.02)
     for broken, carried in ((-1, range(8)), (6, [0, 1, 2, 3, 4, 5, 6, 0])):
         estimate = Estimate(linear(broken=broken), ())
         for jump in (0.03, 0.006):
@@ -273,19 +269,18 @@ def test_a_window_that_cannot_be_simulated_costs_does_not_end_the_fit_and_hands_
             assert run.states.carried.windows[:8, 0] == pytest.approx(list(carried))
 
 
-def test_angles_differ_the_shorter_way_round_and_rates_as_they_are():
+def test_angle_differences_are_wrapped_and_rates_are_not():
     after, before = np.array([6.0, 1.0, -6.0, -20.0]), np.array([0.0, 0.0, 0.5, 0.5])
     assert turned(after, before) == pytest.approx([6.0 - math.tau, 1.0, math.tau - 6.5, -20.5])
 
 
-def test_windows_hold_some_readings_for_each_number_of_a_state_and_are_four_to_sixteen_a_turn():
+def test_windows_contain_enough_readings_and_are_4_to_16_a_turn():
     for readings, count in ((24.0, 4), (4.8, 5), (3.0, 8), (2.0, 12), (0.5, 16)):
         problem = linear(
             settings=windows(readings_per_number=readings), deviance=lambda effects: 3.0
         )
-        assert (
-            Estimate(problem, ()).find_states(1.0) == 3.0
-        )  # the deviance of a reading of all runs
+        # the deviance of a reading of all runs
+        assert Estimate(problem, ()).find_states(1.0) == 3.0
         assert problem.model.per_turn == count
         assert [(jump, turns) for _, _, jump, turns in problem.model.filtered] == [
             (1.0, math.inf)
@@ -295,7 +290,7 @@ def test_windows_hold_some_readings_for_each_number_of_a_state_and_are_four_to_s
 # Rivals
 
 
-def test_what_is_far_behind_a_rival_ends_at_a_larger_jump_and_those_as_good_go_on_to_the_end(
+def test_a_dominated_rival_stops_early_and_equal_ones_continue(
     hidden,
 ):
     problem, *_ = hidden
@@ -312,7 +307,7 @@ def test_what_is_far_behind_a_rival_ends_at_a_larger_jump_and_those_as_good_go_o
     assert compete([]) == []
 
 
-def test_what_cannot_be_simulated_in_windows_is_no_rival_and_a_fit_that_failed():
+def test_a_hypothesis_that_cannot_be_simulated_in_windows_fails():
     def failing(effects):
         if "swing" not in effects:
             raise SimulationError("no states")
@@ -340,7 +335,7 @@ def stiffer(**more):
     return linear(hidden={"spring": {"size": 0.3, "damping": 0.0}}, candidates=(SPRING,), **more)
 
 
-def test_hidden_clearances_alone_are_fitted_in_windows_and_not_to_statistics():
+def test_only_hidden_clearances_are_fitted_in_windows():
     """The model has windows for all, as one with loose joints."""
     problem = swinging()
     found, usual = fitted(problem, (SWING,)), fit_hypothesis(problem, (SWING,))
@@ -355,7 +350,7 @@ def test_hidden_clearances_alone_are_fitted_in_windows_and_not_to_statistics():
     assert not has_windows(Problem(problem.model, noise_of(problem)), (SPRING,), at)
 
 
-def test_a_fit_in_windows_begins_at_the_states_of_one_near_by_and_counts_the_runs_that_it_simulated():
+def test_a_fit_in_windows_starts_from_the_states_of_a_near_fit():
     problem = stiffer()
     near = fitted(problem, (SPRING,), {"spring.size": 0.28})
     before, start = problem.simulations, near.mapping | {"drive": 0.25}
@@ -371,7 +366,7 @@ def test_a_fit_in_windows_begins_at_the_states_of_one_near_by_and_counts_the_run
     assert problem.model.filtered
 
 
-def test_an_estimate_as_a_fit_counts_jumps_like_residuals_and_leaves_the_law_of_the_parameters_out():
+def test_a_window_fit_counts_jumps_as_residuals_without_the_prior():
     problem = stiffer()
     estimate = annealed(problem, SPRING, start={"spring.size": 0.28})
     fit, last = estimate.fit(), estimate.stages[-1]
@@ -393,7 +388,7 @@ def test_an_estimate_as_a_fit_counts_jumps_like_residuals_and_leaves_the_law_of_
     np.testing.assert_allclose(moved.residual - estimate.residual, trajectory, atol=1e-9)
 
 
-def test_what_is_predicted_at_given_values_moves_the_states_and_what_may_vary_alone():
+def test_a_prediction_at_fixed_values_adjusts_states_and_free_parameters_only():
     problem = stiffer(zero=0.1)
     at = {p.key: p.nominal for p in problem.parameters((SPRING,))} | {
         "spring.size": 0.3,

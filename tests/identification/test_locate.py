@@ -1,4 +1,4 @@
-"""The map shows where model and data disagree, and nothing where they do not."""
+"""The map of disagreement."""
 
 from dataclasses import replace
 from itertools import product
@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 
 from jointgap.identification.disagreement import (
-    bin_correlations,
     dominant_orders,
     flag_bins,
     ljung_box,
@@ -19,7 +18,6 @@ from jointgap.identification.disagreement import (
 )
 from jointgap.identification.problem import Noise, Problem, unwhiten, whiten
 from jointgap.identification.settings import DEFAULT_SETTINGS
-from tests.catalogue import each
 from tests.draws import check_rate, check_uniform
 from tests.identification.toy import coloured, stated_noise, toy
 
@@ -37,8 +35,7 @@ def mapped(model, memory: float = 0.0, order: int = 0):
 
 
 def with_bump(model, key: tuple[str, str], begin: float, end: float, height: float):
-    """The model with what a channel reads raised by `height` standard deviations between two angles
-    [deg]."""
+    """The model with a channel raised by `height` standard deviations between two angles [deg]."""
     series = []
     for one in model.series:
         if one.key == key:
@@ -59,15 +56,19 @@ def noise_alone(count: int, memory: float, order: int):
 
 
 @pytest.mark.parametrize("memory, order", MEMORIES)
-def test_noise_alone_makes_windows_as_rarely_as_stated(memory, order):
+def test_noise_makes_windows_as_rarely_as_specified(memory, order):
     maps = noise_alone(15, memory, order)
     assert sum(len(one.windows) > 0 for one in maps) <= 1  # 0.15 expected at a rate of 1 %
     assert np.mean(np.concatenate([one.bins["p"] for one in maps]) < 0.05) < 0.06
     assert 0.01 < np.mean(np.concatenate([one.tests["p_chi2"] for one in maps]) < 0.05) < 0.11
 
 
-def test_a_bump_is_found_within_a_bin_of_its_place_and_nowhere_else():
-    def check(begin, end, memory, order, seed):
+def test_a_bump_is_located_within_one_bin():
+
+    places = (352.0, 15.0), (100.0, 140.0)
+    for begin, end, memory, order, seed in [
+        (*place, *memory, seed) for place, memory, seed in product(places, MEMORIES, range(2))
+    ]:
         model = with_bump(
             toy(seed=seed, autocorrelation=memory), ("slow", "torque"), begin, end, 5.0
         )
@@ -80,20 +81,13 @@ def test_a_bump_is_found_within_a_bin_of_its_place_and_nowhere_else():
         assert found["mean"] == pytest.approx(
             5.0 * min(1.0, np.mod(end - begin, 360.0) / width), abs=1.5
         )
-
-    places = (352.0, 15.0), (100.0, 140.0)
-    each(
-        check,
-        [(*place, *memory, seed) for place, memory, seed in product(places, MEMORIES, range(2))],
-    )
-    bias = with_bump(
-        toy(seed=2), ("mid", "torque"), 0.0, 359.9999, 6.0
-    )  # one window around the circle
+    # one window around the circle
+    bias = with_bump(toy(seed=2), ("mid", "torque"), 0.0, 359.9999, 6.0)
     windows = mapped(bias).windows[["run", "channel", "start_deg", "end_deg"]]
     assert windows.to_numpy().tolist() == [["mid", "torque", 0.0, 360.0]]
 
 
-def test_windows_of_channels_that_agree_are_rare_beside_channels_that_are_off_everywhere():
+def test_consistent_channels_are_rarely_flagged_next_to_biased_ones():
     windows, false = 0, 0
     for seed in range(10):
         model = toy(seed=seed)
@@ -142,70 +136,44 @@ def flagged(bins: pd.DataFrame, *correlations) -> list[int]:
 
 
 WEAK = dict.fromkeys(range(5, 14), 0.02)
-BESIDE = dict.fromkeys([4, 5, 6, 7, 9, 10, 11, 12], 1e-3) | {8: 0.4, 13: 0.4}
+WEAK_BETWEEN = dict.fromkeys([4, 5, 6, 7, 9, 10, 11, 12], 1e-3) | {8: 0.4, 13: 0.4}
 
 
-def test_what_is_small_over_many_bins_is_sure_for_these_together():
-    def check(bins, expected):
-        assert flagged(bins) == expected
+def test_small_deviations_over_many_bins_are_significant_together():
 
     fewer = bins_with(dict.fromkeys(range(6, 18), 1e-3) | {9: 0.4})
-    each(
-        check,
-        [
-            (bins_with(WEAK), list(range(5, 14))),
-            (bins_with({7: 0.02, 20: 0.02}), []),
-            (bins_with(WEAK, size=0.05), []),  # too small for anyone to look for its cause
-            # a weak bin between others belongs to their window, and one beside them does not
-            (bins_with(BESIDE), list(range(4, 13))),
-            (
-                bins_with(BESIDE).drop(index=[0, 1, 20, 21]),
-                list(range(4, 13)),
-            ),  # bins without samples around
-            (
-                fewer[fewer.index.isin(np.arange(24) * 3 // 2)],
-                [6, 7, 9, 10, 12, 13, 15, 16],
-            ),  # of 15 deg, of statistics
-            (
-                bins_with({7: 1e-30, 10: 0.03, 13: 0.03}),
-                [7],
-            ),  # one sure bin does not make others sure
-            (bins_with({35: 1e-9, 0: 1e-9}), [0, 35]),  # across the beginning of the circle
-        ],
-    )
+    for bins, expected in [
+        (bins_with(WEAK), list(range(5, 14))),
+        (bins_with({7: 0.02, 20: 0.02}), []),
+        (bins_with(WEAK, size=0.05), []),  # too small for anyone to look for its cause
+        # a weak bin between others belongs to their window, one at the edge does not
+        (bins_with(WEAK_BETWEEN), list(range(4, 13))),
+        # bins without samples around
+        (bins_with(WEAK_BETWEEN).drop(index=[0, 1, 20, 21]), list(range(4, 13))),
+        # of 15 deg, of statistics
+        (fewer[fewer.index.isin(np.arange(24) * 3 // 2)], [6, 7, 9, 10, 12, 13, 15, 16]),
+        # one sure bin does not make others sure
+        (bins_with({7: 1e-30, 10: 0.03, 13: 0.03}), [7]),
+        (bins_with({35: 1e-9, 0: 1e-9}), [0, 35]),  # across the beginning of the circle
+    ]:
+        assert flagged(bins) == expected
     adjusted = flag_bins(bins_with({7: 1e-9}), SETTINGS, 0.01)["p_adjusted"]
-    assert adjusted[7] == pytest.approx(
-        1e-9 * 36 * (1 + len(SETTINGS.spans)), rel=1e-9
-    )  # of the surest span
+    # of the surest span
+    assert adjusted[7] == pytest.approx(1e-9 * 36 * (1 + len(SETTINGS.spans)), rel=1e-9)
     assert adjusted.drop(7).min() > 0.01
 
 
-def test_the_memory_of_noise_makes_neighbours_count_for_fewer():
+def test_correlated_noise_lowers_the_significance_of_neighbouring_bins():
     assert flagged(bins_with(WEAK), {("slow", "torque"): 0.9 ** np.arange(1, 36)}) == []
-    assert (
-        sum(len(one.windows) > 0 for one in noise_alone(15, 0.95, 1)) <= 1
-    )  # 0.15 expected at a rate of 1 %
-
-
-def test_correlations_of_bins_are_those_of_means_over_as_many_samples():
-    turn, noise = 72, coloured(72 * 4000, 0.8, np.random.default_rng(0))
-    series = SimpleNamespace(angle=2 * np.pi * np.arange(noise.size) / turn)
-    part = SimpleNamespace(
-        series=series, used=np.ones(noise.size, bool), noise=Noise(np.ones(noise.size), (0.8,))
-    )
-    means = noise.reshape(-1, 2).mean(axis=1)
-    seen = [np.corrcoef(means[:-apart], means[apart:])[0, 1] for apart in (1, 2, 5)]
-    assert bin_correlations(part, 36)[[0, 1, 4]] == pytest.approx(seen, abs=0.02)
-    part.series.angle = np.full(noise.size, np.nan)
-    for without in (part, SimpleNamespace(noise=Noise(np.ones(3)))):
-        assert bin_correlations(without, 36).size == 0
+    # 0.15 expected at a rate of 1 %
+    assert sum(len(one.windows) > 0 for one in noise_alone(15, 0.95, 1)) <= 1
 
 
 # Tests of a channel
 
 
 @pytest.mark.parametrize("samples, kept", [(60, 1.0), (300, 0.8)])
-def test_ljung_box_is_flat_for_independent_numbers_with_gaps_and_sees_memory(samples, kept):
+def test_the_ljung_box_p_value_is_uniform_for_white_noise_with_gaps(samples, kept):
     random, p = np.random.default_rng(samples), []
     for _ in range(600):
         index = np.flatnonzero(random.random(samples) < kept)
@@ -216,9 +184,8 @@ def test_ljung_box_is_flat_for_independent_numbers_with_gaps_and_sees_memory(sam
 
 
 @pytest.mark.parametrize("memory, turns", [((), 2), ((0.8,), 4)])
-def test_probabilities_of_noise_alone_are_as_rare_as_they_say(memory, turns):
-    """Of runs, of the bins of the crank angle (two tests each, the smaller one doubled) and of
-    orders."""
+def test_p_values_of_noise_are_uniform(memory, turns):
+    """Of runs, bins of the crank angle (two tests each, the smaller doubled) and orders."""
     random, angle = np.random.default_rng(turns), 2 * np.pi * np.arange(120 * turns) / 120.0
     problem = problem_of(*((run, angle, angle) for run in ("slow", "mid", "fast")))
     for part in problem.parts:
@@ -235,7 +202,7 @@ def test_probabilities_of_noise_alone_are_as_rare_as_they_say(memory, turns):
     check_rate([len(one.standout) > 0 for one in maps], 0.0, 0.03)  # of three channels
 
 
-def test_whitened_residuals_are_turned_back_exactly():
+def test_unwhitening_inverts_whitening():
     residual = np.random.default_rng(0).standard_normal(50)
     residual[[7, 8, 20, 22]] = np.nan
     noise = Noise(np.full(50, 2.0), (0.6, 0.5, 0.2))
@@ -275,17 +242,17 @@ def problem_of(*runs) -> SimpleNamespace:
     return SimpleNamespace(parts=parts, settings=DEFAULT_SETTINGS)
 
 
-def test_a_ripple_of_a_whole_order_stands_out_of_a_record_of_any_length_whose_spectrum_ends_with_the_highest():
-    def check(turns, order):
-        angle = 2 * np.pi * np.arange(60 * turns + 1) / 60.0
-        given = problem_of(("slow", angle, None)), 3.0 * np.cos(order * angle)
-        orders = order_spectrum(*given)["order"]
-        assert (len(orders), orders.iloc[-1]) == (24 * turns, pytest.approx(24.0))
-        (row,) = dominant_orders(*given, rate=0.01).to_dict("records")
-        assert (row["order"], row["amplitude"]) == (order, pytest.approx(3.0))
-        assert row["share"] == pytest.approx(1.0, abs=0.02)
-
-    each(check, product([1, 7, 10, 22, 44, 49, 98, 107], [3, 7, 16, 24]))
+@pytest.mark.parametrize(
+    "turns, order", list(product([1, 7, 10, 22, 44, 49, 98, 107], [3, 7, 16, 24]))
+)
+def test_a_ripple_of_integer_order_is_dominant_at_any_record_length(turns, order):
+    angle = 2 * np.pi * np.arange(60 * turns + 1) / 60.0
+    given = problem_of(("slow", angle, None)), 3.0 * np.cos(order * angle)
+    orders = order_spectrum(*given)["order"]
+    assert (len(orders), orders.iloc[-1]) == (24 * turns, pytest.approx(24.0))
+    (row,) = dominant_orders(*given, rate=0.01).to_dict("records")
+    assert (row["order"], row["amplitude"]) == (order, pytest.approx(3.0))
+    assert row["share"] == pytest.approx(1.0, abs=0.02)
 
 
 @pytest.mark.parametrize(
@@ -296,7 +263,7 @@ def test_a_ripple_of_a_whole_order_stands_out_of_a_record_of_any_length_whose_sp
         ({"centrifugal": {"mass_kg": 0.1}}, 2.0),
     ],
 )
-def test_the_growth_with_speed_tells_the_kind_of_force(effect, exponent):
+def test_the_growth_with_speed_identifies_the_kind_of_force(effect, exponent):
     scaling = mapped(toy(effect, seed=5, held_out=())).scaling.set_index("channel")
     assert set(scaling.index) == {"torque", "guide_force"}
     assert scaling["exponent"].to_numpy() == pytest.approx([exponent, exponent], abs=0.05)
@@ -307,10 +274,8 @@ def test_the_growth_with_speed_tells_the_kind_of_force(effect, exponent):
     "speeds, scatter",
     [((10.0, 40.0), 0.0), ((10.0, 20.0, 40.0), 0.0), ((10.0, 14.0, 20.0, 40.0), 0.3)],
 )
-def test_nine_of_ten_intervals_hold_the_growth_with_speed_also_where_runs_scatter_about_it(
-    speeds, scatter
-):
-    """The residual grows with speed, but for a factor of its own in each run."""
+def test_90_percent_intervals_of_the_speed_exponent_cover_90_percent(speeds, scatter):
+    """The residual grows with speed, with a random factor in each run."""
     random, time, speeds = np.random.default_rng(1), np.linspace(0.0, 10.0, 50), np.array(speeds)
     problem, held = problem_of(*((str(speed), speed * time, time) for speed in speeds)), []
     for _ in range(400):

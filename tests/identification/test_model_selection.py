@@ -1,15 +1,13 @@
-"""Which hypotheses are fitted, and what a second effect has to gain: limits met from both sides by
-made-up fits."""
+"""Which hypotheses are fitted, and the gain that a second effect needs."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from jointgap.core.candidates import Candidate, Parameter
-from jointgap.core.errors import SimulationError
-from jointgap.identification import hypothesis_fits, model_selection
+from jointgap.identification import model_selection
 from jointgap.identification.baseline import recalibrate
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
@@ -18,7 +16,6 @@ from jointgap.identification.model_selection import (
     best_sufficient,
     fit_confusable_effects,
     fits_beyond_bounds,
-    nonlinearity,
     select_hypothesis,
     shortlist_singles,
     swap_one_effect,
@@ -34,7 +31,6 @@ from jointgap.identification.verdict import Thresholds
 from tests.identification.oscillator import HIDDEN_SPRING, SWING, WOBBLE, linear, noise_of, windows
 from tests.identification.toy import (
     RINGING,
-    Toy,
     analysed,
     candidate_of,
     ringing,
@@ -56,8 +52,8 @@ def effect(name):
 
 
 def shortlisted(rest, gains):
-    """Labels of sensitivities ``e0``, ``e1`` ... that each explain so much of chi2, of which `rest`
-    is left if all are there."""
+    """Labels shortlisted from sensitivities e0, e1 ... with these gains in chi2 and this
+    remainder."""
     residual, unit = np.zeros(SAMPLES), np.eye(SAMPLES)
     residual[1 : len(gains) + 1], residual[-1] = np.sqrt(gains), np.sqrt(rest)
     entries = [
@@ -85,7 +81,7 @@ COULOMB, SPRING = effect("coulomb"), effect("spring")
 # Single effects
 
 
-def test_where_the_base_leaves_more_than_noise_the_eight_best_are_fitted_else_those_that_promise_half_of_an_effect():
+def test_the_shortlist_depends_on_the_misfit_of_the_base_and_the_gains():
     assert shortlisted(10.0, [float(100 + place) for place in range(10)]) == [
         f"e{place}" for place in range(9, 1, -1)
     ]
@@ -102,7 +98,7 @@ def test_where_the_base_leaves_more_than_noise_the_eight_best_are_fitted_else_th
 # A second effect
 
 
-def test_an_effect_is_sufficient_that_leaves_no_more_than_null_campaigns_and_beats_the_base():
+def test_an_effect_is_sufficient_at_the_level_of_null_campaigns_if_it_beats_the_base():
     base = SimpleNamespace(base=fitted(900.0))
     just, more = (fitted(share * (SAMPLES - 2), COULOMB) for share in (1.4999, 1.5001))
     assert (
@@ -115,13 +111,12 @@ def test_an_effect_is_sufficient_that_leaves_no_more_than_null_campaigns_and_bea
 
 
 def singles(chi2):
-    """Fits of two single effects and of a pair; the better single one leaves `chi2`."""
+    """Fits of two single effects and a pair; the better single one has this chi2."""
     return [fitted(chi2 + 1.0, SPRING), fitted(chi2, COULOMB), fitted(1.0, SPRING, COULOMB)]
 
 
-def test_what_other_numerics_change_raises_both_thresholds_of_a_second_effect(monkeypatch):
-    """Up to a small part of what the single one explains, 5 % of 800, and if it is more than the
-    threshold of one."""
+def test_numerical_differences_raise_the_thresholds_of_a_second_effect(monkeypatch):
+    """Up to 5 % of the explained 800, if larger than the threshold of one effect."""
 
     def second(changed, fits):
         row = np.zeros(SAMPLES)
@@ -142,32 +137,11 @@ def test_what_other_numerics_change_raises_both_thresholds_of_a_second_effect(mo
         assert second(30.0, no_single) is LIMITS
 
 
-def test_a_jump_is_what_chi2_has_beyond_what_the_other_side_predicts():
-    """Residuals depend on one parameter linearly, but for a jump of one sample above the fit."""
-
-    def found(jump, at):
-        def residual(values, hypothesis):
-            change = np.zeros(SAMPLES)
-            change[0], change[at] = values["mass"] - 1.0, jump * (values["mass"] > 1.0)
-            return fitted(100.0).residual + change
-
-        return nonlinearity(SimpleNamespace(residual=residual), fitted(100.0))
-
-    assert [found(0.0, 5), found(2.0, 5), found(2.0, -1)] == pytest.approx(
-        [0.0, 4.0, 12.0**2 - 10.0**2], abs=1e-9
-    )
-
-    def fails(*_):
-        raise SimulationError("too far")
-
-    assert nonlinearity(SimpleNamespace(residual=fails), fitted(100.0)) == 0.0
-
-
 # Fits once more
 
 
-def test_beside_what_rings_another_effect_is_sought_in_the_valley_of_the_pair():
-    """A fit of the ringing alone ended elsewhere. The hidden drag is found in place of friction."""
+def test_a_second_effect_is_sought_from_the_minimum_of_a_pair():
+    """The fit of the nonsmooth effect alone ended elsewhere. The hidden drag replaces friction."""
     model = toy(seed=6, hidden=lambda x, v, angle, _: ringing(0.31, angle) - 0.5 * v)
     base, sensitivities = screened(replace(model, candidates=(*model.candidates, RINGING)))
     start = {"ringing.size": 0.31, "coulomb.force_N": 0.3}
@@ -181,8 +155,7 @@ def test_beside_what_rings_another_effect_is_sought_in_the_valley_of_the_pair():
 
 @pytest.fixture(scope="module")
 def heavier():
-    """A dry friction and a mass that is beyond its range are hidden; friction and the gain of a
-    sensor were fitted."""
+    """Hidden: dry friction and a mass beyond its range. Fitted: friction and a sensor gain."""
     base, *found = analysed(
         toy({"coulomb": {"force_N": 0.2}, "added_mass": {"mass_kg": 0.1}}, seed=4)
     )
@@ -190,7 +163,7 @@ def heavier():
     return base, fit_hypothesis(base.problem, pair, differences=base.differences), *found
 
 
-def test_an_effect_that_takes_a_nuisance_beyond_its_bound_is_tried_in_place_of_each_other_one(
+def test_an_effect_that_exceeds_a_nuisance_bound_replaces_each_other_effect(
     heavier,
 ):
     base, pair, sensitivities, limits = heavier
@@ -208,9 +181,8 @@ def test_an_effect_that_takes_a_nuisance_beyond_its_bound_is_tried_in_place_of_e
     inside = replace(pair, values=np.array([p.nominal for p in pair.parameters]))
     for given in ([pair, *lost], [inside], [base.base]):
         assert fits_beyond_bounds(base, given) == []
-    assert (
-        fits_beyond_bounds(replace(base, base=replace(pair, hypothesis=())), [pair]) == []
-    )  # nothing is missing
+    # nothing is missing
+    assert fits_beyond_bounds(replace(base, base=replace(pair, hypothesis=())), [pair]) == []
     model, settings = base.problem.model, base.problem.settings
     few = replace(settings, selection=replace(settings.selection, partners=1))
     assert (
@@ -226,9 +198,8 @@ def test_an_effect_that_takes_a_nuisance_beyond_its_bound_is_tried_in_place_of_e
 # Explanations that are one
 
 
-def test_a_limit_that_predicts_the_same_stands_for_both():
-    """A soft spring that differs from a constant force by less than the data can decide is that
-    force."""
+def test_a_special_case_that_predicts_the_same_represents_both():
+    """A soft spring that the data cannot distinguish from a constant force is that force."""
     force, spring = (
         fitted(300.0, effect("force")),
         fitted(300.0, effect("soft spring"), effect("preload")),
@@ -250,9 +221,8 @@ def test_a_limit_that_predicts_the_same_stands_for_both():
 # Before a name
 
 
-def test_what_looks_like_the_explanation_that_would_be_named_is_fitted_before():
-    """The true one was never fitted: quadratic drag is hidden, and viscous friction would be
-    named."""
+def test_confusable_effects_are_fitted_before_naming():
+    """The hidden quadratic drag was not fitted, and viscous friction would be named."""
     base, found, limits = analysed(
         toy({"quadratic": {"drag_N_s2_m2": 0.04}}, {"slider_mass": 0.51}, seed=4)
     )
@@ -268,7 +238,7 @@ def test_what_looks_like_the_explanation_that_would_be_named_is_fitted_before():
 # Other ends
 
 
-def test_where_more_than_noise_is_left_errors_hold_another_end_that_is_as_good():
+def test_errors_include_another_minimum_that_is_as_good():
     noise = SAMPLES - 2.0
     for left, factor, is_wider in ((2.0, 1.9, True), (2.0, 2.1, False), (1.05, 1.0, False)):
         fit = fitted(noise * left, COULOMB)
@@ -292,8 +262,8 @@ def test_where_more_than_noise_is_left_errors_hold_another_end_that_is_as_good()
 
 
 @pytest.mark.parametrize("bias", [-0.03, 0.03])
-def test_two_effects_that_mask_each_other_are_fitted_though_neither_is_sufficient_alone(bias):
-    """Dry friction makes a torque with a mean, and a bias takes that away, or doubles it."""
+def test_two_effects_that_mask_each_other_are_fitted_together(bias):
+    """The bias cancels or doubles the mean torque of dry friction."""
     hidden = {"coulomb": {"force_N": 0.5}, "sensor_bias:torque": {"bias": bias}}
     base, sensitivities, limits = analysed(toy(hidden, seed=3, channels=("torque",)))
     alone = [fit_hypothesis(base.problem, (candidate_of("spring"),), differences=base.differences)]
@@ -303,7 +273,7 @@ def test_two_effects_that_mask_each_other_are_fitted_though_neither_is_sufficien
 
 
 @pytest.mark.parametrize("hidden", [TWO, DRY])
-def test_two_effects_of_which_neither_is_sufficient_are_found_together(hidden):
+def test_two_effects_that_are_insufficient_alone_are_found_together(hidden):
     base, sensitivities, limits = analysed(toy(hidden, seed=3))
     alone, _ = fit_singles(base, sensitivities, limits)
     assert min(fit.chi2 for fit in alone) > limits.omnibus * base.problem.size
@@ -314,7 +284,7 @@ def test_two_effects_of_which_neither_is_sufficient_are_found_together(hidden):
     assert len({labels_of(fit.hypothesis) for fit in found}) == len(found) == len(seconds)
 
 
-def test_a_search_that_has_simulated_as_much_as_it_may_begins_nothing_new_and_no_pair_holds_what_failed_alone():
+def test_an_exhausted_search_stops_and_failed_effects_form_no_pair():
     base, sensitivities, limits = analysed(toy(TWO, seed=3))
     alone, _ = fit_singles(base, sensitivities, limits)
     lost = [replace(fit, status=FAILED) if fit.label == "spring" else fit for fit in alone]
@@ -333,64 +303,6 @@ def test_a_search_that_has_simulated_as_much_as_it_may_begins_nothing_new_and_no
     assert few < usual
 
 
-@dataclass(frozen=True)
-class Listening(Toy):
-    """A toy that records which effects are simulated together."""
-
-    heard: set = field(default_factory=set)
-
-    def simulate(self, run, values, effects=(), numerics=0):
-        self.heard.add(frozenset(candidate.label for candidate, _ in effects))
-        return super().simulate(run, values, effects, numerics)
-
-
-def test_a_leading_effect_is_linearised_with_those_partners_alone_that_rank_first_about_the_base(
-    monkeypatch,
-):
-    monkeypatch.setattr(hypothesis_fits, "_masked_pairs", lambda *_: [])
-    monkeypatch.setattr(hypothesis_fits, "swap_one_effect", lambda *_: [])
-    plain = toy(TWO, seed=3)
-    model = Listening(plain.series, plain.nuisances, plain.candidates, plain.speeds)
-    base, sensitivities, limits = analysed(model)
-    first, *_ = alone = sorted(
-        fit_singles(base, sensitivities, limits)[0], key=lambda fit: fit.chi2
-    )
-    assert first.label in TWO
-    few = replace(DEFAULT_SETTINGS.selection, linearised_partners=2, partners=1)
-    settings = replace(DEFAULT_SETTINGS, selection=few)
-    model.heard.clear()
-    problem = Problem(model, stated_noise(model), settings=settings)
-    pair, *_ = fit_pairs(replace(base, problem=problem), sensitivities, limits, alone)[0]
-    assert labels_of(pair.hypothesis) == TWO.keys()
-    partners = {
-        label for both in model.heard if len(both) == 2 and first.label in both for label in both
-    }
-    assert len(partners - {first.label}) == 2 and TWO.keys() <= partners
-
-
-@pytest.mark.parametrize("families, ends", [(True, True), (False, False)])
-def test_pairs_with_the_leading_effects_are_fitted_before_a_family_whose_law_suffices_ends_the_search(
-    families, ends
-):
-    """The exponent of a drag is none of those listed."""
-    base, sensitivities, limits = analysed(
-        toy(hidden=lambda x, v, *_: -0.05 * np.abs(v) ** 3 * np.sign(v), seed=5)
-    )
-    alone, _ = fit_singles(base, sensitivities, limits)
-    if not families:
-        bare = [tuple(replace(one, families=()) for one in fit.hypothesis) for fit in alone]
-        alone = [
-            replace(fit, hypothesis=hypothesis) for fit, hypothesis in zip(alone, bare, strict=True)
-        ]
-    swapped = []
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(hypothesis_fits, "_is_sufficient", lambda *_: False)  # no pair ends it
-        patch.setattr(hypothesis_fits, "_insufficient", lambda *_: True)
-        patch.setattr(hypothesis_fits, "swap_one_effect", lambda *_: swapped.append(True) or [])
-        fits, _ = fit_pairs(base, sensitivities, limits, alone)
-    assert any(len(fit.hypothesis) == 2 for fit in fits) and (not swapped) == ends
-
-
 STIFFER = {"spring": {"size": 0.3, "damping": 0.0}}
 SWINGING, BOTH = {"swing": {"size": 0.3}}, {"swing": {"size": 0.3}, "wobble": {"size": 0.3}}
 LESSER = SWINGING | {"wobble": {"size": 0.02}}
@@ -405,20 +317,13 @@ LESSER = SWINGING | {"wobble": {"size": 0.02}}
         (STIFFER, 5.1, False, "tried", None),
         (STIFFER, 4.9, True, "", None),
         (SWINGING, 0.0, False, "", None),  # one force suffices, and no second one gains
-        (
-            LESSER,
-            4.9,
-            False,
-            "fitted",
-            LESSER,
-        ),  # it suffices and a second one gains: one clearance may do as two
+        # it suffices and a second one gains: one clearance may do as two
+        (LESSER, 4.9, False, "fitted", LESSER),
         (LESSER, 5.1, False, "tried", LESSER),
         (LESSER, 4.9, True, "", LESSER),
     ],
 )
-def test_clearances_are_fitted_before_pairs_if_the_filter_finds_one_likely(
-    hidden, least, doubted, clearances, best
-):
+def test_a_likely_clearance_is_fitted_before_pairs(hidden, least, doubted, clearances, best):
     def deviance(effects):
         return least + 10.0 * max(abs(effects["spring"]["size"] - 0.3) - 0.05, 0.0)
 

@@ -1,5 +1,4 @@
-"""Naming from end to end on a mechanism in closed form: the right name, no name, or an honest
-doubt."""
+"""Identification from end to end on a closed-form mechanism."""
 
 from dataclasses import replace
 
@@ -17,7 +16,6 @@ from jointgap.identification.model_selection import (
 from jointgap.identification.screening import SensitivityRegression, SensitivitySubspaces
 from jointgap.identification.thresholds import screen_candidates, thresholds
 from jointgap.identification.verdict import Decision
-from tests.catalogue import each, refused
 from tests.identification.oscillator import (
     HIDDEN_SPRING,
     PULL,
@@ -31,7 +29,7 @@ from tests.identification.toy import RINGING, analysed, candidate_of, screened, 
 
 
 def named(effects=None, more=(), **how) -> tuple[Decision, float]:
-    """The decision and the gap of the recalibrated base; `more`: further candidates."""
+    """The decision and the gap of the base; `more`: further candidates."""
     model = toy(effects, **how)
     base, sensitivities, limits = analysed(replace(model, candidates=(*model.candidates, *more)))
     fits = searched(base, sensitivities, limits)
@@ -47,39 +45,32 @@ def labels(decision):
 
 
 def test_each_effect_is_named():
-    def check(label, values):
+
+    for label, values in [
+        ("coulomb", {"force_N": 0.2}),
+        ("viscous", {"damping_N_s_m": 0.15}),
+        ("quadratic", {"drag_N_s2_m2": 0.1}),
+        ("constant_force", {"force_N": 0.2}),
+        ("spring", {"stiffness_N_m": 3.0}),
+        ("added_mass", {"mass_kg": 0.1}),
+        ("centrifugal", {"mass_kg": 0.02}),
+        ("harmonic_force", {"cosine_N": 0.15, "sine_N": 0.1, "frequency_Hz": 4.7}),
+        ("sensor_bias:torque", {"bias": 0.02}),
+        # another crank's length would read so, too
+        ("sensor_gain:acceleration", {"gain_error": 0.05}),
+        ("sensor_lag:torque", {"lag_s": 2e-3}),
+    ]:
         decision, gap = named({label: values}, seed=11)
         assert gap > 1.05
         assert (decision.verdict, decision.chosen.label) == ("named", label)
         if label == "added_mass":  # beyond its range
             assert decision.chosen.mapping["added_mass.mass_kg"] == pytest.approx(0.1, rel=0.05)
-
-    each(
-        check,
-        [
-            ("coulomb", {"force_N": 0.2}),
-            ("viscous", {"damping_N_s_m": 0.15}),
-            ("quadratic", {"drag_N_s2_m2": 0.1}),
-            ("constant_force", {"force_N": 0.2}),
-            ("spring", {"stiffness_N_m": 3.0}),
-            ("added_mass", {"mass_kg": 0.1}),
-            ("centrifugal", {"mass_kg": 0.02}),
-            ("harmonic_force", {"cosine_N": 0.15, "sine_N": 0.1, "frequency_Hz": 4.7}),
-            ("sensor_bias:torque", {"bias": 0.02}),
-            (
-                "sensor_gain:acceleration",
-                {"gain_error": 0.05},
-            ),  # another crank's length would read so, too
-            ("sensor_lag:torque", {"lag_s": 2e-3}),
-        ],
-    )
-    decision, _ = named(
-        {"coulomb": {"force_N": 0.3}}, more=[RINGING], seed=4
-    )  # which no slope leads to
+    # which no slope leads to
+    decision, _ = named({"coulomb": {"force_N": 0.3}}, more=[RINGING], seed=4)
     assert (decision.verdict, decision.chosen.label) == ("named", "coulomb")
 
 
-def test_both_of_two_effects_are_named_and_no_third_nor_are_they_a_rival_in_another_order():
+def test_two_effects_are_named_without_a_third():
     base, sensitivities, limits = analysed(
         toy({"coulomb": {"force_N": 0.3}, "spring": {"stiffness_N_m": 5.0}}, seed=1)
     )
@@ -91,50 +82,46 @@ def test_both_of_two_effects_are_named_and_no_third_nor_are_they_a_rival_in_anot
     assert (decision.verdict, len(decision.ranking)) == ("named", 1)
 
 
-def test_with_windows_for_all_forces_are_named_from_whole_runs_and_a_clearance_from_windows():
-    def check(hidden, candidates, how):
-        problem = linear(hidden=hidden, candidates=candidates, **how)
-        base = recalibrate(problem.model, noise_of(problem))
-        sensitivities, limits = screen_candidates(base, 0.01)
-        decision = select_hypothesis(
-            base, sensitivities, searched(base, sensitivities, limits), limits
-        )
-        assert (decision.verdict, labels(decision)) == (
-            "named" if hidden else "parameters_only",
-            hidden.keys(),
-        )
-        assert decision.chosen.in_windows == ("spring" in hidden)
-        found, errors = decision.chosen.mapping, np.sqrt(np.diag(decision.chosen.covariance()))
-        errors = dict(zip(found, errors, strict=True))
-        for key, value in ((f"{name}.{key}", at[key]) for name, at in hidden.items() for key in at):
-            assert abs(found[key] - value) < 4.0 * errors[key] < 0.05
-
-    each(
-        check,
-        [
-            ({}, (SWING, WOBBLE), {}),
-            ({"swing": {"size": 0.3}, "wobble": {"size": 0.3}}, (SWING, WOBBLE, PULL), {}),
-            ({"push": {"size": 0.3}}, (SWING, PUSH), {"drive": 0.2, "bounds": (0.0, 0.25)}),
-            ({"spring": {"size": 0.3, "damping": 0.1}}, (SWING, HIDDEN_SPRING), {}),
-        ],
+@pytest.mark.parametrize(
+    "hidden, candidates, how",
+    [
+        ({}, (SWING, WOBBLE), {}),
+        ({"swing": {"size": 0.3}, "wobble": {"size": 0.3}}, (SWING, WOBBLE, PULL), {}),
+        ({"push": {"size": 0.3}}, (SWING, PUSH), {"drive": 0.2, "bounds": (0.0, 0.25)}),
+        ({"spring": {"size": 0.3, "damping": 0.1}}, (SWING, HIDDEN_SPRING), {}),
+    ],
+)
+def test_forces_are_named_from_whole_runs_and_a_clearance_from_windows(hidden, candidates, how):
+    problem = linear(hidden=hidden, candidates=candidates, **how)
+    base = recalibrate(problem.model, noise_of(problem))
+    sensitivities, limits = screen_candidates(base, 0.01)
+    decision = select_hypothesis(base, sensitivities, searched(base, sensitivities, limits), limits)
+    assert (decision.verdict, labels(decision)) == (
+        "named" if hidden else "parameters_only",
+        hidden.keys(),
     )
+    assert decision.chosen.in_windows == ("spring" in hidden)
+    found, errors = decision.chosen.mapping, np.sqrt(np.diag(decision.chosen.covariance()))
+    errors = dict(zip(found, errors, strict=True))
+    for key, value in ((f"{name}.{key}", at[key]) for name, at in hidden.items() for key in at):
+        assert abs(found[key] - value) < 4.0 * errors[key] < 0.05
 
 
 # Not named
 
 
-def test_nothing_hidden_is_nothing_found():
+def test_nothing_is_found_in_null_campaigns():
     assert [named(seed=seed)[0].verdict for seed in range(8)] == ["no_disagreement"] * 8
 
 
-def test_parameters_off_nominal_within_their_ranges_are_no_effect():
+def test_parameters_within_their_ranges_are_no_effect():
     for seed in range(3):
         decision, _ = named(nuisances={"slider_mass": 0.515}, seed=seed)
         assert decision.verdict == "parameters_only"
         assert decision.chosen.mapping["slider_mass"] == pytest.approx(0.515, abs=0.01)
 
 
-def test_at_one_speed_a_spring_is_not_distinguished_from_a_force_that_grows_with_speed():
+def test_at_one_speed_a_spring_and_a_centrifugal_force_are_ambiguous():
     speeds = {"one": 10.0, "fast": 24.0}
     decision, _ = named(
         {"spring": {"stiffness_N_m": 5.0}}, seed=2, speeds=speeds, held_out=("fast",)
@@ -143,11 +130,7 @@ def test_at_one_speed_a_spring_is_not_distinguished_from_a_force_that_grows_with
     assert {"spring", "centrifugal"} <= {fit.label for fit in decision.equivalent}
 
 
-def test_an_effect_that_is_on_no_list_gets_no_name():
-    def check(law, seed):
-        decision, gap = named(hidden=law, seed=seed)
-        assert gap > 1.5
-        assert decision.verdict == "unexplained" and decision.because
+def test_an_unlisted_effect_is_not_named():
 
     def cubic(x, v, angle, time):
         return -0.3 * v**3
@@ -155,10 +138,13 @@ def test_an_effect_that_is_on_no_list_gets_no_name():
     def stribeck(x, v, angle, time):
         return -2.5 * np.tanh(v / 0.01) * np.exp(-((v / 0.5) ** 2))
 
-    each(check, [(cubic, 0), (cubic, 1), (stribeck, 1), (stribeck, 2)])
+    for law, seed in [(cubic, 0), (cubic, 1), (stribeck, 1), (stribeck, 2)]:
+        decision, gap = named(hidden=law, seed=seed)
+        assert gap > 1.5
+        assert decision.verdict == "unexplained" and decision.because
 
 
-def test_thresholds_hold_their_rate_and_know_of_other_numerics():
+def test_thresholds_have_their_rate_and_include_numerical_differences():
     base, sensitivities = screened(toy(seed=5))
     nothing, more = (
         np.empty((0, base.problem.size)),
@@ -176,52 +162,58 @@ def test_thresholds_hold_their_rate_and_know_of_other_numerics():
 # Where a fit begins
 
 
-def test_a_fit_from_a_finite_size_begins_at_the_size_that_the_secant_says_of_either_sign():
-    def check(label, key, guesses, size):
-        told = replace(candidate_of(label), initial_guesses=guesses)
-        _, sensitivities = screened(replace(toy({label: {key: size}}, seed=2), candidates=(told,)))
-        assert [one.is_secant for one in sensitivities.entries] == [
-            bool(guess) for guess in guesses
-        ]
-        alone = replace(
-            sensitivities, entries=[one for one in sensitivities.entries if one.is_secant]
-        )
-        (found,) = SensitivityRegression(alone).singles()
-        assert found.start[f"{label}.{key}"] == pytest.approx(size, rel=0.1)
-        # where a fit starts too is no further thing that a candidate can change
-        assert len(SensitivitySubspaces(sensitivities).of[label]) == 1
+@pytest.mark.parametrize(
+    "label, key, guesses, size",
+    [
+        ("quadratic", "drag_N_s2_m2", ({"drag_N_s2_m2": 0.2},), 0.15),
+        ("quadratic", "drag_N_s2_m2", ({"drag_N_s2_m2": 0.2},), 0.35),
+        ("sensor_bias:torque", "bias", ({}, {"bias": -0.016}), -0.02),
+        ("sensor_bias:torque", "bias", ({}, {"bias": 0.012}), 0.015),
+    ],
+)
+def test_a_fit_from_a_finite_size_starts_at_the_secant_estimate(label, key, guesses, size):
+    guessed = replace(candidate_of(label), initial_guesses=guesses)
+    _, sensitivities = screened(replace(toy({label: {key: size}}, seed=2), candidates=(guessed,)))
+    secants = [entry for entry in sensitivities.entries if entry.is_secant]
+    assert [entry.is_secant for entry in sensitivities.entries] == [
+        bool(guess) for guess in guesses
+    ]
+    (single,) = SensitivityRegression(replace(sensitivities, entries=secants)).singles()
+    assert single.start[f"{label}.{key}"] == pytest.approx(size, rel=0.1)
+    # a start adds no direction to the candidate's sensitivity subspace
+    assert len(SensitivitySubspaces(sensitivities).of[label]) == 1
 
-    each(
-        check,
-        [("quadratic", "drag_N_s2_m2", ({"drag_N_s2_m2": 0.2},), size) for size in (0.15, 0.35)],
+
+@pytest.mark.parametrize(
+    "amplitudes, start, searched, bounds, message",
+    [
+        (("a", "b"), {"a": 1.0}, (), (), "single amplitude"),
+        (("a",), {"a": 0.0}, (), (), "single amplitude"),
+        (("a",), {}, (-1.0, 1.0), (), "single amplitude"),
+        (("a", "b"), {}, (1.0, 1.35), (), "single amplitude"),
+        (("a",), {}, (-1.0, 2.0), (-1.0, 2.0), "above -1"),
+        (("a",), {}, (), (-1.0,), "finite bounds"),
+    ],
+)
+def test_a_finite_start_or_search_range_needs_a_single_amplitude_within_bounds(
+    amplitudes, start, searched, bounds, message
+):
+    with pytest.raises(ValueError, match=message):
+        searched_effect(amplitudes, start, searched, *bounds)
+
+
+def searched_effect(amplitudes, start, searched, low=-np.inf, high=np.inf):
+    coordinates = tuple(Parameter(key, 0.0, low, high) for key in amplitudes)
+    return Candidate(
+        "odd",
+        "slider",
+        coordinates,
+        amplitudes,
+        (start,),
+        search_range=searched,
+        is_perturbation=bool(np.isfinite(low)),
     )
-    each(
-        check,
-        [
-            ("sensor_bias:torque", "bias", ({}, {"bias": 0.8 * size}), size)
-            for size in (-0.02, 0.015)
-        ],
-    )
 
 
-def test_finite_starts_are_of_a_single_size_that_is_not_zero_and_searches_above_it_within_finite_bounds():
-    def effect(sizes, starts, searched, low=-np.inf, high=np.inf):
-        size = tuple(Parameter(key, 0.0, low, high) for key in sizes)
-        known = np.isfinite(low)  # the change of something known
-        return Candidate(
-            "odd", "slider", size, sizes, (starts,), search_range=searched, is_perturbation=known
-        )
-
-    refused(
-        effect,
-        [
-            (("a", "b"), {"a": 1.0}, (), "single amplitude"),
-            (("a",), {"a": 0.0}, (), "single amplitude"),
-            (("a",), {}, (-1.0, 1.0), "single amplitude"),
-            (("a", "b"), {}, (1.0, 1.35), "single amplitude"),
-            (("a",), {}, (-1.0, 2.0), -1.0, 2.0, "above -1"),
-            (("a",), {}, (), -1.0, "finite bounds"),
-        ],
-        ValueError,
-    )
-    assert effect(("a",), {}, (-0.9, 2.0), -1.0, 2.0).vanishing_amplitude == -1.0
+def test_a_searched_perturbation_vanishes_at_its_lower_bound():
+    assert searched_effect(("a",), {}, (-0.9, 2.0), -1.0, 2.0).vanishing_amplitude == -1.0

@@ -1,5 +1,4 @@
-"""No hypothesis ends above what it holds, and none wins by a valley that the base could lie in
-too."""
+"""No hypothesis fits worse than its parts, and none wins by a better minimum of the base."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -31,7 +30,7 @@ def problem_of(*args, **more):
 
 @pytest.fixture(scope="module")
 def dragging():
-    """The base of a toy in which a drag is hidden, which may ring."""
+    """The base of a toy with a hidden drag and a nonsmooth candidate."""
     model = toy(DRAG, seed=3)
     return screened(replace(model, candidates=(RINGING, VISCOUS)))[0]
 
@@ -40,7 +39,7 @@ def dragging():
     "label, amplitude",
     [("viscous", "damping_N_s_m"), ("added_mass", "mass_kg"), ("harmonic_force", "sine_N")],
 )
-def test_with_its_effects_absent_a_hypothesis_predicts_what_the_base_does(label, amplitude):
+def test_with_absent_effects_a_hypothesis_predicts_the_base(label, amplitude):
     problem, hypothesis = problem_of(DRAG, {"slider_mass": 0.52}), (candidate_of(label),)
     base = fit_hypothesis(problem)
     values = with_effects_absent(problem, hypothesis, base)
@@ -56,7 +55,7 @@ def test_with_its_effects_absent_a_hypothesis_predicts_what_the_base_does(label,
 
 
 @pytest.mark.parametrize("other", ["spring", "added_mass"])
-def test_of_a_pair_one_effect_leaves_what_it_does_with_the_other_absent_and_all_else_in_place(
+def test_one_effect_of_a_pair_without_the_other_keeps_everything_else(
     other,
 ):
     problem = problem_of(DRAG | {"constant_force": {"force_N": 0.2}})
@@ -75,7 +74,7 @@ def test_of_a_pair_one_effect_leaves_what_it_does_with_the_other_absent_and_all_
     )
 
 
-def test_a_campaign_without_any_uncertain_parameter_has_a_fit_without_its_effect():
+def test_a_campaign_without_uncertain_parameters_has_a_fit_without_effects():
     certain = SimpleNamespace(nuisances=(), runs=("slow",), parameters=lambda hypothesis: [])
     alone = without_other_effects(
         certain, fit_hypothesis(problem_of(DRAG), (VISCOUS,), refresh=True), ()
@@ -84,7 +83,7 @@ def test_a_campaign_without_any_uncertain_parameter_has_a_fit_without_its_effect
 
 
 def stuck(base, hypothesis, start):
-    """A fit that stays where it starts and knows no derivatives."""
+    """A fit that stays at its start and has no derivatives."""
     high = fit_hypothesis(base.problem, hypothesis, start, differences=base.differences, vary=())
     parameters = base.problem.parameters(hypothesis)
     values = np.array([high.mapping.get(p.key, start.get(p.key, 0.0)) for p in parameters])
@@ -94,22 +93,22 @@ def stuck(base, hypothesis, start):
     return high
 
 
-def test_a_fit_above_a_part_of_it_goes_on_from_there(dragging):
+def test_a_fit_above_its_part_continues_from_the_part(dragging):
     base, hypothesis = dragging, (VISCOUS, STEADY)
     part = fit_hypothesis(base.problem, hypothesis[:1], differences=base.differences)
     high = stuck(
         base, hypothesis, dict.fromkeys(["viscous.damping_N_s_m", "constant_force.force_N"], 40.0)
     )
-    mended = refit_from_part(base.problem, base.differences, high, [base.base, part])
-    assert high.chi2 > base.base.chi2 > part.chi2 >= mended.chi2
-    assert refit_from_part(base.problem, base.differences, mended, [base.base, part]) is mended
+    refitted = refit_from_part(base.problem, base.differences, high, [base.base, part])
+    assert high.chi2 > base.base.chi2 > part.chi2 >= refitted.chi2
+    assert refit_from_part(base.problem, base.differences, refitted, [base.base, part]) is refitted
 
 
-def test_a_fit_of_an_effect_that_is_searched_begins_where_it_is_absent_if_it_is_of_statistics_alone(
+def test_a_searched_effect_starts_where_it_is_absent_only_for_statistics(
     dragging,
 ):
-    """There is no slope from there, and a joint with hardly any clearance takes longest to
-    simulate. Statistics over cycles are smooth."""
+    """There is no slope from there and simulations take longest. Statistics over cycles are
+    smooth."""
     high, simulations = (
         stuck(dragging, (RINGING,), {"ringing.size": 0.6}),
         dragging.problem.simulations,
@@ -121,22 +120,21 @@ def test_a_fit_of_an_effect_that_is_searched_begins_where_it_is_absent_if_it_is_
         replace(model, series=tuple(replace(series, statistic=True) for series in model.series))
     )
     high = stuck(base, (RINGING,), {"ringing.size": 0.6})
-    mended = refit_from_part(base.problem, base.differences, high, [base.base])
-    where_absent = base.problem.residual(
-        base.base.mapping
-    )  # what the base leaves is a mean of several simulations
-    assert mended.chi2 <= where_absent @ where_absent + 1e-9
+    refitted = refit_from_part(base.problem, base.differences, high, [base.base])
+    # the residual of the base is a mean of several simulations
+    where_absent = base.problem.residual(base.base.mapping)
+    assert refitted.chi2 <= where_absent @ where_absent + 1e-9
 
 
-def test_what_the_base_would_leave_in_a_fits_valley_is_what_it_leaves_where_residuals_are_linear():
+def test_chi2_without_the_effect_is_that_of_the_base_for_linear_residuals():
     base, _ = screened(toy({"viscous": {"damping_N_s_m": 0.05}}, seed=3))
     for label in ("viscous", "constant_force", "added_mass"):
         found = fit_hypothesis(base.problem, (candidate_of(label),), refresh=True)
         assert chi2_without_effects(base.problem, found) == pytest.approx(base.base.chi2, rel=1e-3)
 
 
-def test_an_effect_that_won_by_its_nuisances_better_minimum_is_not_named():
-    """The base ended elsewhere, and an effect of no size found its minimum."""
+def test_an_effect_that_only_found_a_better_base_minimum_is_not_named():
+    """The base ended in another minimum, and an effect of zero size found the better one."""
     base, sensitivities = screened(toy(nuisances={"slider_mass": 0.515}, seed=2))
     astray = stuck(base, (), base.base.mapping | {"crank_length": 0.147, "slider_mass": 0.475})
     for label in ("viscous", "harmonic_force", "sensor_bias:torque"):

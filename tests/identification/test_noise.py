@@ -1,4 +1,4 @@
-"""Noise is found from what cycles do not repeat, and nothing that moves is taken for noise."""
+"""Estimation and whitening of noise."""
 
 import math
 from dataclasses import replace
@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from jointgap.core.candidates import Series
+from jointgap.core.errors import InputError
 from jointgap.identification.baseline import recalibrate
 from jointgap.identification.noise import effective_samples, estimate_noise, numerics_noise
 from jointgap.identification.problem import Noise, autoregression, whiten
 from jointgap.identification.settings import DEFAULT_SETTINGS
-from tests.catalogue import each, refused
 from tests.identification.toy import Toy, toy
 
 ANGLE = 0.4 * np.arange(600)
@@ -52,7 +52,7 @@ def changed(model: Toy, change) -> Toy:
     return replace(model, series=[change(series) for series in model.series])
 
 
-def test_noise_is_found_with_an_encoder_that_is_read_three_times_as_fast_as_it_counts():
+def test_noise_is_found_with_a_coarse_encoder():
     step, ratios = 3.0 * math.tau / 72, []
     for seed in range(6):
         model = toy(seed=seed, stated=False)
@@ -67,8 +67,7 @@ def test_noise_is_found_with_an_encoder_that_is_read_three_times_as_fast_as_it_c
 
 
 @pytest.mark.parametrize("memory, samples", list(product([0.0, 0.7], [72, 71.37])))
-def test_noise_that_nobody_states_is_found_from_its_cycles(memory, samples):
-    """The model misses friction: what it misses repeats from cycle to cycle."""
+def test_unstated_noise_is_estimated_from_cycles(memory, samples):
     options = {
         "effects": {"coulomb": {"force_N": 3.0}},
         "autocorrelation": memory,
@@ -81,19 +80,18 @@ def test_noise_that_nobody_states_is_found_from_its_cycles(memory, samples):
     assert all(one.sd[0] == one.estimated_sd for one in found)
 
 
-def test_white_noise_counts_every_sample_and_noise_with_memory_fewer():
+def test_white_noise_counts_every_sample_and_correlated_noise_fewer():
     _, _, white = over_seeds(1)
     _, _, slow = over_seeds(1, autocorrelation=0.7)
     assert np.median([one.effective_samples for one in white]) == pytest.approx(360)
     assert max(one.effective_samples for one in slow) < 180
-    assert effective_samples(360, (0.7,)) == pytest.approx(
-        360 * 0.3 / 1.7
-    )  # (1 - rho) / (1 + rho) of them
+    # (1 - rho) / (1 + rho) of them
+    assert effective_samples(360, (0.7,)) == pytest.approx(360 * 0.3 / 1.7)
     assert effective_samples(360, (-0.7,)) == 360
 
 
 @pytest.mark.parametrize("stated", [True, False])
-def test_the_held_out_part_of_a_run_tells_nothing_of_its_noise(stated):
+def test_the_held_out_part_does_not_affect_the_noise(stated):
     model = toy(seed=4, stated=stated, held_out=())
     late, loudness = np.arange(360) >= 240, np.random.default_rng(0).standard_normal(360)
     quiet = changed(model, lambda s: replace(s, held_out=late))
@@ -104,7 +102,7 @@ def test_the_held_out_part_of_a_run_tells_nothing_of_its_noise(stated):
         assert one.effective_samples == other.effective_samples <= 240
 
 
-def test_a_stated_noise_wins_and_is_reported_where_cycles_differ_by_far_more():
+def test_stated_noise_wins_and_a_larger_scatter_is_remarked():
     claimed = changed(toy(seed=2), lambda s: replace(s, stated_noise=s.stated_noise / 3))
     for series, one in estimates(claimed):
         assert one.source == "stated" and (one.sd == series.stated_noise).all()
@@ -113,16 +111,15 @@ def test_a_stated_noise_wins_and_is_reported_where_cycles_differ_by_far_more():
 
 
 @pytest.mark.parametrize("stated", [True, False])
-def test_a_force_out_of_step_with_the_crank_is_not_taken_for_noise(stated):
-    harmonic = {
-        "harmonic_force": {"cosine_N": 1.0, "sine_N": 0.0, "frequency_Hz": 5.3}
-    }  # some ten times the noise
+def test_a_non_synchronous_force_is_not_noise(stated):
+    # some ten times the noise
+    harmonic = {"harmonic_force": {"cosine_N": 1.0, "sine_N": 0.0, "frequency_Hz": 5.3}}
     ratios, first, _ = over_seeds(4, effects=harmonic, stated=stated)
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.06)
     assert np.mean(np.abs(first)) < 0.05
 
 
-def test_a_drift_is_no_memory_of_stated_noise():
+def test_drift_is_no_correlation_of_stated_noise():
     model = toy(seed=3)
     drift = {
         key: value + np.linspace(-1, 1, value.size) * 8 * value.std()
@@ -143,7 +140,7 @@ def test_wild_samples_and_gaps_do_not_change_the_noise():
     )
 
 
-def test_an_angle_that_steps_back_by_its_own_noise_tells_the_cycles_as_well():
+def test_a_noisy_angle_still_gives_the_cycles():
     model, rng = toy(seed=6, samples=300), np.random.default_rng(1)
     read = changed(
         model,
@@ -156,13 +153,13 @@ def test_an_angle_that_steps_back_by_its_own_noise_tells_the_cycles_as_well():
         )
 
 
-def test_a_single_cycle_tells_the_noise_by_its_roughness_but_not_its_memory():
+def test_one_cycle_gives_the_noise_level_without_its_correlation():
     ratios, _, found = over_seeds(8, cycles=1.0, samples=144, stated=False)
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.05)
     assert all(one.autocorrelation == () and one.remarks for one in found)
 
 
-def test_a_channel_without_any_noise_gets_the_least_that_a_sensor_has():
+def test_a_noiseless_channel_gets_the_smallest_noise_of_a_sensor():
     for series, one in estimates(toy(noise=0.0, stated=False)):
         assert one.sd[0] == pytest.approx(1e-4 * series.value.std()) and one.remarks
 
@@ -180,7 +177,7 @@ def noise_of(one: Series, predicted: np.ndarray):
     return estimate_noise(replace(toy(), series=[one]), {one.key: one.value - predicted})[one.key]
 
 
-def test_rounding_and_scatter_add_up_whether_or_not_cycles_repeat_the_rounding():
+def test_rounding_and_scatter_add_up():
     step = np.deg2rad(0.25)
 
     def found(samples, share, seed):
@@ -190,7 +187,7 @@ def test_rounding_and_scatter_add_up_whether_or_not_cycles_repeat_the_rounding()
         read = step * np.round((true + scatter) / step)
         return noise_of(series("crank_angle", "rad", read, true, resolution=step), true)
 
-    def check(samples, share):
+    for samples, share in product([250, 250.37], [0.1, 0.2, 0.6]):
         noise, expected = (
             [found(samples, share, seed) for seed in range(4)],
             step * np.hypot(share, 1 / np.sqrt(12)),
@@ -199,40 +196,31 @@ def test_rounding_and_scatter_add_up_whether_or_not_cycles_repeat_the_rounding()
         if samples == 250:  # each is rounded as in the cycle before
             assert np.mean([one.estimated_sd for one in noise]) == pytest.approx(expected, rel=0.07)
 
-    each(check, product([250, 250.37], [0.1, 0.2, 0.6]))
+
+POSITION = 0.05 * np.cos(ANGLE)
+STATED_400_DEG = {"stated_noise": np.full(600, np.radians(400.0))}
 
 
-def test_a_noise_that_is_a_large_part_of_a_turn_or_of_the_signal_and_too_few_samples_are_refused():
-    position = 0.05 * np.cos(ANGLE)
-    told = series(
-        "crank_angle",
-        "rad",
-        ANGLE + 1e-3 * SCATTER,
-        ANGLE,
-        stated_noise=np.full(600, np.radians(400.0)),
-    )
-    refused(
-        noise_of,
-        [
-            (
-                series("crank_angle", "rad", ANGLE + 0.5 * SCATTER, ANGLE),
-                ANGLE,
-                "run run, channel crank_angle ~ `noise`",
-            ),
-            (
-                series("slider_x", "m", position + 0.05 * SCATTER, ANGLE),
-                position,
-                "run run, channel slider_x ~ `noise`",
-            ),
-            (told, ANGLE, "channel crank_angle ~ 400 deg ~ 10 deg"),
-        ],
-    )
-    few = toy(samples=3, cycles=1, stated=False)
-    unstated = changed(toy(), lambda s: replace(s, statistic=True, stated_noise=None))
-    refused(
-        estimates,
-        [(few, "run slow, channel torque ~ 3 samples ~ `noise`"), (unstated, "statistics ~ noise")],
-    )
+@pytest.mark.parametrize(
+    "channel, unit, value, predicted, stated, message",
+    [
+        ("crank_angle", "rad", ANGLE + 0.5 * SCATTER, ANGLE, {}, "crank_angle.*`noise`"),
+        ("slider_x", "m", POSITION + 0.05 * SCATTER, POSITION, {}, "slider_x.*`noise`"),
+        ("crank_angle", "rad", ANGLE, ANGLE, STATED_400_DEG, "crank_angle.*400 deg.*10 deg"),
+    ],
+)
+def test_noise_that_is_a_large_part_of_the_signal_is_refused(
+    channel, unit, value, predicted, stated, message
+):
+    with pytest.raises(InputError, match=f"run run, channel {message}"):
+        noise_of(series(channel, unit, value, ANGLE, **stated), predicted)
+
+
+def test_too_few_samples_and_statistics_without_stated_noise_are_refused():
+    with pytest.raises(InputError, match=r"run slow, channel torque.*3 samples.*`noise`"):
+        estimates(toy(samples=3, cycles=1, stated=False))
+    with pytest.raises(InputError, match=r"(?s)statistics.*noise|noise.*statistics"):
+        estimates(changed(toy(), lambda s: replace(s, statistic=True, stated_noise=None)))
 
 
 # Statistics and numerics
@@ -249,7 +237,7 @@ class Disagreeing(Toy):
         }
 
 
-def test_numerics_that_predict_the_same_add_nothing_and_others_their_difference():
+def test_numerical_differences_are_added_to_the_noise():
     model = toy()
     noise = estimate_noise(model, residuals(model))
     assert all(np.all(one.numerics == 0.0) for one in numerics_noise(model, {}, noise).values())
@@ -270,7 +258,7 @@ def test_numerics_that_predict_the_same_add_nothing_and_others_their_difference(
         assert max(np.max(part.noise.numerics) for part in parts) == pytest.approx(most)
 
 
-# Whitening: what is noise comes out white, with nothing lost at gaps
+# Whitening
 
 
 def exact_autocorrelation(a, b):
@@ -279,7 +267,7 @@ def exact_autocorrelation(a, b):
     return first, a * first + b
 
 
-def test_white_noise_is_only_scaled_numerics_widen_the_spread_and_columns_are_whitened_alike():
+def test_white_noise_is_only_scaled():
     residual = np.array([1.0, -2.0, np.nan, 4.0])
     np.testing.assert_array_equal(
         whiten(residual, Noise(np.full(4, 2.0))), [0.5, -1.0, np.nan, 2.0]

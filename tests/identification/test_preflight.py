@@ -1,5 +1,4 @@
-"""Before anything is measured, a campaign is told what it can detect and tell apart, and what would
-help."""
+"""Before the measurement: detectable sizes, confusable effects and advice."""
 
 from dataclasses import replace
 
@@ -13,7 +12,6 @@ from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.preflight import advise, preflight
 from jointgap.identification.problem import Problem
 from jointgap.identification.settings import DEFAULT_SETTINGS
-from tests.catalogue import each
 from tests.identification.toy import SPEEDS, Toy, candidate_of, stated_noise, toy
 
 SLOW = {"slow": SPEEDS["slow"]}
@@ -22,16 +20,16 @@ SEEN = "coulomb", "viscous", "constant_force", "sensor_bias:torque"
 
 
 def planned(**options) -> Toy:
-    """A campaign without held-out runs, yet to be measured."""
+    """A campaign without held-out runs that has not been measured."""
     return toy(planned=True, **{**PLAN, **options})
 
 
-def knowing(*candidates, **options) -> Toy:
+def with_candidates(*candidates, **options) -> Toy:
     return replace(planned(**options), candidates=candidates)
 
 
 def acting(change, *candidates) -> Toy:
-    """A campaign of which effects act as `change` says: other ones, or an error."""
+    """A campaign whose effects act as `change` says: other ones, or an error."""
 
     class Other(Toy):
         def simulate(self, run, values, effects=(), numerics=0):
@@ -47,10 +45,10 @@ def found():
     return preflight(planned())
 
 
-# What can be told apart
+# Confusable effects
 
 
-def test_effects_that_are_one_force_at_one_speed_are_merged_and_three_speeds_tell_them_apart(found):
+def test_three_speeds_separate_effects_that_one_speed_merges(found):
     one = preflight(planned(speeds=SLOW))
     assert ["spring", "centrifugal"] in one.merged and found.merged == []
     assert one.cosines.loc["spring", "centrifugal"] == pytest.approx(1.0, abs=1e-6)
@@ -61,21 +59,21 @@ def test_effects_that_are_one_force_at_one_speed_are_merged_and_three_speeds_tel
     assert np.allclose(found.cosines, found.cosines.T) and np.allclose(np.diag(found.cosines), 1.0)
 
 
-def test_effects_that_are_the_same_are_merged_and_not_one_with_another_that_holds_it_and_more():
+def test_equal_effects_are_merged_but_not_an_effect_with_a_more_general_one():
     viscous, steady = candidate_of("viscous"), candidate_of("constant_force")
     push = replace(
         steady, site="push", has_site=True, coordinates=(replace(steady.coordinates[0], low=0.0),)
     )
-    assert preflight(knowing(push, steady, viscous)).merged == [
+    assert preflight(with_candidates(push, steady, viscous)).merged == [
         ["constant_force:push", "constant_force"]
     ]
     gain = replace(candidate_of("sensor_gain:acceleration"), site="torque")
     for replaces in (
         {},
         {"slider_mass": "mass_kg"},
-    ):  # torque is all inertia: both are what a mass does
+    ):  # the torque is all inertia
         heavier = replace(candidate_of("added_mass"), replaces=replaces)
-        found = preflight(knowing(heavier, gain, viscous, channels=("torque",)))
+        found = preflight(with_candidates(heavier, gain, viscous, channels=("torque",)))
         assert found.merged == [[heavier.label, gain.label]]
 
     def parts(candidate, at):
@@ -93,10 +91,10 @@ def test_effects_that_are_the_same_are_merged_and_not_one_with_another_that_hold
     assert found.merged == []
 
 
-# From which size on
+# Detectable sizes
 
 
-def test_a_fault_of_a_channel_that_is_not_measured_cannot_be_detected():
+def test_a_fault_of_an_unmeasured_channel_cannot_be_detected():
     found = preflight(planned(channels=("torque", "guide_force")))
     assert found.undetectable == ["sensor_gain:acceleration"]
     row = found.effects.set_index("label").loc["sensor_gain:acceleration"]
@@ -104,7 +102,7 @@ def test_a_fault_of_a_channel_that_is_not_measured_cannot_be_detected():
     assert "sensor_gain:acceleration" not in [label for group in found.merged for label in group]
 
 
-def test_four_times_the_samples_show_half_the_size_and_twice_the_noise_hides_twice_the_size(found):
+def test_detectable_sizes_scale_with_noise_and_the_root_of_the_samples(found):
     more = preflight(
         planned(), counts={series.key: 4 * series.value.size for series in planned().series}
     )
@@ -112,24 +110,23 @@ def test_four_times_the_samples_show_half_the_size_and_twice_the_noise_hides_twi
     for label in SEEN:  # a little less, as the BIC asks for the logarithm of the number
         assert 1.9 < found.sizes[label] / more.sizes[label] < 2.0
         assert found.sizes[label] == pytest.approx(2 * quiet.sizes[label], rel=0.02)
-    pd.testing.assert_series_equal(
-        found.effects["typical"], more.effects["typical"], rtol=1e-6
-    )  # the gap stays
+    # the gap stays
+    pd.testing.assert_series_equal(found.effects["typical"], more.effects["typical"], rtol=1e-6)
 
 
-def test_a_typical_size_leaves_the_gap_of_one_and_a_half_after_recalibration(found):
-    def check(label):
-        row = found.effects.set_index("label").loc[label]
-        problem = Problem(
-            toy({label: {row["parameter"]: row["typical"]}}, seed=1, **PLAN),
-            stated_noise(toy(**PLAN)),
-        )
-        assert problem.gap(fit_hypothesis(problem).residual) == pytest.approx(1.5, abs=0.05)
+@pytest.mark.parametrize(
+    "label", ["coulomb", "viscous", "spring", "added_mass", "sensor_lag:torque"]
+)
+def test_a_typical_size_leaves_a_gap_of_1_5_after_recalibration(found, label):
+    row = found.effects.set_index("label").loc[label]
+    problem = Problem(
+        toy({label: {row["parameter"]: row["typical"]}}, seed=1, **PLAN),
+        stated_noise(toy(**PLAN)),
+    )
+    assert problem.gap(fit_hypothesis(problem).residual) == pytest.approx(1.5, abs=0.05)
 
-    each(check, ["coulomb", "viscous", "spring", "added_mass", "sensor_lag:torque"])
 
-
-def test_the_smallest_detectable_size_is_found_nine_times_in_ten():
+def test_the_smallest_detectable_size_is_found_in_90_percent():
     options = {"candidates": ("coulomb", "viscous"), "speeds": SLOW, **PLAN}
     size, hits = preflight(toy(planned=True, **options)).sizes["coulomb"], 0
     for seed in range(40):
@@ -142,16 +139,15 @@ def test_the_smallest_detectable_size_is_found_nine_times_in_ten():
     assert 0.8 <= hits / 40 <= 0.99
 
 
-# What is not known or cannot be simulated
+# Unknown noise and failed simulations
 
 
-def test_noise_that_is_not_stated_is_assumed_and_reported_of_what_is_planned(found):
+def test_unstated_noise_is_assumed_and_reported(found):
     unstated = preflight(planned(stated=False))
     assert len(unstated.assumed) == 9 and found.assumed == ()
     assert unstated.assumed[0].startswith("torque in run slow: 0.") and "2 %" in unstated.assumed[0]
-    assert unstated.sizes["coulomb"] == pytest.approx(
-        found.sizes["coulomb"], rel=1e-6
-    )  # 2 % as well
+    # 2 % as well
+    assert unstated.sizes["coulomb"] == pytest.approx(found.sizes["coulomb"], rel=1e-6)
     base, _ = advise(
         planned(stated=False, candidates=["coulomb"]), [("slow", "torque"), ("mid", "torque")]
     )
@@ -161,7 +157,7 @@ def test_noise_that_is_not_stated_is_assumed_and_reported_of_what_is_planned(fou
     ]
 
 
-def test_a_candidate_that_cannot_be_simulated_is_reported_and_the_others_go_on_but_such_a_model_is_refused():
+def test_a_candidate_that_cannot_be_simulated_is_reported():
     def jams(candidate, at):
         if candidate.name == "spring":
             raise SimulationError("the spring jams")
@@ -179,10 +175,10 @@ def test_a_candidate_that_cannot_be_simulated_is_reported_and_the_others_go_on_b
         preflight(replace(model, nuisances=broken))
 
 
-# What would help
+# Advice
 
 
-def test_the_most_helpful_change_is_stated_first():
+def test_the_most_helpful_change_comes_first():
     base, changes = advise(planned(), [("slow", "torque")])
     assert [
         "spring",
@@ -195,15 +191,15 @@ def test_the_most_helpful_change_is_stated_first():
         "channel guide_force",
         "channel acceleration",
     }
-    assert table.index[0].startswith("run")  # another speed tells most apart
+    assert table.index[0].startswith("run")  # another speed separates most
     assert "spring | centrifugal" in table.loc["run mid", "separated"]
     assert "spring | centrifugal" not in table.loc["channel guide_force", "separated"]
     assert table.loc["channel acceleration", "newly_detectable"] == ["sensor_gain:acceleration"]
-    # samples that tell nothing of an effect still raise what is asked of it, k ln n
+    # samples without information on an effect still raise the penalty k ln n
     assert (table["gain"] >= 0.97).all()
 
 
-def test_advice_on_a_planned_campaign_agrees_with_its_own_preflight_and_all_there_is_needs_none():
+def test_advice_agrees_with_the_preflight_of_the_changed_plan():
     base, _ = advise(
         planned(), [("slow", channel) for channel in ("torque", "guide_force", "acceleration")]
     )

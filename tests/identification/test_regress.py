@@ -1,4 +1,4 @@
-"""A force law that is on nobody's list is found as a formula, or nothing is claimed."""
+"""Unlisted force laws are found as formulas."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -11,7 +11,6 @@ from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.force_law import find_force_law, law_of, term_of
 from jointgap.identification.problem import Problem
 from jointgap.identification.verdict import Thresholds
-from tests.catalogue import each
 from tests.identification.toy import Toy, candidate_of, stated_noise, toy
 
 TERMS = {
@@ -57,8 +56,8 @@ class WithTerms(Toy):
 
 
 def found(hidden, seed=1, more=None, library=TERMS, listed=()):
-    """The law of a toy in which the force `hidden` (x, v) acts, from a library and `more` laws,
-    which come first; with the candidates `listed`."""
+    """The law of a toy with a hidden force (x, v), from a library and `more` laws, with listed
+    candidates."""
     laws = {**(more or {}), **TERMS}
     data = toy(hidden=lambda x, v, angle, time: hidden(x, v), seed=seed)
     candidates = tuple(map(candidate_of, listed))
@@ -76,8 +75,10 @@ def cubic(x, v):
     return -0.3 * v**3
 
 
-def test_the_terms_that_act_are_found_with_their_coefficients():
-    def check(hidden, truth, seed):
+def test_acting_terms_are_found_with_their_coefficients():
+
+    two = (lambda x, v: -0.4 * v**3 + 2.0 * x * v), {"v^3": -0.4, "x*v": 2.0}, 1
+    for hidden, truth, seed in [*((cubic, {"v^3": -0.3}, seed) for seed in (1, 2, 3)), two]:
         law = found(hidden, seed)
         assert law.accepted and not law.rivals, law.because
         assert (law.law.effect, law.law.site) == ("discovered_slider_force", "slider")
@@ -87,11 +88,8 @@ def test_the_terms_that_act_are_found_with_their_coefficients():
             error = errors[keys.index(law.law.keys[name])]
             assert law.law.coefficients[name] == pytest.approx(truth[text], abs=4 * error)
 
-    two = (lambda x, v: -0.4 * v**3 + 2.0 * x * v), {"v^3": -0.4, "x*v": 2.0}, 1
-    each(check, [*((cubic, {"v^3": -0.3}, seed) for seed in (1, 2, 3)), two])
 
-
-def test_no_law_is_accepted_where_nothing_is_hidden_or_no_sum_of_two_terms_is_it():
+def test_no_law_is_accepted_without_a_force_or_outside_the_library():
     assert "v^7" not in TERMS
     hidden = (lambda x, v: 0.0 * x), (lambda x, v: 1.5 * np.cos(70 * x)), (lambda x, v: -0.2 * v**7)
     laws = [found(each) for each in hidden]
@@ -101,7 +99,7 @@ def test_no_law_is_accepted_where_nothing_is_hidden_or_no_sum_of_two_terms_is_it
     assert nothing.fit is None and nothing.law is None and not nothing.accepted
 
 
-def test_a_term_that_cannot_be_simulated_is_reported_and_the_same_force_in_another_form_is_no_rival():
+def test_a_failed_term_is_reported_and_an_equal_form_is_no_rival():
     more = {"bad": lambda x, v, angle: np.full_like(x, np.nan), "v*v*v": TERMS["v^3"]}
     law = found(cubic, more=more)
     assert "discovered_slider_force[bad]" in law.failed
@@ -111,8 +109,8 @@ def test_a_term_that_cannot_be_simulated_is_reported_and_the_same_force_in_anoth
     }
 
 
-def test_a_formula_that_is_a_listed_law_is_fitted_and_named_as_that_law():
-    """A base in a wrong minimum may have hidden it from the search over the listed effects."""
+def test_a_formula_equal_to_a_listed_law_is_named_as_that_law():
+    """A base in a wrong minimum can hide it from the search over listed effects."""
     listed = "coulomb", "viscous", "constant_force", "spring"
     for hidden, label in (
         (lambda x, v: -0.5 * np.tanh(v / 0.01), "coulomb"),
@@ -136,7 +134,7 @@ def test_a_formula_that_is_a_listed_law_is_fitted_and_named_as_that_law():
     assert found(cubic, listed=listed).law.terms == {"c1": "v^3"}
 
 
-def test_a_law_reads_as_a_formula_and_in_words():
+def test_a_law_is_written_as_formula_and_text():
     for terms, values, formula, words in (
         (("v^3", "x*v"), (-3.21, 40.0), "c1*v^3 + c2*x*v", "slider force = -3.21*v^3 + 40*x*v"),
         (("1", "x"), (2.0, -5.0), "c1 + c2*x", "slider force = 2 - 5*x"),

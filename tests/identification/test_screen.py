@@ -1,4 +1,4 @@
-"""Screening: what sensitivities foretell of fits."""
+"""Screening: fits predicted by sensitivities."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jointgap.core.candidates import Candidate, Parameter
-from jointgap.identification.fit import CONVERGED, FiniteDifferences, Fit, fit_hypothesis
+from jointgap.identification.fit import FiniteDifferences, fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import (
     Sensitivities,
@@ -16,7 +16,6 @@ from jointgap.identification.screening import (
     crank_orders,
     simulate_sensitivities,
 )
-from tests.catalogue import each
 from tests.identification.toy import stated_noise, toy
 
 NO_NUISANCES = (), np.empty(0)
@@ -33,8 +32,8 @@ def screened(effects, **how):
     return problem, differences, base, simulate_sensitivities(problem, base, differences)
 
 
-def singles(sensitivities, *beside):
-    return SensitivityRegression(sensitivities, *beside).singles()
+def singles(sensitivities, *fixed):
+    return SensitivityRegression(sensitivities, *fixed).singles()
 
 
 def fit_of(problem, differences, sensitivities, screened):
@@ -54,31 +53,26 @@ def made_up(residual, columns, **more):
     )
 
 
-def test_the_hidden_effect_is_first_and_what_signatures_foretell_of_it_is_what_a_fit_finds():
-    """Sizes act linearly here, so both must agree."""
-
-    def check(label, key, size):
-        problem, differences, _, sensitivities = screened({label: {key: size}}, seed=1)
-        first = singles(sensitivities)[0]
-        assert first.label == label
-        found = fit_of(problem, differences, sensitivities, first)
-        assert (first.chi2, first.bic) == pytest.approx((found.chi2, found.bic), abs=0.5)
-        assert first.start[f"{label}.{key}"] == pytest.approx(
-            found.mapping[f"{label}.{key}"], rel=1e-2
-        )
-
-    each(
-        check,
-        [
-            ("viscous", "damping_N_s_m", 0.1),
-            ("spring", "stiffness_N_m", 1.0),
-            ("sensor_bias:torque", "bias", 0.01),
-            ("sensor_lag:torque", "lag_s", 1e-3),
-        ],
-    )
+@pytest.mark.parametrize(
+    "label, key, size",
+    [
+        ("viscous", "damping_N_s_m", 0.1),
+        ("spring", "stiffness_N_m", 1.0),
+        ("sensor_bias:torque", "bias", 0.01),
+        ("sensor_lag:torque", "lag_s", 1e-3),
+    ],
+)
+def test_the_hidden_effect_ranks_first_and_the_prediction_matches_the_fit(label, key, size):
+    """Sizes act linearly here."""
+    problem, differences, _, sensitivities = screened({label: {key: size}}, seed=1)
+    first = singles(sensitivities)[0]
+    assert first.label == label
+    found = fit_of(problem, differences, sensitivities, first)
+    assert (first.chi2, first.bic) == pytest.approx((found.chi2, found.bic), abs=0.5)
+    assert first.start[f"{label}.{key}"] == pytest.approx(found.mapping[f"{label}.{key}"], rel=1e-2)
 
 
-def test_a_swinging_force_is_tried_at_the_frequency_that_the_residual_shows_but_not_at_an_order_of_a_crank():
+def test_harmonic_forces_are_tried_at_residual_frequencies_off_the_crank_orders():
     for frequency, off_order in ((6.37, True), (1.01 * 16.0 / (2 * np.pi), False)):
         effect = {"harmonic_force": {"cosine_N": 0.2, "sine_N": 0.1, "frequency_Hz": frequency}}
         problem, *_, sensitivities = screened(effect, seed=4)
@@ -109,7 +103,7 @@ def test_a_swinging_force_is_tried_at_the_frequency_that_the_residual_shows_but_
     assert {frequency: order(frequency) for frequency in near} == near
 
 
-def test_the_signature_of_what_replaces_a_nuisance_begins_where_that_is_nominal():
+def test_the_sensitivity_of_a_replacing_effect_starts_at_the_nominal_nuisance():
     model = toy({"added_mass": {"mass_kg": 0.05}}, seed=5)
     problem, differences, base = based(model)
     mass = next(p for p in model.nuisances if p.name == "slider_mass")
@@ -121,30 +115,7 @@ def test_the_signature_of_what_replaces_a_nuisance_begins_where_that_is_nominal(
     np.testing.assert_allclose(one.origin + 0.1 * one.columns[:, 0], heavier, atol=1e-6)
 
 
-def test_beside_a_fit_an_effect_brings_every_nuisance_that_it_replaces_back_to_nominal():
-    """Residuals linear in two nuisances, which the fit has elsewhere than the base."""
-    rng = np.random.default_rng(0)
-    slopes, at_nominal = rng.standard_normal((20, 2)), rng.standard_normal(20)
-    nuisances, sizes = (
-        tuple(Parameter(name, 0.0) for name in ("crank_length", "rod_length")),
-        ("crank_m", "rod_m"),
-    )
-    replaces = {p.name: size for p, size in zip(nuisances, sizes, strict=True)}
-    lengths = Candidate(
-        "lengths", "rod", tuple(Parameter(key, 0.0) for key in sizes), sizes, replaces=replaces
-    )
-    base, fitted = np.array([0.1, -0.2]), np.array([0.3, 0.4])
-    sensitivity = Sensitivity(lengths, {}, slopes, at_nominal, ("slow",))
-    about_base = Sensitivities(
-        nuisances, base, slopes, at_nominal + slopes @ base, [sensitivity], {}
-    )
-    fit = Fit((), nuisances, fitted, at_nominal + slopes @ fitted, slopes, 0, CONVERGED)
-    (beside,) = about_base.about(fit).entries
-    np.testing.assert_allclose(beside.origin, at_nominal)
-
-
-def test_resistance_cannot_push():
-    """A force that pushes along is not explained by a negative friction."""
+def test_friction_cannot_push():
     *_, sensitivities = screened({"viscous": {"damping_N_s_m": -0.3}}, seed=3)
     by_label = {one.label: one for one in singles(sensitivities)}
     assert by_label["viscous"].start["viscous.damping_N_s_m"] == 0.0
@@ -154,15 +125,14 @@ def test_resistance_cannot_push():
 # Several effects
 
 
-def test_an_effect_that_another_contains_is_distinguished_from_one_that_is_merely_like_it():
+def test_a_special_case_is_distinguished_from_a_similar_effect():
     *_, sensitivities = screened({}, seed=6, speeds={"one": 10.0, "fast": 24.0}, held_out=("fast",))
     by_label = {one.candidate.label: (one.candidate,) for one in sensitivities.entries}
     both, spaces = (*by_label["viscous"], *by_label["coulomb"]), SensitivitySubspaces(sensitivities)
     assert spaces.is_special_case(by_label["viscous"], both)
     assert not spaces.is_special_case(by_label["quadratic"], both)
-    assert not spaces.is_special_case(
-        by_label["spring"], by_label["centrifugal"]
-    )  # the same, and neither can do more
+    # the same, and neither can do more
+    assert not spaces.is_special_case(by_label["spring"], by_label["centrifugal"])
     # what could not be simulated about the base is like none
     lost = by_label["viscous"]
     spaces = SensitivitySubspaces(
@@ -175,9 +145,8 @@ def test_an_effect_that_another_contains_is_distinguished_from_one_that_is_merel
     assert not spaces.is_special_case(lost, by_label["spring"])
 
 
-def test_two_effects_of_which_neither_explains_much_are_first_among_all_pairs_if_together_they_do():
-    """Residuals linear in three amplitudes; the sensitivities of the first two are nearly
-    opposite."""
+def test_a_pair_that_explains_only_together_ranks_first():
+    """The sensitivities of the first two effects are nearly opposite."""
     first, apart, third, noise = np.random.default_rng(0).standard_normal((4, 400, 1))
     columns = (first, 0.2 * apart - first, third)
     residual = 10.0 * (columns[0] + columns[1])[:, 0] + 0.1 * noise[:, 0]
@@ -191,7 +160,7 @@ def test_two_effects_of_which_neither_explains_much_are_first_among_all_pairs_if
     assert made_up(np.ones(9), [np.ones((9, 1))] * 2, replaces={"mass": "size"}).pairs() == []
 
 
-def test_candidates_that_change_nothing_in_what_was_measured_drop_out():
+def test_candidates_without_influence_are_dropped():
     """No force changes the acceleration of a slide that a crank drives evenly."""
     *_, sensitivities = screened(
         {"sensor_gain:acceleration": {"gain_error": 0.02}}, channels=("acceleration",)

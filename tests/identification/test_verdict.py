@@ -1,5 +1,4 @@
-"""The verdict follows from a table of evidence by rules with sharp limits: each is tried from both
-sides."""
+"""Rules of the verdict, each limit tested from both sides."""
 
 from dataclasses import replace
 
@@ -18,19 +17,18 @@ from jointgap.identification.verdict import (
     verdict,
     weigh,
 )
-from tests.catalogue import each
 
 SAMPLES = 1000
 LN = np.log(SAMPLES)
 LIMITS = Thresholds(rate=0.01, omnibus=1.05, max_gain_threshold=12.0, numerical_noise=4.0)
 NOISE = SAMPLES - 1.0  # chi2 of a base that leaves noise alone: one nuisance is fitted
 GREAT = 2000.0  # chi2 of a base that leaves far more than noise
-WHOLE = 101_000.0 - 1.0  # chi2 of a base with an excess of 100 000 over the noise
+LARGE = 101_000.0 - 1.0  # chi2 of a base with an excess of 100 000 over the noise
 REST = "named_with_remaining_misfit"
 
 
 def row(chi2, *effects, nuisances=1, **more):
-    """A row of the table; a label stands for the fit."""
+    """A row of evidence; its label represents the fit."""
     count = nuisances + len(effects)
     return Row(
         " + ".join(effects) or "base", effects, chi2, SAMPLES, count, chi2 + count * LN, **more
@@ -38,13 +36,12 @@ def row(chi2, *effects, nuisances=1, **more):
 
 
 def left(share, *effects, **more):
-    """A row that leaves this share of the excess of `WHOLE`."""
-    return row(WHOLE - (1.0 - share) * 1e5, *effects, **more)
+    """A row that leaves this share of the excess of `LARGE`."""
+    return row(LARGE - (1.0 - share) * 1e5, *effects, **more)
 
 
 def decided(base, *rows, nominal=None, settings=None, limits=LIMITS, **more):
-    """The decision on a base of that chi2; nominal values are far worse where a test says nothing
-    of them."""
+    """The decision on a base with this chi2; nominal values are far worse by default."""
     nominal = row(base + 500.0, nuisances=0) if nominal is None else row(nominal, nuisances=0)
     evidence = Evidence(row(base), replace(nominal, fit="nominal"), rows, limits, **more)
     return verdict(evidence, settings or DecisionSettings())
@@ -54,11 +51,11 @@ def found(*decisions):
     return [one.verdict for one in decisions]
 
 
-# Nothing is missing
+# No missing effect
 
 
-def test_nominal_values_are_enough_unless_fitted_ones_gain_like_a_rival_or_they_leave_more_than_null_campaigns():
-    limits = replace(LIMITS, omnibus=1.5)  # one parameter more is worth ln n
+def test_nominal_values_are_rejected_by_the_gain_of_fitted_ones_or_their_misfit():
+    limits = replace(LIMITS, omnibus=1.5)  # one more parameter costs ln n
     either = [decided(NOISE, nominal=NOISE + LN + behind, limits=limits) for behind in (13.9, 14.1)]
     assert found(*either) == ["no_disagreement", "parameters_only"]
     assert [one.chosen for one in either] == ["nominal", "base"]
@@ -67,17 +64,17 @@ def test_nominal_values_are_enough_unless_fitted_ones_gain_like_a_rival_or_they_
     )
 
 
-def test_a_base_that_leaves_as_much_as_null_campaigns_or_hardly_shows_lacks_nothing():
+def test_a_base_at_the_level_of_null_campaigns_lacks_nothing():
     for omnibus in (1.05, 1.3):
         bases = [(max(omnibus, 1.05**2) + over) * (SAMPLES - 1) for over in (-1e-4, 1e-4)]
         decisions = [decided(base, limits=replace(LIMITS, omnibus=omnibus)) for base in bases]
         assert found(*decisions) == ["parameters_only", "unexplained"]
 
 
-# An effect is missing
+# Named effects
 
 
-def test_an_effect_that_leaves_noise_alone_is_named():
+def test_an_effect_with_a_residual_of_noise_is_named():
     one = decided(GREAT, row(NOISE, "coulomb"))
     assert (one.verdict, one.chosen, one.base) == ("named", "coulomb", "base")
     assert (one.equivalent, one.best_known, one.proposed) == ([], None, "coulomb")
@@ -87,25 +84,25 @@ def test_an_effect_that_leaves_noise_alone_is_named():
     )
 
 
-def test_an_effect_and_a_second_one_have_to_gain_more_than_chance_and_as_over_any_rival():
-    def check(by_chance, second, needed):
-        limits = Thresholds(0.01, 1.05, by_chance)
-        for more, of_one, of_two in (
-            (0.1, "named", "coulomb + spring"),
-            (-0.1, "parameters_only", "coulomb"),
-        ):
-            single = row(NOISE + 30.0 - LN - max(by_chance, 10.0) - more, "coulomb")
-            assert decided(NOISE + 30.0, single, limits=limits).verdict == of_one
-            pair = row(NOISE - LN - needed - more, "coulomb", "spring")
-            decision = decided(
-                GREAT, pair, row(NOISE, "coulomb"), limits=limits, second_effect_gain=second
-            )
-            assert (decision.verdict, decision.chosen) == ("named", of_two)
+@pytest.mark.parametrize(
+    "by_chance, second, needed", [(12.0, 0.0, 12.0), (2.0, 0.0, 10.0), (12.0, 40.0, 40.0)]
+)
+def test_first_and_second_effects_must_gain_more_than_chance(by_chance, second, needed):
+    limits = Thresholds(0.01, 1.05, by_chance)
+    for more, of_one, of_two in (
+        (0.1, "named", "coulomb + spring"),
+        (-0.1, "parameters_only", "coulomb"),
+    ):
+        single = row(NOISE + 30.0 - LN - max(by_chance, 10.0) - more, "coulomb")
+        assert decided(NOISE + 30.0, single, limits=limits).verdict == of_one
+        pair = row(NOISE - LN - needed - more, "coulomb", "spring")
+        decision = decided(
+            GREAT, pair, row(NOISE, "coulomb"), limits=limits, second_effect_gain=second
+        )
+        assert (decision.verdict, decision.chosen) == ("named", of_two)
 
-    each(check, [(12.0, 0.0, 12.0), (2.0, 0.0, 10.0), (12.0, 40.0, 40.0)])
 
-
-def test_what_has_an_objection_or_failed_is_not_named_and_ranks_by_what_it_gains_or_last():
+def test_rejected_and_failed_fits_are_ranked_but_not_named():
     poor = row(NOISE, "mass", objection="a parameter, no effect", reason="it stopped")
     failed = row(np.inf, "spring", objection="it stopped")
     one = decided(GREAT, failed, row(1500.0, "coulomb"), poor)
@@ -119,10 +116,10 @@ def test_what_has_an_objection_or_failed_is_not_named_and_ranks_by_what_it_gains
     assert decided(GREAT, poor).best_known is None
 
 
-# The data cannot tell
+# Ambiguous explanations
 
 
-def test_effects_within_a_rivals_distance_and_numerical_noise_are_not_distinguished():
+def test_effects_within_the_rival_distance_are_ambiguous():
     near, far = (
         decided(GREAT, row(NOISE + behind, "spring"), row(NOISE, "coulomb"))
         for behind in (13.9, 14.1)
@@ -136,7 +133,7 @@ def test_effects_within_a_rivals_distance_and_numerical_noise_are_not_distinguis
     assert near.proposed == far.proposed == "coulomb"
 
 
-def test_what_it_is_a_limit_of_is_no_rival_nor_one_of_more_effects_nor_more_nor_less_of_the_same():
+def test_special_cases_larger_and_rejected_hypotheses_are_no_rivals():
     best, asked = row(NOISE, "coulomb"), []
 
     def is_special_case(special, general):
@@ -161,7 +158,7 @@ def test_what_it_is_a_limit_of_is_no_rival_nor_one_of_more_effects_nor_more_nor_
     )
 
 
-def test_explanations_by_other_sensor_faults_that_predict_the_same_are_one_with_several_names():
+def test_sensor_faults_with_equal_predictions_are_one_explanation():
     late, lag, drag = row(NOISE, "delay"), row(NOISE + 0.1, "lag"), row(NOISE + 0.2, "drag")
 
     def predicts_same(one, other):
@@ -184,15 +181,14 @@ def test_explanations_by_other_sensor_faults_that_predict_the_same_are_one_with_
     assert (far.verdict, far.twins) == ("named", [])
 
 
-def test_what_every_explanation_has_that_is_not_clearly_worse_is_certain():
-    """Of a base with a great excess: Coulomb friction with an offset or a torque, each of which
-    leaves some misfit."""
+def test_effects_common_to_all_good_explanations_are_certain():
+    """Coulomb friction with an offset or a torque; each leaves some misfit."""
     pairs = left(0.033, "coulomb", "offset"), left(0.049, "coulomb", "torque")
 
-    def certain(*rows, base=WHOLE, **more):
+    def certain(*rows, base=LARGE, **more):
         return decided(base, *rows, **more).certain
 
-    assert decided(WHOLE, *pairs).verdict == "unexplained"
+    assert decided(LARGE, *pairs).verdict == "unexplained"
     assert certain(*pairs) == ("coulomb",)
     assert certain(*pairs, left(0.067, "torque", "offset")) == ("coulomb",)
     assert certain(*pairs, left(0.065, "torque", "offset")) == ()
@@ -203,7 +199,7 @@ def test_what_every_explanation_has_that_is_not_clearly_worse_is_certain():
         == ()
         == certain(left(0.06, "coulomb", "offset"), left(0.061, "coulomb", "torque"))
     )
-    # where noise is left the BIC decides
+    # at noise level the BIC decides
     noise = row(NOISE, "coulomb", "offset"), row(NOISE + 1.0, "coulomb", "torque")
     assert certain(*noise, base=GREAT) == ("coulomb",)
     assert certain(*noise, row(NOISE + 13.9, "torque", "offset"), base=GREAT) == ()
@@ -211,11 +207,11 @@ def test_what_every_explanation_has_that_is_not_clearly_worse_is_certain():
     assert (
         certain(row(NOISE, "coulomb"), row(NOISE + 100.0, "coulomb", "torque"), base=GREAT) == ()
     )  # it is named
-    (need,) = (need for need in decided(WHOLE, *pairs).needs if need.kind == "partners")
+    (need,) = (need for need in decided(LARGE, *pairs).needs if need.kind == "partners")
     assert (need.label, need.fit) == ("coulomb", "coulomb + offset")
 
 
-def test_what_is_certain_stays_so_unless_the_held_out_gap_rises_or_channels_are_inconsistent():
+def test_certain_effects_stay_unless_held_out_data_contradict():
     best = row(NOISE, "coulomb", "offset")
 
     def after(**more):
@@ -241,22 +237,21 @@ def test_what_is_certain_stays_so_unless_the_held_out_gap_rises_or_channels_are_
     assert after(test=a_test("rises")).certain == () == after(noise=(0.0, "torque")).certain
 
 
-def test_equal_explanations_have_to_explain_nearly_all():
+def test_equivalent_explanations_must_explain_nearly_everything():
     def with_equal(share):
         rival = left(1.0 - share, "spring")
-        return decided(WHOLE, left(1.0 - share, "coulomb"), replace(rival, bic=rival.bic + 1.0))
+        return decided(LARGE, left(1.0 - share, "coulomb"), replace(rival, bic=rival.bic + 1.0))
 
     enough, poor = with_equal(0.951), with_equal(0.949)
     assert (enough.verdict, len(enough.equivalent), enough.best_known) == ("ambiguous", 2, None)
     assert (poor.verdict, poor.equivalent, poor.best_known) == ("unexplained", [], "coulomb")
 
 
-# What the best one leaves
+# Remaining misfit
 
 
-def test_null_campaigns_that_leave_much_are_no_reason_to_name_what_explains_little():
-    """The noise is known poorly: from few cycles. Explained are 28, 96 and 94 % of a gap of
-    1.24."""
+def test_a_small_improvement_is_not_named_when_null_campaigns_misfit():
+    """Few cycles give poorly known noise. 28, 96 and 94 % of a gap of 1.24 are explained."""
     limits, strict = Thresholds(0.01, 1.6, 12.0), replace(DecisionSettings(), noise_gap=1.0)
     rows = [row(misfit * SAMPLES, "coulomb") for misfit in (1.18**2, 1.02, 1.03)]
     decisions = [decided(1.24**2 * SAMPLES, one, limits=limits, settings=strict) for one in rows]
@@ -266,35 +261,33 @@ def test_null_campaigns_that_leave_much_are_no_reason_to_name_what_explains_litt
     assert found(*(decided(1500.0, one, limits=limits) for one in rows)) == ["named", "unexplained"]
 
 
-def test_what_leaves_more_than_noise_is_named_if_it_explains_nearly_all_and_what_no_rival_could():
-    def check(rest, similarity, verdict):
-        decision = decided(WHOLE, left(rest, "coulomb", similarity=similarity))
-        chosen, known = ("base", "coulomb") if verdict == "unexplained" else ("coulomb", None)
-        assert (decision.verdict, decision.chosen, decision.best_known) == (verdict, chosen, known)
-
-    each(
-        check,
-        [
-            (0.03, 0.93, REST),  # a rival in its place would leave 7 %
-            (0.03, 0.95, "unexplained"),  # a rival would leave 5 %: more than half of that is left
-            (0.049, 0.0, REST),
-            (0.051, 0.0, "unexplained"),
-            (0.0099, 0.999, REST),  # from 99 % on fits count, not similarity
-            (0.0101, 0.999, "unexplained"),
-        ],
-    )
+@pytest.mark.parametrize(
+    "rest, similarity, verdict",
+    [
+        (0.03, 0.93, REST),  # a rival in its place would leave 7 %
+        (0.03, 0.95, "unexplained"),  # a rival would leave 5 %: this leaves more than half of it
+        (0.049, 0.0, REST),
+        (0.051, 0.0, "unexplained"),
+        (0.0099, 0.999, REST),  # from 99 % on fits count, not similarity
+        (0.0101, 0.999, "unexplained"),
+    ],
+)
+def test_a_remaining_misfit_is_named_if_small_and_unmatched_by_rivals(rest, similarity, verdict):
+    decision = decided(LARGE, left(rest, "coulomb", similarity=similarity))
+    chosen, known = ("base", "coulomb") if verdict == "unexplained" else ("coulomb", None)
+    assert (decision.verdict, decision.chosen, decision.best_known) == (verdict, chosen, known)
 
 
-def test_where_another_far_behind_leaves_hardly_more_of_a_rest_neither_is_named():
+def test_two_distant_explanations_with_similar_misfit_are_unexplained():
     rows = [
         (left(0.003, "coulomb", "drag"), left(rest, "coulomb", "bias")) for rest in (0.0059, 0.0061)
     ]
     assert rows[0][1].bic - rows[0][0].bic > 250.0
-    assert found(*(decided(WHOLE, *both) for both in rows)) == ["unexplained", REST]
-    assert decided(WHOLE, left(0.049, "coulomb"), left(0.051, "bias")).verdict == REST
+    assert found(*(decided(LARGE, *both) for both in rows)) == ["unexplained", REST]
+    assert decided(LARGE, left(0.049, "coulomb"), left(0.051, "bias")).verdict == REST
 
 
-def test_of_a_base_that_hardly_shows_the_share_does_not_decide():
+def test_the_explained_share_is_ignored_for_a_small_misfit():
     # a gap of 1.05 of 999 degrees of freedom is 1101.4; the effect explains about half and leaves
     # more than 1.05
     assert found(*(decided(base, row(1055.0, "coulomb")) for base in (1101.0, 1102.0))) == [
@@ -303,10 +296,10 @@ def test_of_a_base_that_hardly_shows_the_share_does_not_decide():
     ]
 
 
-# Beside the base
+# Rows of evidence
 
 
-def test_a_row_tells_gain_share_and_whether_noise_alone_is_left():
+def test_a_row_has_gain_share_and_pass():
     base = row(1999.0)
     one = weigh(base, row(1100.0, "coulomb"), LIMITS)
     assert (one.delta_bic, one.share) == (pytest.approx(899.0 - LN), pytest.approx(0.899))
@@ -318,7 +311,7 @@ def test_a_row_tells_gain_share_and_whether_noise_alone_is_left():
     assert replace(row(25.0), samples=2, parameters=2).misfit == 25.0
 
 
-def test_a_share_is_reported_where_the_excess_is_above_a_standard_deviation_of_chi2():
+def test_a_share_needs_an_excess_above_the_scatter_of_chi2():
     shares = [
         weigh(row(NOISE + excess), row(NOISE, "coulomb"), LIMITS).share for excess in (44.7, 44.8)
     ]
@@ -329,14 +322,14 @@ def test_a_share_is_reported_where_the_excess_is_above_a_standard_deviation_of_c
     )
 
 
-# What to fit before a name is given
+# Further fits before naming
 
 
 def needs(decision):
     return [need[:2] for need in decision.needs]
 
 
-def test_before_a_name_is_given_its_effects_are_fitted_alone_and_what_looks_like_it():
+def test_effects_of_a_pair_and_confusable_ones_are_fitted_before_naming():
     both = decided(GREAT, row(NOISE, "coulomb", "spring"))
     assert needs(both) == [
         *[("alone", label) for label in ("coulomb", "spring")] * 2,
@@ -354,12 +347,11 @@ def test_before_a_name_is_given_its_effects_are_fitted_alone_and_what_looks_like
         ("alike", "c"),
     ]
     assert needs(decided(NOISE, row(NOISE, "a", "b"))) == []  # it gains nothing
-    assert needs(decided(GREAT, row(NOISE, "c"), row(NOISE, "a", "b"))) == [
-        ("alike", "c")
-    ]  # it does not gain most
+    # it does not gain most
+    assert needs(decided(GREAT, row(NOISE, "c"), row(NOISE, "a", "b"))) == [("alike", "c")]
 
 
-def test_what_looks_like_the_best_is_fitted_too_where_it_leaves_no_more_than_null_campaigns():
+def test_confusable_effects_are_fitted_at_the_level_of_null_campaigns():
     asked = []
     for omnibus, chi2 in ((1.1, 1300.0), (1.5, 1300.0), (1.5, 998 * 1.5)):
         decision = decided(GREAT, row(chi2, "viscous"), limits=replace(LIMITS, omnibus=omnibus))
@@ -372,12 +364,12 @@ def test_what_looks_like_the_best_is_fitted_too_where_it_leaves_no_more_than_nul
 
 
 def a_test(outcome="falls", before=2.0, after=1.0, low=1.0):
-    """What becomes of the gap of the held-out data."""
+    """The outcome of the held-out gap."""
     return HeldOutTest(outcome, before, after, low)
 
 
 def heard(said="named", best=None, base=4.0 * SAMPLES, inconsistent=(), **more):
-    """The decision with held-out data heard on what the fits say; `more` is what these show."""
+    """The decision with held-out data; `more` are their results."""
     best = best or row(NOISE, "coulomb")
     equivalent = [best.fit, "spring"] if said == "ambiguous" else []
     by_fits = Decision(
@@ -402,7 +394,7 @@ ROUGH = row(NOISE, "loose", is_nonsmooth=True)
 """At another speed impacts ring in another phase: there it is enough that the gap falls."""
 
 
-def test_what_held_out_data_bear_out_stands_and_where_the_fits_name_nothing_they_are_not_asked():
+def test_confirmed_verdicts_are_kept():
     for said in (*NAMES, "ambiguous"):
         assert (heard(said).verdict, heard(said).because) == (said, "as the fits say")
     for outcome in ("not_simulated", "nothing_held_out", "cannot_tell"):
@@ -415,7 +407,7 @@ def test_what_held_out_data_bear_out_stands_and_where_the_fits_name_nothing_they
     assert found(verdict(asked), verdict(replace(asked, held_out=None))) == ["unexplained", "named"]
 
 
-def test_where_channels_contradict_others_nothing_is_named():
+def test_inconsistent_channels_withdraw_the_name():
     for said in (*NAMES, "ambiguous"):
         one = heard(said, inconsistent=["crank_torque", "slider_acceleration"])
         assert (one.verdict, one.chosen, one.equivalent, one.best_known) == (
@@ -428,7 +420,7 @@ def test_where_channels_contradict_others_nothing_is_named():
         assert "crank torque and slider acceleration" in one.because
 
 
-def test_where_three_nuisances_end_at_bounds_and_noise_is_a_large_part_of_a_channel_nothing_is_named():
+def test_noisy_channels_with_three_nuisances_at_bounds_withdraw_the_name():
     decisions = [
         heard(best=row(NOISE, "coulomb", at_bounds=("a", "b", "c")[:count]), noise=(noise, "angle"))
         for count, noise in ((3, 0.31), (2, 0.31), (3, 0.3))
@@ -437,92 +429,86 @@ def test_where_three_nuisances_end_at_bounds_and_noise_is_a_large_part_of_a_chan
     assert "a, b, c" in decisions[0].because and "noise of angle is 31%" in decisions[0].because
 
 
-def test_what_is_left_has_to_be_small_in_each_channel_and_in_all_held_out_data_together():
-    def check(name, most, where):
-        for said in (*NAMES, "ambiguous"):
+@pytest.mark.parametrize(
+    "name, most, where",
+    [
+        ("fitted", 3.0, "torque on the fitted data"),
+        ("held_out", 3.0, "torque on the held-out data"),
+        ("gap", 1.5, "on the held-out data"),
+    ],
+)
+def test_the_residual_must_be_small_in_each_channel_and_overall(name, most, where):
+    for said in (*NAMES, "ambiguous"):
 
-            def leaving(gap, said=said, **more):
-                return heard(said, **{name: gap if name == "gap" else (gap, "torque")}, **more)
+        def leaving(gap, said=said, **more):
+            return heard(said, **{name: gap if name == "gap" else (gap, "torque")}, **more)
 
-            assert leaving(most).verdict == said
-            one = leaving(most + 0.01)
-            assert (one.verdict, one.best_known) == ("unexplained", "coulomb")
-            assert f"{most + 0.01:.3g}" in one.because and where in one.because
-            assert leaving(9.0, best=ROUGH).verdict == (said if name != "fitted" else "unexplained")
-            assert leaving(9.0, best=ROUGH, test=a_test("cannot_tell")).verdict == "unexplained"
-
-    each(
-        check,
-        [
-            ("fitted", 3.0, "torque on the fitted data"),
-            ("held_out", 3.0, "torque on the held-out data"),
-            ("gap", 1.5, "on the held-out data"),
-        ],
-    )
+        assert leaving(most).verdict == said
+        one = leaving(most + 0.01)
+        assert (one.verdict, one.best_known) == ("unexplained", "coulomb")
+        assert f"{most + 0.01:.3g}" in one.because and where in one.because
+        assert leaving(9.0, best=ROUGH).verdict == (said if name != "fitted" else "unexplained")
+        assert leaving(9.0, best=ROUGH, test=a_test("cannot_tell")).verdict == "unexplained"
 
 
-def test_a_name_is_withheld_where_the_held_out_gap_rises_or_does_not_fall_at_all():
-    def check(outcome, after, stands):
-        for said in NAMES:
-            one = heard(said, test=a_test(outcome, 1.05, after))
-            assert one.verdict == (said if stands else "unexplained")
-            assert stands or (one.chosen, one.best_known) == ("base", "coulomb")
-        assert heard("ambiguous", test=a_test(outcome, 1.05, after)).verdict == "ambiguous"
-
-    each(
-        check,
-        [
-            ("falls", 1.04, True),
-            ("cannot_tell", 1.06, True),
-            ("rises", 1.04, False),
-            ("stays", 1.05, False),
-        ],
-    )
+@pytest.mark.parametrize(
+    "outcome, after, is_kept",
+    [
+        ("falls", 1.04, True),
+        ("cannot_tell", 1.06, True),
+        ("rises", 1.04, False),
+        ("stays", 1.05, False),
+    ],
+)
+def test_a_name_is_withdrawn_if_the_held_out_gap_does_not_fall(outcome, after, is_kept):
+    for said in NAMES:
+        one = heard(said, test=a_test(outcome, 1.05, after))
+        assert one.verdict == (said if is_kept else "unexplained")
+        assert is_kept or (one.chosen, one.best_known) == ("base", "coulomb")
+    assert heard("ambiguous", test=a_test(outcome, 1.05, after)).verdict == "ambiguous"
 
 
-def test_a_name_is_not_plain_whose_held_out_gap_falls_too_little_or_ends_above_noise():
+def test_a_name_with_a_small_fall_has_a_remaining_misfit():
     one = heard(test=a_test("stays", 1.05, 1.04))  # by less than noise leaves open
     assert (one.verdict, one.chosen) == (REST, "coulomb")
     assert found(*(heard(test=a_test(low=low)) for low in (1.05, 1.051))) == ["named", REST]
 
 
-def test_where_more_than_noise_is_left_half_of_the_held_out_excess_has_to_be_gone():
-    def check(before, low, stands):  # of 0.69 or 0.61 beyond noise 0.33 are left
+def test_half_of_the_held_out_excess_must_be_closed():
+
+    for before, low, is_kept in [(1.30, 1.14, True), (1.27, 1.14, False), (1.27, 1.05, True)]:
         test = a_test("falls", before, 1.155, low)
         for said in NAMES:
-            assert (heard(said, test=test).verdict != "unexplained") == stands
+            assert (heard(said, test=test).verdict != "unexplained") == is_kept
             assert heard(said, ROUGH, test=test).chosen == "loose"
-
-    each(check, [(1.30, 1.14, True), (1.27, 1.14, False), (1.27, 1.05, True)])
     assert heard(REST, test=a_test("falls", 7.0, 5.0, 2.0)).verdict == REST  # 24 of 48
 
 
-def test_a_name_with_a_rest_that_hardly_shows_or_explains_too_little_has_to_be_confirmed():
-    def check(base, chi2):
+def test_an_unclear_name_must_be_confirmed():
+
+    # half of what hardly shows, all of it, within what noise makes, and nearly all that is not
+    # explained
+    for base, chi2 in [(1080.0, 1040.0), (1080.0, 1000.0), (1030.0, 985.0), (2000.0, 1051.0)]:
         best = row(chi2, "coulomb")
         for said, low in ((REST, 1.0), ("named", 1.06)):
             unheard = heard(said, best, base, test=a_test("cannot_tell", 1.4, 1.1, low))
             assert unheard.verdict == "unexplained"
             assert heard(said, best, base, test=a_test("falls", 1.4, 1.1, low)).verdict == REST
         assert heard("named", best, base, test=a_test("cannot_tell", 1.03, 1.02)).verdict == "named"
-
-    # half of what hardly shows, all of it, within what noise makes, and nearly all that is not
-    # explained
-    each(check, [(1080.0, 1040.0), (1080.0, 1000.0), (1030.0, 985.0), (2000.0, 1051.0)])
-    clear = row(WHOLE - 0.96e5, "coulomb")
-    assert heard(REST, clear, WHOLE, test=a_test("cannot_tell", 1.4, 1.1)).verdict == REST
+    clear = row(LARGE - 0.96e5, "coulomb")
+    assert heard(REST, clear, LARGE, test=a_test("cannot_tell", 1.4, 1.1)).verdict == REST
 
 
-def test_the_share_closed_is_of_squares_beyond_noise():
-    told = [share_closed(*both) for both in ((3.0, 2.0), (3.0, 1.0), (1.5, 2.0), (1.0, 1.0))]
-    assert told == pytest.approx([1 - 3 / 8, 1.0, 1 - 3 / 1.25, np.nan], nan_ok=True)
+def test_the_closed_share_is_of_squares_beyond_noise():
+    shares = [share_closed(*both) for both in ((3.0, 2.0), (3.0, 1.0), (1.5, 2.0), (1.0, 1.0))]
+    assert shares == pytest.approx([1 - 3 / 8, 1.0, 1 - 3 / 1.25, np.nan], nan_ok=True)
     assert np.isfinite(share_closed(1.001, 1.0))
 
 
-def test_a_name_with_a_remaining_misfit_that_held_out_data_refute_leaves_what_is_certain():
+def test_a_refuted_name_leaves_certain_effects():
     rows = left(0.036, "coulomb", "force", similarity=0.9), left(0.066, "coulomb", "spring")
-    by_fits = decided(WHOLE, *rows)
+    by_fits = decided(LARGE, *rows)
     assert (by_fits.verdict, by_fits.certain) == (REST, ("coulomb",))
     shown = HeldOut(a_test(), gap=1.0, fitted=(4.7, "force"))
-    said = verdict(Evidence(row(WHOLE), row(WHOLE), rows, LIMITS, by_fits=by_fits, held_out=shown))
+    said = verdict(Evidence(row(LARGE), row(LARGE), rows, LIMITS, by_fits=by_fits, held_out=shown))
     assert (said.verdict, said.certain) == ("unexplained", ("coulomb",))

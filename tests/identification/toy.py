@@ -98,9 +98,8 @@ CANDIDATES = (
     _drag("quadratic", "drag_N_s2_m2", "N*s**2/m**2", 2.0),
     _effect("constant_force", "force_N", 0.3, "N"),
     _effect("spring", "stiffness_N_m", 3.0, "N/m", low=0.0),
-    _effect(
-        "centrifugal", "mass_kg", 0.01, "kg"
-    ),  # -mass w^2 x: at one speed the same force as the spring's
+    # -mass w^2 x: at one speed the same force as the spring's
+    _effect("centrifugal", "mass_kg", 0.01, "kg"),
     _effect("added_mass", "mass_kg", 0.01, "kg", replaces={"slider_mass": "mass_kg"}),
     _harmonic(),
     _sensor("sensor_bias", "torque", "bias", 0.02, "N*m"),
@@ -118,8 +117,7 @@ RINGING = _effect(
     initial_guesses=({"size": 0.1},),
     search_range=(0.02, 0.73),
 )
-"""Not among those: a hit that rings, whose phase tells a size to some percent and beyond that
-nothing."""
+"""Not in CANDIDATES: a ringing impact whose phase determines the size within some percent."""
 
 
 def ringing(size: float, angle: np.ndarray) -> np.ndarray:
@@ -129,8 +127,7 @@ def ringing(size: float, angle: np.ndarray) -> np.ndarray:
 
 
 KNOCKING = _effect("knocking", "size", 0.01, "1", low=0.0)
-"""Not among those: hits that are the stronger and the later, the larger it is, as of a loose
-joint."""
+"""Not in CANDIDATES: impacts that get stronger and later with the size, as of a loose joint."""
 
 
 def knocking(size: float, angle: np.ndarray) -> np.ndarray:

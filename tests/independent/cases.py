@@ -1,4 +1,4 @@
-"""Mechanisms that other codes simulate too, and what is compared."""
+"""Mechanisms that other codes simulate too."""
 
 import math
 

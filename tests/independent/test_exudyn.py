@@ -1,5 +1,4 @@
-"""The same mechanisms in Exudyn, a multibody code that shares nothing with this package but the
-laws."""
+"""The same mechanisms in Exudyn, an independent multibody code."""
 
 import math
 
@@ -68,7 +67,7 @@ def test_the_motion_agrees_for_a_revolution(rows):
     assert far == []
 
 
-def test_from_another_start_too():
+def test_the_motion_agrees_from_another_start():
     start = {
         "start_angle": 1.0,
         "perturbation": {"crank_pin": (3e-4, -1e-4), "piston_pin": (-2e-4, 5e-4)},

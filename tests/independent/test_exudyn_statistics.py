@@ -1,9 +1,6 @@
-"""Where motions part, as they do in chaos, their statistics still agree with Exudyn's.
-
-Without friction a change of 1e-11 m grows a millionfold in a revolution or two. Ensembles of
-slightly different starts are compared: each run gives one number, and the means of both codes may
-differ by what their scatter explains.
-"""
+"""Statistics of chaotic motion agree with Exudyn.  Without friction a change of 1e-11 m grows a
+millionfold in a revolution or two. Ensembles of slightly different starts are compared: the means
+may differ by their scatter."""
 
 import math
 
@@ -20,7 +17,7 @@ from validation.exudyn import SliderCrank
 RUNS, REVOLUTIONS = 24, 2  # after a first revolution, in which all runs are still alike
 STEP = math.radians(5)
 SECTOR = math.radians(30)
-# m: small beside the clearance of 1 mm, and enough for the runs to part within a revolution
+# m: small compared with the clearance of 1 mm; the runs diverge within a revolution
 SCATTER = 1e-5
 
 
@@ -81,7 +78,7 @@ def exudyns(perturbation) -> dict[str, float]:
 
 
 @pytest.mark.slow
-def test_after_the_motions_have_parted_their_statistics_agree():
+def test_statistics_agree_after_the_motions_diverge():
     rows = {
         "ours": [ours(perturbation) for perturbation in starts(1)],
         "exudyn": [exudyns(perturbation) for perturbation in starts(2)],

@@ -1,5 +1,4 @@
-"""The benchmark's peers integrate the package's own equations of motion, from numbers that nothing
-copies."""
+"""The benchmark's peers integrate the package's own equations of motion."""
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ SCALES = np.repeat([1.0, VELOCITY_TIME], 4)
 
 
 @pytest.mark.integration  # it compiles the equations anew
-def test_peers_get_the_rates_of_the_package_and_read_its_numbers_where_they_lie():
+def test_peer_integrators_use_the_rates_of_the_package():
     p = parameters(mechanism(memory="published"), options())
     slope, gap = right_hand_side(p)
     state = np.array([1.002e-3, 1e-5, 2e-4, -1e-4, 0.03, 0.1, -0.02, 0.05])

@@ -1,5 +1,4 @@
-"""Sparse regression names what stands alone in a clean balance of power, and nothing where nothing
-is missing."""
+"""Sparse regression."""
 
 import math
 
@@ -11,15 +10,14 @@ pytest.importorskip("pysindy", reason="needs pysindy: scripts/set-up peers")
 
 from jointgap.config.load import load_campaign
 from jointgap.rig.read_files import read_measurements
-from tests.catalogue import each
 from validation.analyse import sparse_names
 from validation.kinds import Trial
 from validation.trial import make_trial
 
 
 def residuals(folder, missing) -> pd.DataFrame:
-    """Residuals of the crank torque as though a force `missing` of the slider's velocity were not
-    in the model."""
+    """Residuals of the crank torque if a force `missing` of the slider velocity is not in the
+    model."""
     campaign = load_campaign(folder / "campaign.yaml")
     parts = []
     for run, recording in read_measurements(campaign).runs.items():
@@ -51,9 +49,7 @@ def folder(tmp_path_factory):
     return place
 
 
-def test_one_force_is_named_and_nothing_in_noise_or_without_a_channel_that_serves(folder):
-    def is_named(names, force):
-        assert sparse_names(folder / "campaign.yaml", residuals(folder, force)) == names
+def test_sparse_regression_names_one_force_and_nothing_in_noise(folder):
 
     cases = [
         (["slider_coulomb_friction"], lambda v: -5.0 * np.sign(v)),
@@ -62,6 +58,7 @@ def test_one_force_is_named_and_nothing_in_noise_or_without_a_channel_that_serve
         (["slider_constant_force"], lambda v: np.full_like(v, 20.0)),
         ([], np.zeros_like),
     ]
-    each(is_named, cases)
+    for names, force in cases:
+        assert sparse_names(folder / "campaign.yaml", residuals(folder, force)) == names
     found = residuals(folder, np.zeros_like).assign(channel="guide_force", measured=math.pi)
     assert sparse_names(folder / "campaign.yaml", found) is None

@@ -1,4 +1,4 @@
-"""The benchmark: files without the truth, and a score that counts answers as its README says."""
+"""The benchmark: files without ground truth, and its score."""
 
 import json
 import re
@@ -43,7 +43,7 @@ def row(true, named, **size) -> dict:
 
 @pytest.fixture(scope="module")
 def drawn(tmp_path_factory):
-    """Two campaigns with nothing hidden."""
+    """Two campaigns without effects."""
     folder = tmp_path_factory.mktemp("benchmark")
     sets = folder / "sets.yaml"
     sets.write_text("sets:\n  published: {seed: 5, nothing: 2}\n")
@@ -51,7 +51,7 @@ def drawn(tmp_path_factory):
     return folder, sets
 
 
-def test_campaigns_are_plain_files_without_the_truth(drawn):
+def test_benchmark_campaigns_are_plain_files_without_the_truth(drawn):
     folder, _ = drawn
     files = sorted(path for path in (folder / "campaigns").rglob("*") if path.is_file())
     assert {path.name for path in files} == {
@@ -69,7 +69,7 @@ def test_campaigns_are_plain_files_without_the_truth(drawn):
     assert all(one["effects"] == [] for one in truths)
 
 
-def test_a_draw_that_goes_on_ends_with_the_same_files(drawn):
+def test_an_interrupted_draw_resumes_with_the_same_files(drawn):
     folder, sets = drawn
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     shutil.rmtree(next((folder / "campaigns").iterdir()))
@@ -77,7 +77,7 @@ def test_a_draw_that_goes_on_ends_with_the_same_files(drawn):
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
 
-def test_the_readme_counts_the_campaigns_of_each_kind_and_lists_every_label():
+def test_the_readme_lists_kinds_and_labels():
     kinds = Counter(
         trial.kind for trial in plan_trials(read_set("config/blind.yaml", "published"), 100)
     )
@@ -120,7 +120,7 @@ def test_outcomes(true, named, outcome):
     assert row(true, named)["outcome"] == outcome
 
 
-def test_a_law_is_the_hidden_effect_at_its_shape_and_its_size_is_the_first_parameter():
+def test_a_law_family_is_right_at_the_shape_of_the_hidden_effect():
     fifth = truth(FIFTH, kind="off_list")
     cases = [
         (truth(DRAG), 2.05, "right"),

@@ -1,4 +1,4 @@
-"""Data that are wired wrongly hold what the truth says."""
+"""Data faults change what the ground truth says."""
 
 from dataclasses import replace
 
@@ -10,18 +10,17 @@ import yaml
 from jointgap.config.load import load_campaign
 from jointgap.core.errors import InputError
 from jointgap.rig.read_files import read_measurements
+from validation.data_faults import DATA_FAULTS
 from validation.kinds import Trial
 from validation.trial import make_trial
-from validation.wiring import DAMAGES
 
 
 @pytest.fixture(scope="module")
 def campaigns(tmp_path_factory):
-    """What was done and the campaign file of the same trial with each damage, and with sound
-    data."""
+    """Record and campaign file of one trial with each data fault, and without."""
     found = {}
-    for damage in ("", *DAMAGES):
-        folder = tmp_path_factory.mktemp(damage or "sound")
+    for damage in ("", *DATA_FAULTS):
+        folder = tmp_path_factory.mktemp(damage or "intact")
         truth = make_trial(
             replace(Trial("wiring", "ideal", id="0123456789ab", number=4), damage=damage), 5, folder
         )
@@ -30,7 +29,7 @@ def campaigns(tmp_path_factory):
 
 
 def lengths(path) -> dict[str, float]:
-    """How long each run of a campaign lasts by its file, in the unit of that."""
+    """Duration of each run of a campaign, in the unit of its file."""
     found = {}
     for run in yaml.safe_load(path.read_text())["runs"]:
         file = path.parent / run["file"]
@@ -44,10 +43,10 @@ def lengths(path) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("damage", ["swapped", "sign", "unit", "gain", "other_run", "clipped"])
-def test_only_what_the_truth_says_is_damaged(campaigns, damage):
-    (_, sound), (done, path) = campaigns[""], campaigns[damage]
+def test_only_the_recorded_channels_are_damaged(campaigns, damage):
+    (_, intact), (done, path) = campaigns[""], campaigns[damage]
     assert done["what"] == damage
-    first, after = read_measurements(load_campaign(sound)), load_campaign(path)
+    first, after = read_measurements(load_campaign(intact)), load_campaign(path)
     try:
         second = read_measurements(after)
     except InputError as refused:
@@ -63,26 +62,26 @@ def test_only_what_the_truth_says_is_damaged(campaigns, damage):
 
 
 @pytest.mark.parametrize("damage", ["time_stretched", "wrong_speed"])
-def test_times_or_the_speed_of_one_run_are_wrong_by_the_factor_of_the_truth(campaigns, damage):
-    (_, sound), (done, path) = campaigns[""], campaigns[damage]
-    before, after = (load_campaign(each) for each in (sound, path))
+def test_the_recorded_factor_stretches_times_or_speed(campaigns, damage):
+    (_, intact), (done, path) = campaigns[""], campaigns[damage]
+    before, after = (load_campaign(each) for each in (intact, path))
     sound_speeds = {run.id: run.speed for run in before.runs}
     speeds = {run.id: run.speed / sound_speeds[run.id] for run in after.runs}
-    own, other = lengths(path), lengths(sound)
+    own, other = lengths(path), lengths(intact)
     wrong = {done["run"]: pytest.approx(done["factor"], rel=0.01)}
     expected = dict.fromkeys(own, pytest.approx(1.0))
     ratios = {run: own[run] / other[run] for run in own}
     assert ratios == (expected | wrong if damage == "time_stretched" else expected)
     assert speeds == (expected if damage == "time_stretched" else expected | wrong)
     try:
-        told = {(one.run, one.channel) for one in read_measurements(after).contradictions}
+        reported = {(one.run, one.channel) for one in read_measurements(after).contradictions}
     except InputError as refused:
         assert done["run"] in str(refused) and "column t " in str(refused)
     else:
-        assert (done["run"], "time") in told
+        assert (done["run"], "time") in reported
 
 
-def test_the_zero_of_the_encoder_is_off_by_what_the_truth_says(campaigns):
+def test_the_recorded_angle_shifts_the_encoder_zero(campaigns):
     done, path = campaigns["zero_off"]
     found = read_measurements(load_campaign(path)).contradictions
     assert {(one.run, one.channel, one.kind) for one in found} == {

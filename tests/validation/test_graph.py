@@ -1,4 +1,4 @@
-"""On the workflow's own graph only the scoring takes what was sealed."""
+"""Only the scoring of the workflow reads the ground truth."""
 
 import re
 import subprocess
@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 
 
 class Files(NamedTuple):
-    """What a rule takes and makes."""
+    """Inputs and outputs of a rule."""
 
     inputs: set[str]
     outputs: set[str]
@@ -37,7 +37,7 @@ def rules() -> dict[str, Files]:
     return found
 
 
-def test_a_part_of_a_set_says_so_in_its_score():
+def test_a_partial_set_is_named_in_its_score():
     shown = ("--dry-run", "--printshellcmds")
     printed = dry_run("trials=2", *shown).stdout
     assert printed.count("validation conceal") == 2
@@ -65,15 +65,15 @@ def dry_run(*more: str) -> subprocess.CompletedProcess:
     )
 
 
-def test_only_the_scoring_takes_the_sealed_truth_and_only_the_concealing_writes_it(rules):
+def test_only_scoring_reads_the_ground_truth(rules):
     assert set(rules) == {"conceal", "analyse", "score", "blind"}
     for kind, wanted in (("inputs", {"score"}), ("outputs", {"conceal"})):
         assert {
-            name for name, files in rules.items() if "sealed" in str(getattr(files, kind))
+            name for name, files in rules.items() if "/truth/" in str(getattr(files, kind))
         } == wanted
     assert rules["analyse"] == Files(
         {"results/blind/{set}/campaigns/{trial}"}, {"results/blind/{set}/verdicts/{trial}.json"}
     )
     text = (ROOT / "workflow/blind/Snakefile").read_text()
     analyse = text[text.index("rule analyse") : text.index("rule score")].lower()
-    assert "seal" not in analyse and "truth" not in analyse
+    assert "truth" not in analyse

@@ -1,4 +1,4 @@
-"""What is hidden is what the truth says, and as large as was asked for."""
+"""Hidden effects agree with the ground truth and have the requested size."""
 
 import json
 import math
@@ -10,9 +10,10 @@ import yaml
 
 from jointgap.config import EFFECTS
 from jointgap.config.load import load_campaign
+from jointgap.core.errors import InputError
 from jointgap.core.joints import PINS
 from jointgap.rig.read_files import read_measurements
-from tests.catalogue import each, refused
+from validation.data_faults import DATA_FAULTS
 from validation.kinds import CLEARANCES, Trial, TrialSet, plan_trials
 from validation.rig import LISTED, OFF_LIST, RECIPE, draw_effect, draw_rig, read, simulate
 from validation.trial import (
@@ -25,7 +26,6 @@ from validation.trial import (
     parameters_beyond_nominal,
     sized,
 )
-from validation.wiring import DAMAGES
 
 SET = TrialSet(
     seed=3,
@@ -51,7 +51,7 @@ def loose():
     return draw_rig(np.random.default_rng(4), Trial("nothing", "loose"))
 
 
-def test_every_effect_that_a_fit_may_name_can_be_hidden_but_for_parameters_within_their_range():
+def test_every_candidate_effect_can_be_hidden():
     names = {name.partition(":")[0] for name in LISTED}
     families = {law.NAME for law in EFFECTS.values() if law.MEMBERS}
     beyond = families | {
@@ -68,7 +68,7 @@ def test_every_effect_that_a_fit_may_name_can_be_hidden_but_for_parameters_withi
     assert not names & set(OFF_LIST)
 
 
-def test_a_set_holds_what_it_says_and_its_names_tell_nothing():
+def test_a_set_has_its_counts_and_anonymous_ids():
     found = plan_trials(SET)
     kinds = [trial.kind for trial in found]
     assert {kind: kinds.count(kind) for kind in set(kinds)} == {
@@ -91,14 +91,13 @@ def test_a_set_holds_what_it_says_and_its_names_tell_nothing():
     assert plan_trials(SET, 2) == found[:2]
     names = [trial.effects[0] for trial in found if trial.kind == "single"]
     assert max(map(names.count, LISTED)) - min(map(names.count, LISTED)) <= 1
-    assert sorted(trial.damage for trial in found if trial.damage) == sorted(2 * DAMAGES)
-    refused(
-        lambda count: plan_trials(SET, count),
-        [(n, "whole number from 1 to 193") for n in (0, 194, 2.0, "2", True)],
-    )
+    assert sorted(trial.damage for trial in found if trial.damage) == sorted(2 * DATA_FAULTS)
+    for count in (0, 194, 2.0, "2", True):
+        with pytest.raises(InputError, match="whole number from 1 to 193"):
+            plan_trials(SET, count)
 
 
-def test_clearances_are_of_joints_in_turn_some_of_them_loose_already_and_exudyn_moves_loose_joints_too():
+def test_clearances_of_all_joints_are_hidden_and_exudyn_has_loose_joints():
     hidden = [trial for trial in plan_trials(SET) if trial.kind == "clearance"]
     assert sorted(trial.effects[0] for trial in hidden) == sorted(8 * CLEARANCES)
     loosened = [trial for trial in hidden if trial.loose]
@@ -113,7 +112,7 @@ def test_clearances_are_of_joints_in_turn_some_of_them_loose_already_and_exudyn_
     assert {trial.base for trial in trials} == {"ideal", "loose"}
 
 
-def test_a_share_of_the_cranks_follow_the_angle_that_was_read_and_all_else_of_a_set_stays():
+def test_a_share_of_cranks_follows_the_measured_angle():
     plain, more = (
         plan_trials(chosen) for chosen in (SET, SET.model_copy(update={"measured_angle": 0.33}))
     )
@@ -125,32 +124,30 @@ def test_a_share_of_the_cranks_follow_the_angle_that_was_read_and_all_else_of_a_
     assert all(trial in able for trial in more if trial.measured_angle)
 
 
-def test_every_effect_has_sizes_and_parameters_that_a_mechanism_file_may_hold(ideal, loose):
-    def may_hold(label, rig):
+@pytest.mark.parametrize("label", (*LISTED, *OFF_LIST))
+def test_every_effect_can_be_drawn_with_valid_parameters(label, ideal, loose):
+    for rig in (ideal.rig, loose):
         effect = draw_effect(label, rig, dict.fromkeys(rig.sensors, 1.0), np.random.default_rng(1))
         if effect is None:
             assert label.startswith("lubricated_joint")
-            return
+            continue
         assert effect.least < effect.first <= effect.most
         for entry in effect.in_file(effect.first):
             EFFECTS[entry["name"]].model_validate(entry)
 
-    each(may_hold, [(label, rig) for label in (*LISTED, *OFF_LIST) for rig in (ideal.rig, loose)])
 
+def test_the_gap_has_the_requested_size(ideal):
 
-def test_the_gap_is_what_was_asked_for(ideal):
-    def asked_for(label, target):
+    assert ideal.gap([]) == 1.0
+    labels = ["slider_coulomb_friction", "crank_viscous_friction", "sensor_gain"]
+    for label, target in [(label, target) for label in labels for target in RECIPE["gaps"]]:
         effect = draw_effect(label, ideal.rig, ideal.spread, np.random.default_rng(0))
         size, gap = sized(ideal, effect, target)
         assert size == effect.most or gap == pytest.approx(target, rel=GAP_TOLERANCE)
         assert ideal.gap([(effect, size)]) == gap
 
-    assert ideal.gap([]) == 1.0
-    labels = ["slider_coulomb_friction", "crank_viscous_friction", "sensor_gain"]
-    each(asked_for, [(label, target) for label in labels for target in RECIPE["gaps"]])
 
-
-def test_what_a_nuisance_can_take_up_is_no_gap_and_no_effect_is_as_small(ideal):
+def test_a_deviation_within_nuisance_bounds_is_no_gap(ideal):
     heavier = draw_effect("added_slider_mass", ideal.rig, ideal.spread, np.random.default_rng(0))
     low, high = ideal.rig.bounds["slider_mass"]
     step = heavier.parameters(1.0)["mass_kg"]
@@ -163,13 +160,13 @@ def test_what_a_nuisance_can_take_up_is_no_gap_and_no_effect_is_as_small(ideal):
     assert abs(heavier.parameters(heavier.least)["mass_kg"]) >= high - low
 
 
-def test_noise_with_a_memory_has_the_variance_and_the_correlation_it_should_have():
+def test_correlated_noise_has_its_variance_and_correlation():
     seen = ar1_noise(np.random.default_rng(0), 200_000, 0.7)
     assert seen.var() == pytest.approx(1.0, rel=0.02)
     assert np.mean(seen[1:] * seen[:-1]) == pytest.approx(0.7, rel=0.02)
 
 
-def test_a_campaign_can_be_read_tells_nothing_of_the_truth_and_holds_it_with_noise(tmp_path):
+def test_a_campaign_contains_the_effect_and_noise_but_no_ground_truth(tmp_path):
     trial = Trial("single", "ideal", 5.0, ("slider_spring",), number=3, id="0123456789ab")
     truth = make_trial(trial, 5, tmp_path / trial.id)
     assert truth == make_trial(trial, 5, tmp_path / "again")
@@ -196,13 +193,13 @@ def test_a_campaign_can_be_read_tells_nothing_of_the_truth_and_holds_it_with_noi
 
 
 def rig_with(what):
-    """The first rig of which that holds, and its readings without noise."""
+    """The first rig with a property, and its readings without noise."""
     rigs = (draw_rig(np.random.default_rng(seed), Trial("nothing", "ideal")) for seed in range(30))
     rig = next(filter(what, rigs))
     return rig, {name: read(rig.true, run, rig.numerics) for name, run in rig.runs.items()}
 
 
-def test_channels_of_a_slower_rate_are_read_every_few_samples_alone():
+def test_slower_channels_are_read_every_few_samples():
     rig, clean = rig_with(lambda rig: max(sensor.every for sensor in rig.sensors.values()) > 1)
     for own in noisy(np.random.default_rng(0), rig, clean).values():
         for channel, sensor in rig.sensors.items():
@@ -211,7 +208,7 @@ def test_channels_of_a_slower_rate_are_read_every_few_samples_alone():
             assert read_at.mean() > 0.7 / sensor.every
 
 
-def test_an_encoder_that_is_late_reads_what_was_true_earlier():
+def test_a_late_encoder_reads_earlier_angles():
     rig, clean = rig_with(lambda rig: abs(rig.values.get("encoder_lag", 0.0)) > 1e-4)
     low, high = rig.bounds["encoder_lag"]
     assert low < rig.values["encoder_lag"] < high
@@ -223,7 +220,7 @@ def test_an_encoder_that_is_late_reads_what_was_true_earlier():
         )
 
 
-def test_a_share_of_the_measured_cranks_drifts_and_everything_else_is_drawn_as_before():
+def test_a_share_of_measured_cranks_drifts():
     plain = plan_trials(SET.model_copy(update={"measured_angle": 0.33}))
     more = plan_trials(SET.model_copy(update={"measured_angle": 0.33, "drift": 0.5}))
     assert [replace(trial, drift=False) for trial in more] == plain
@@ -234,7 +231,7 @@ def test_a_share_of_the_measured_cranks_drifts_and_everything_else_is_drawn_as_b
     assert all(trial.measured_angle for trial in more if trial.drift)
 
 
-def test_the_speed_of_a_drifting_crank_wanders_by_some_percent_and_the_forces_are_those_of_that_motion():
+def test_a_drifting_crank_has_consistent_motion_and_forces():
     for seed in range(2):
         trial = Trial("nothing", "ideal", measured_angle=True)
         steady, rig = (
@@ -263,7 +260,7 @@ def test_the_speed_of_a_drifting_crank_wanders_by_some_percent_and_the_forces_ar
         )
 
 
-def test_where_a_hidden_effect_shows_adds_up_to_its_gap(ideal):
+def test_the_effect_by_bins_adds_up_to_its_gap(ideal):
     white = replace(
         ideal.rig,
         sensors={name: replace(one, correlation=0.0) for name, one in ideal.rig.sensors.items()},
@@ -279,7 +276,7 @@ def test_where_a_hidden_effect_shows_adds_up_to_its_gap(ideal):
 
 
 @pytest.mark.integration
-def test_a_clearance_of_any_size_is_drawn_until_it_shows():
+def test_clearances_are_drawn_until_they_are_detectable():
     for number in range(2):
         trial = Trial(
             "clearance", "ideal", 0.0, ("crank_pin_clearance",), shown=(1.5, 20.0), number=number
@@ -293,7 +290,7 @@ def test_a_clearance_of_any_size_is_drawn_until_it_shows():
         assert discarded >= 0
 
 
-def test_a_mass_that_is_added_to_one_not_exactly_known_counts_from_the_file(ideal):
+def test_an_added_mass_counts_from_the_nominal_mass(ideal):
     heavier = draw_effect("added_slider_mass", ideal.rig, ideal.spread, np.random.default_rng(0))
     own = heavier.parameters(2.0)["mass_kg"]
     off = ideal.rig.values["slider_mass"] - ideal.rig.content["slider"]["mass"]
@@ -303,7 +300,7 @@ def test_a_mass_that_is_added_to_one_not_exactly_known_counts_from_the_file(idea
     )
 
 
-def test_runs_with_loose_joints_begin_anywhere_and_their_lasting_contacts_are_damped_otherwise(
+def test_loose_joints_start_anywhere_with_individual_steady_damping(
     loose,
 ):
     assert len({run.start_angle for run in loose.runs.values()}) == 3

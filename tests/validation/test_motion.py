@@ -1,5 +1,4 @@
-"""Motion and effects of blind trials, by the package's simulation and by Exudyn, and what sensors
-make of it."""
+"""Motion of blind trials by the package and by Exudyn, and sensor faults."""
 
 import math
 import re
@@ -21,7 +20,7 @@ SPEED = 40.0
 REVOLUTION = np.linspace(0.0, 2 * math.pi / SPEED, 61)
 
 
-def test_a_run_is_the_package_s_motion_whose_phase_is_passed_at_time_zero():
+def test_a_run_is_the_simulated_motion_from_its_phase():
     pin = mechanism(("piston_pin",), friction=0.1, memory="fading")
     options = Simulate(speed=SPEED, revolutions=2, samples_per_revolution=60, tolerance=1e-13)
     ours = package_motion(pin, options).samples.iloc[60:]
@@ -78,9 +77,7 @@ LOOSER = {
         "dry friction",
     ],
 )
-def test_exudyn_gives_the_same_readings_with_every_effect_that_it_is_asked_for(
-    loose, effects, bound
-):
+def test_exudyn_gives_the_same_readings_with_every_effect(loose, effects, bound):
     pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
     assert {effect["name"] for effect in EFFECTS} == set(RECIPE["exudyn"])
     given = mechanism(loose, **friction(speed=1e-3)).model_dump() | {"effects": effects}
@@ -94,8 +91,6 @@ def test_exudyn_gives_the_same_readings_with_every_effect_that_it_is_asked_for(
 
 
 def test_the_second_models_share_no_code_with_the_dynamics():
-    """These stand twice on purpose: the model in Exudyn, and the laws restated in
-    tests/dynamics."""
     for path, shared in (
         ("validation/exudyn.py", []),
         ("tests/dynamics/laws.py", ["jointgap.dynamics.parameters"]),
@@ -109,7 +104,7 @@ def test_the_second_models_share_no_code_with_the_dynamics():
 
 
 def faulty(name: str, value: float, channel="slider_position", speed=20.0):
-    """What a sensor reads of a slow motion with a fault, and without."""
+    """Readings of a slow motion with a fault, and without."""
     run = Run(speed, 1.0, np.linspace(0.0, 0.3, 301), settling=1)
     effect = Hidden(name, channel, lambda size: {"value": size}, value, value, sensor=channel)
     seen, true = (
@@ -119,7 +114,7 @@ def faulty(name: str, value: float, channel="slider_position", speed=20.0):
     return seen, true, run
 
 
-def test_sensors_err_as_their_faults_say():
+def test_sensor_faults_change_readings():
     seen, true, _ = faulty("sensor_bias", 2.0)
     assert seen == pytest.approx(true + 2.0)
     seen, true, _ = faulty("sensor_gain", 0.1)
@@ -132,7 +127,7 @@ def test_sensors_err_as_their_faults_say():
     assert not set(UNLISTED_FAULTS) & set(FAULTS)
 
 
-def test_a_late_logger_stores_what_was_true_earlier_and_a_slow_sensor_lags_behind_a_slow_signal_by_its_time():
+def test_delay_and_lag_shift_readings():
     seen, true, _ = faulty("sensor_delay", 2e-3)
     assert seen[2:] == pytest.approx(true[:-2], rel=1e-6, abs=1e-6)
     late = 1e-4  # the lag of a signal much slower than it is a delay, to the second order

@@ -1,17 +1,16 @@
-"""Intervals of rates hold the rate as often as they say."""
+"""Coverage of the intervals of rates."""
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from tests.draws import check_rate
-from validation.score import _quantile, ratio_row, share_row
+from validation.score import quantile_row, ratio_row, share_row
 
 
 @pytest.mark.parametrize("trials, share", [(6, 0.95), (17, 0.8), (17, 0.95), (60, 0.5)])
-def test_intervals_of_shares_and_of_ratios_hold_them_at_least_as_often_as_they_say(trials, share):
-    """Of shares those of Clopper and Pearson; of ratios also if some trials have many finds that go
-    together."""
+def test_intervals_of_shares_and_ratios_have_their_coverage(trials, share):
+    """Clopper-Pearson for shares; ratios also if some trials have many correlated items."""
     random, many = np.random.default_rng(trials), np.resize([1, 1, 2, 5], trials)
 
     def holds(row):
@@ -28,9 +27,9 @@ def test_intervals_of_shares_and_of_ratios_hold_them_at_least_as_often_as_they_s
 
 
 @pytest.mark.parametrize("trials, share", [(6, 0.5), (15, 0.5), (40, 0.9)])
-def test_intervals_of_quantiles_hold_them_at_least_as_often_as_they_say(trials, share):
+def test_intervals_of_quantiles_have_their_coverage(trials, share):
     values = np.random.default_rng(trials).exponential(size=(200, trials))
-    rows = [_quantile(pd.Series(own), share) for own in values]
+    rows = [quantile_row(pd.Series(own), share) for own in values]
     check_rate(
         [row["low"] <= -np.log(1.0 - share) <= row["high"] for row in rows], 0.94, 1.0 - 1e-9
     )

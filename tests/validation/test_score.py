@@ -1,4 +1,4 @@
-"""Scores rest on truths and verdicts written down by hand."""
+"""Scores of hand-made ground truths and verdicts."""
 
 import json
 import math
@@ -10,7 +10,6 @@ from scipy.stats import binom
 
 from jointgap.core.errors import InputError
 from jointgap.identification.fit import LEVELS
-from tests.catalogue import each
 from validation.analyse import greedy_names
 from validation.report import FILES, write_score
 from validation.score import (
@@ -40,8 +39,18 @@ FIFTH, STRIBECK, CUBIC = (
 
 def truth(*effects, kind="single", gap=5.0, name="a") -> dict:
     size = 5.0 if effects else 0.0
-    sealed = {"id": name, "kind": kind, "base": "ideal", "size": size, "effects": list(effects)}
-    return sealed | {"gaps": [gap] * len(effects), "numerics_gap": 1.0, "drive": "constant_speed"}
+    trial_truth = {
+        "id": name,
+        "kind": kind,
+        "base": "ideal",
+        "size": size,
+        "effects": list(effects),
+    }
+    return trial_truth | {
+        "gaps": [gap] * len(effects),
+        "numerics_gap": 1.0,
+        "drive": "constant_speed",
+    }
 
 
 def same(low, high) -> dict:
@@ -78,7 +87,7 @@ def ambiguous(*equivalent, **more) -> dict:
 
 
 def drag_family(name="slider_quadratic_drag", low=1.6, high=5.0, family=True) -> dict:
-    """Drag with what the data leave of its exponent."""
+    """Drag with an interval of its exponent."""
     found = {
         "law": "slider_power_drag",
         "shape": "exponent",
@@ -120,11 +129,8 @@ OUTCOMES = [  # what was hidden, what was found, what that is
     ((DRAG,), {"verdict": "no_disagreement"}, "missed"),
     ((DRAG, SPRING), {"effects": [named(SPRING)]}, "partly"),
     ((LAG,), {"effects": [named(LAG)]}, "right"),
-    (
-        (LAG,),
-        {"effects": [named({**LAG, "site": "guide_force"})]},
-        "wrong",
-    ),  # a sensor is faulty on its own channel
+    # a sensor is faulty on its own channel
+    ((LAG,), {"effects": [named({**LAG, "site": "guide_force"})]}, "wrong"),
     ((), {"verdict": "no_disagreement"}, "right"),
     ((), {"verdict": "parameters_only"}, "right"),
     ((), {"effects": [named(DRAG)]}, "wrong"),
@@ -160,8 +166,9 @@ OUTCOMES = [  # what was hidden, what was found, what that is
 ]
 
 
-def test_the_true_name_alone_is_right():
-    def outcome(effects, found, expected):
+def test_outcomes_follow_from_names():
+
+    for effects, found, expected in OUTCOMES:
         kind = (
             "pair"
             if len(effects) > 1
@@ -170,29 +177,27 @@ def test_the_true_name_alone_is_right():
             else "off_list"
         )
         assert score_trial(truth(*effects, kind=kind), analysis(**found))["outcome"] == expected
-
-    each(outcome, OUTCOMES)
     assert effect_label(LAG) == "sensor_lag:crank_torque"
     assert score_trial(truth(DRAG), analysis(verdict="unexplained"))["reason"] == "so it is"
     row = score_trial(truth(DRAG), {"id": "a", "error": "InputError: no", "seconds": 1.0})
     assert (row["outcome"], row["reason"], row["detectable"]) == ("failed", "InputError: no", True)
 
 
-def test_a_discovered_force_is_right_within_a_tenth_of_the_true_one():
+def test_a_discovered_force_is_right_within_10_percent():
     v = np.linspace(-1, 1, 21)
     states = dict.fromkeys(
         ("slider_velocity", "slider_position", "crank_speed", "crank_angle", "time"), [0.5] * 21
     )
     states["slider_velocity"] = v.tolist()
     force = {"kind": "discovered_slider_force", "states": states, "value": (-3 * v**3).tolist()}
-    sealed = truth(hidden("cubic_drag", listed=False) | {"force": force}, kind="off_list")
+    trial_truth = truth(hidden("cubic_drag", listed=False) | {"force": force}, kind="off_list")
     for off, found in ((1.05, "right"), (1.2, "wrong")):
         law = hidden("discovered_slider_force", formula={"value": "-c*v^3"}, c={"value": 3.0 * off})
-        assert score_trial(sealed, analysis(effects=[law]))["outcome"] == found
-    assert score_trial(sealed, analysis(effects=[named(DRAG)]))["outcome"] == "wrong"
+        assert score_trial(trial_truth, analysis(effects=[law]))["outcome"] == found
+    assert score_trial(trial_truth, analysis(effects=[named(DRAG)]))["outcome"] == "wrong"
 
 
-def test_a_late_sensor_that_is_named_as_lag_or_delay_is_right_whichever_it_is_and_at_its_own_channel_alone():
+def test_lag_and_delay_are_right_at_their_own_channel():
     family = {
         "law": "sensor_lag_and_delay",
         "shape": "delay_share",
@@ -210,7 +215,7 @@ def test_a_late_sensor_that_is_named_as_lag_or_delay_is_right_whichever_it_is_an
         assert named_labels([found], frozenset([label])) == {"sensor_lag_and_delay:crank_torque"}
 
 
-def test_what_preflight_calls_undetectable_is_apart_and_so_is_what_could_not_be_made_large_enough():
+def test_undetectable_and_small_effects_are_counted_separately():
     assert pytest.approx(1.5 * 0.84) == LEAST_GAP
     pair = truth(DRAG, SPRING, kind="pair") | {"gaps": [5.0, 1.2]}  # its smallest effect counts
     unseen = analysis(undetectable=["slider_quadratic_drag"])
@@ -220,12 +225,12 @@ def test_what_preflight_calls_undetectable_is_apart_and_so_is_what_could_not_be_
         (pair, analysis(), False, False),
         (truth(DRAG), unseen, False, True),
     ]
-    for sealed, found, detectable, foreseen in cases:
-        row = score_trial(sealed, found)
+    for trial_truth, found, detectable, foreseen in cases:
+        row = score_trial(trial_truth, found)
         assert (row["detectable"], row["foreseen"]) == (detectable, foreseen)
 
 
-def test_error_coverage_and_the_share_of_the_excess_closed():
+def test_size_error_coverage_and_closed_share():
     row = score_trial(truth(DRAG), analysis(effects=[named(DRAG, 2.1, 1.9, 2.2)]))
     assert (row["error"], row["covered_90"]) == (pytest.approx(0.05), 1.0)
     assert (
@@ -234,10 +239,8 @@ def test_error_coverage_and_the_share_of_the_excess_closed():
     )
     effects = [named(DRAG, 1.0, 0.5, 2.0), named(SPRING, 110.0, 101.0, 120.0)]
     row = score_trial(truth(DRAG, SPRING, kind="pair"), analysis(effects=effects))
-    assert (row["error"], row["covered_90"]) == (
-        pytest.approx((0.5 + 0.1) / 2),
-        0.5,
-    )  # 2.0 is covered, 100 is not
+    # 2.0 is covered, 100 is not
+    assert (row["error"], row["covered_90"]) == (pytest.approx((0.5 + 0.1) / 2), 0.5)
     shares = [
         (3.0, 1.5, 1 - 1.25 / 8),
         (3.0, 1.0, 1.0),
@@ -254,7 +257,7 @@ def test_error_coverage_and_the_share_of_the_excess_closed():
         assert row["closed"] == pytest.approx(closed, nan_ok=True)
 
 
-def test_greedy_steps_follow_the_least_bic_whatever_remains():
+def test_greedy_selection_follows_the_smallest_bic():
     rows = [
         ("base", 100.0),
         ("a", 60.0),
@@ -270,11 +273,11 @@ def test_greedy_steps_follow_the_least_bic_whatever_remains():
 
 
 def of_all(frame, column="value") -> dict:
-    """Rates of trials by name and group."""
+    """Rates by name and group."""
     return rates(frame).set_index(["what", "group"])[column].to_dict()
 
 
-def test_the_interval_of_a_quantile_lies_between_the_order_statistics_of_the_tables():
+def test_the_interval_of_a_quantile_is_between_order_statistics():
     """Trials of a base took 1, 2, 3, ... seconds."""
     row = score_trial(truth(kind="nothing"), analysis(verdict="no_disagreement"))
     counts = {str(count): np.arange(1.0, count + 1.0) for count in (1, 5, 6, 9, 20, 30, 100)}
@@ -295,28 +298,27 @@ def test_the_interval_of_a_quantile_lies_between_the_order_statistics_of_the_tab
         row = found.loc[("seconds, of 90 % at most", f"base {count}")]
         low, high = int(row["low"]), int(row["high"])
         assert low < row["value"] < high
-        assert (
-            binom.cdf(low - 1, count, 0.9) <= 0.025 < binom.cdf(low, count, 0.9)
-        )  # so few are as rare as half of it
+        # so few are as rare as half of it
+        assert binom.cdf(low - 1, count, 0.9) <= 0.025 < binom.cdf(low, count, 0.9)
         if high < count:
             assert binom.sf(high - 1, count, 0.9) <= 0.025 < binom.sf(high - 2, count, 0.9)
 
 
-def scored(folder, sealed, found) -> pd.DataFrame:
-    for name, records in (("sealed", sealed), ("verdicts", found)):
+def scored(folder, truths, found) -> pd.DataFrame:
+    for name, records in (("truth", truths), ("verdicts", found)):
         (folder / name).mkdir(parents=True)
         for record in records:
             (folder / name / f"{record['id']}.json").write_text(json.dumps(record))
     return score_trials(folder)
 
 
-def test_a_set_becomes_a_table_a_page_numbers_and_figures_and_a_lost_verdict_is_refused(tmp_path):
-    sealed = [
+def test_a_score_has_tables_a_page_and_figures(tmp_path):
+    truths = [
         truth(DRAG, name="a"),
         truth(name="b", kind="nothing"),
         truth(DRAG, SPRING, kind="pair", name="c"),
     ]
-    sealed.append(truth(SPRING, kind="pair", name="d"))
+    truths.append(truth(SPRING, kind="pair", name="d"))
     found = [
         analysis(
             effects=[named(DRAG)],
@@ -327,7 +329,7 @@ def test_a_set_becomes_a_table_a_page_numbers_and_figures_and_a_lost_verdict_is_
         {"id": "c", "error": "SimulationError: it stops", "seconds": 2.0},
         analysis(**ambiguous([DRAG], [SPRING, DRAG])) | {"id": "d"},
     ]
-    frame = scored(tmp_path, sealed, found)
+    frame = scored(tmp_path, truths, found)
     found = of_all(frame)
     assert found["right name", "all"] == found["nothing found, nothing hidden", "all"] == 1.0
     assert (
@@ -340,13 +342,11 @@ def test_a_set_becomes_a_table_a_page_numbers_and_figures_and_a_lost_verdict_is_
     )
     assert {path.name for path in (tmp_path / "score").iterdir()} >= set(FILES)
     assert pd.read_csv(tmp_path / "score/trials.csv")["id"].tolist() == list("abcd")
-    with pytest.raises(
-        InputError, match=r"sealed/z\.json: cannot be read .*run `make blind` again"
-    ):
+    with pytest.raises(InputError, match=r"truth/z\.json: cannot be read .*run `make blind` again"):
         score_trials(tmp_path, ["z"])
 
 
-def test_bins_of_the_map_are_right_false_or_missed_but_for_those_that_hardly_differ():
+def test_bins_of_the_map_are_hits_false_or_missed():
     shown = truth(DRAG) | {
         "where": {"run1 crank_torque": [0.0, 0.05, 0.3, 0.6, 3.0, 0.5], "run2 rod_angle": [0.7]}
     }
@@ -359,7 +359,7 @@ def test_bins_of_the_map_are_right_false_or_missed_but_for_those_that_hardly_dif
     )
 
 
-def test_f1_of_map_and_names_is_that_of_all_trials_and_a_law_off_the_list_cannot_be_missed():
+def test_f1_is_that_of_all_trials():
     frame = rows_of(*[("single", "ideal", 5.0, 5.0, True, False, "named", "right")] * 3)
     frame[["map_hit", "map_false", "map_missed"]] = [
         [10.0, 0.0, 0.0],
@@ -389,7 +389,7 @@ def test_f1_of_map_and_names_is_that_of_all_trials_and_a_law_off_the_list_cannot
         assert (row["names_hit"], row["names_false"], row["names_missed"]) == counts
 
 
-def test_a_miss_has_the_cause_that_the_fits_show():
+def test_a_miss_has_a_cause():
     for bic, cause in (
         ({"base": 50.0}, "not fitted"),
         ({"base": 50.0, "slider_quadratic_drag": 10.0}, "fit best"),
@@ -403,8 +403,7 @@ def test_a_miss_has_the_cause_that_the_fits_show():
 
 
 def rows_of(*rows) -> pd.DataFrame:
-    """A table of trials of kind, base, size, gap caused, detectable, foreseen, verdict and outcome;
-    numbers by hand."""
+    """Trials of kind, base, size, gap caused, detectable, foreseen, verdict and outcome."""
     names = ("kind", "base", "size", "gap_caused", "detectable", "foreseen", "verdict", "outcome")
     frame = pd.DataFrame(rows, columns=names)
     numbers = {"error": 0.1, "covered_90": 0.5, "closed": 0.9, "gap_after": 1.1, "seconds": 1.0}
@@ -425,14 +424,14 @@ def rows_of(*rows) -> pd.DataFrame:
 
 
 def counted(frame) -> dict:
-    """How many of how many, by name and group."""
+    """Hits and trials by rate and group."""
     found = rates(frame).set_index(["what", "group"])
     return {
         key: (round(row["value"] * row["count"]), row["count"]) for key, row in found.iterrows()
     }
 
 
-def test_every_rate_counts_the_trials_that_it_says():
+def test_every_rate_counts_its_trials():
     frame = rows_of(
         ("single", "ideal", 5.0, 5.0, True, False, "named", "right"),
         ("single", "ideal", 5.0, 5.7, True, False, "ambiguous", "right"),
@@ -498,21 +497,13 @@ def test_every_rate_counts_the_trials_that_it_says():
     assert shares["right name", "drive measured_angle"] == (1, 2)
 
 
-def test_clearances_hidden_on_purpose_are_scored_by_themselves_and_those_from_exudyn_by_how_its_joints_are():
+def test_hidden_clearances_are_scored_separately():
     frame = rows_of(
         ("single", "ideal", 5.0, 5.0, True, False, "named", "right"),
         ("clearance", "ideal", 5.0, 5.0, True, False, "named", "wrong"),
         ("clearance", "loose", 1.5, 1.5, True, False, "named", "right"),
-        (
-            "exudyn",
-            "ideal",
-            5.0,
-            5.0,
-            True,
-            False,
-            "named",
-            "right",
-        ),  # a clearance, by what is set below
+        # a clearance, by what is set below
+        ("exudyn", "ideal", 5.0, 5.0, True, False, "named", "right"),
         ("exudyn", "loose", 5.0, 5.0, True, False, "named", "missed"),
         ("exudyn", "loose", 0.0, np.nan, False, False, "no_disagreement", "right"),
     )
@@ -533,9 +524,9 @@ def test_clearances_hidden_on_purpose_are_scored_by_themselves_and_those_from_ex
     assert ("right name", "from Exudyn, joints ideal") not in shares
 
 
-def test_a_baseline_that_names_too_much_is_wrong_and_one_of_two_is_partly_right():
+def test_baselines_are_scored_like_verdicts():
     drag = "slider_quadratic_drag"
-    for sealed, names, outcome in (
+    for trial_truth, names, outcome in (
         (truth(DRAG), [drag], "right"),
         (truth(DRAG), [drag, "gravity"], "wrong"),
         (truth(DRAG, SPRING, kind="pair"), ["slider_spring"], "partly"),
@@ -545,11 +536,11 @@ def test_a_baseline_that_names_too_much_is_wrong_and_one_of_two_is_partly_right(
         (truth(DRAG | {"listed": False}, kind="off_list"), [drag], "wrong"),
         (truth(DRAG, kind="off_list"), [drag], "right"),  # it is a candidate by now
     ):
-        row = score_trial(sealed, analysis(greedy=names, sparse=names))
+        row = score_trial(trial_truth, analysis(greedy=names, sparse=names))
         assert row["greedy"] == row["sparse"] == outcome
 
 
-def wired(what="sign", *channels):
+def damaged(what="sign", *channels):
     return truth(kind="wiring") | {
         "damage": {"what": what, "channels": list(channels or ("crank_torque",))}
     }
@@ -558,27 +549,27 @@ def wired(what="sign", *channels):
 DOUBT = {"doubts": [{"run": "run1", "channel": "crank_torque", "other": "", "kind": "sign"}]}
 
 
-def test_wrongly_wired_data_are_right_where_the_channel_or_its_sensor_is_named_and_no_effect():
+def test_data_faults_are_right_if_the_channel_is_reported():
     refused = {
         "id": "a",
         "seconds": 1.0,
         "error": "InputError: run1.csv, column t: check the run's speed",
     }
-    for sealed, found, outcome, doubted in (
-        (wired(), analysis(verdict="unexplained", **DOUBT), "right", True),
-        (wired("sign", "guide_force"), analysis(verdict="unexplained", **DOUBT), "missed", False),
-        (wired("gain"), analysis(effects=[named(GAIN)]), "right", True),
-        (wired("gain", "guide_force"), analysis(effects=[named(GAIN)]), "wrong", False),
-        (wired(), analysis(effects=[named(DRAG)], **DOUBT), "wrong", True),
-        (wired(), analysis(verdict="ambiguous", certain=[named(DRAG)], **DOUBT), "wrong", True),
-        (wired("wrong_speed", "time"), refused, "right", True),
-        (wired(), refused, "failed", False),
+    for trial_truth, found, outcome, doubted in (
+        (damaged(), analysis(verdict="unexplained", **DOUBT), "right", True),
+        (damaged("sign", "guide_force"), analysis(verdict="unexplained", **DOUBT), "missed", False),
+        (damaged("gain"), analysis(effects=[named(GAIN)]), "right", True),
+        (damaged("gain", "guide_force"), analysis(effects=[named(GAIN)]), "wrong", False),
+        (damaged(), analysis(effects=[named(DRAG)], **DOUBT), "wrong", True),
+        (damaged(), analysis(verdict="ambiguous", certain=[named(DRAG)], **DOUBT), "wrong", True),
+        (damaged("wrong_speed", "time"), refused, "right", True),
+        (damaged(), refused, "failed", False),
     ):
-        row = score_trial(sealed, found)
-        assert (row["outcome"], row["told"]) == (outcome, doubted), (sealed["damage"], outcome)
+        row = score_trial(trial_truth, found)
+        assert (row["outcome"], row["told"]) == (outcome, doubted), (trial_truth["damage"], outcome)
     rows = [
-        score_trial(wired(), analysis(verdict="unexplained", **DOUBT)),
-        score_trial(wired("gain"), analysis()),
+        score_trial(damaged(), analysis(verdict="unexplained", **DOUBT)),
+        score_trial(damaged("gain"), analysis()),
     ]
     assert rows[0]["hidden"] == "sign: crank_torque"
     found = of_all(pd.DataFrame(rows))
@@ -589,7 +580,7 @@ def test_wrongly_wired_data_are_right_where_the_channel_or_its_sensor_is_named_a
     assert shares == [0.5, 0.5, 1.0, 0.0]
 
 
-def test_nuisances_count_where_the_model_is_right_and_an_interval_is_stated():
+def test_nuisance_coverage_counts_stated_intervals():
     stated = {
         "slider_mass": {"value": 0.5, "sd": 0.1, **same(0.4, 0.6), "interval_50": [0.45, 0.55]},
         "rod_mass": {

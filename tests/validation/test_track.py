@@ -1,4 +1,4 @@
-"""Scores of blind trials in the dashboard."""
+"""Scores of blind trials in MLflow."""
 
 import json
 import shutil
@@ -18,8 +18,7 @@ from validation.score import BASELINES, rates
 
 
 def made_up(right: int, count: int = 4) -> pd.DataFrame:
-    """Trials with one effect each, of which the first `right` were named right, and one with
-    nothing hidden."""
+    """Trials with one effect each (the first `right` named right), and one without."""
     rows = [
         {"kind": "single", "hidden": "gravity", "outcome": "right" if i < right else "wrong"}
         for i in range(count)
@@ -43,13 +42,13 @@ def made_up(right: int, count: int = 4) -> pd.DataFrame:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Score of a set of which three of four were named right."""
+    """Score of a set with three of four named right."""
     place = tmp_path_factory.mktemp("score")
     write_score("small", made_up(3), place)
     return place
 
 
-def test_every_figure_of_a_set_is_a_metric_and_what_it_took_is_a_cost(folder):
+def test_every_rate_is_a_metric_and_time_is_a_cost(folder):
     (record,) = mlflow_records(folder)
     assert record.metrics["right name/all"] == record.metrics["right name/gap 5"] == 0.75
     assert record.metrics["trials/single"] == 4
@@ -57,9 +56,8 @@ def test_every_figure_of_a_set_is_a_metric_and_what_it_took_is_a_cost(folder):
         "seconds/median/base ideal": 2.0,
         "seconds/of 90 percent at most/base ideal": 2.0,
     }
-    assert (
-        len(record.metrics) + len(record.costs) == len(rates(made_up(3))) + 2
-    )  # and two kinds counted
+    # and two kinds counted
+    assert len(record.metrics) + len(record.costs) == len(rates(made_up(3))) + 2
     assert set(record.files) >= {
         "summary.md",
         "trials.csv",
@@ -69,7 +67,7 @@ def test_every_figure_of_a_set_is_a_metric_and_what_it_took_is_a_cost(folder):
     }
 
 
-def test_sets_are_runs_of_one_experiment_and_a_new_score_supersedes_the_old(folder, tmp_path):
+def test_sets_are_runs_of_one_experiment_and_a_new_score_replaces_the_old(folder, tmp_path):
     own = shutil.copytree(folder, tmp_path / "score")
 
     def published(name):
@@ -94,7 +92,7 @@ def test_sets_are_runs_of_one_experiment_and_a_new_score_supersedes_the_old(fold
     assert published("small")[1] == 1
 
 
-def test_trials_are_scored_and_published_collected_over_several_runs_of_one_version_and_reported(
+def test_trials_are_scored_published_collected_and_reported(
     tmp_path,
 ):
     table, one, other = tmp_path / "trials.csv", tmp_path / "blind/one", tmp_path / "blind/other"

@@ -1,4 +1,4 @@
-"""A trial from the seal to the score."""
+"""A trial from the draw to the score."""
 
 import json
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.integration
     ],
     ids=["one", "one-with-loose-joints", "none", "a-joint-that-became-loose"],
 )
-def test_what_was_hidden_is_named_and_nothing_else(tmp_path, kind, base, effects):
+def test_the_hidden_effect_alone_is_named(tmp_path, kind, base, effects):
     trial = Trial(kind, base, 5.0 if effects else 0.0, effects, number=8, id="0123456789ab")
     truth = make_trial(trial, 11, tmp_path / trial.id)
     record = analyse_trial(tmp_path / trial.id)
@@ -35,9 +35,7 @@ def test_what_was_hidden_is_named_and_nothing_else(tmp_path, kind, base, effects
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(4))
-def test_nothing_is_named_where_nothing_is_hidden_and_the_speed_of_the_measured_crank_drifts(
-    tmp_path, number
-):
+def test_nothing_is_named_for_a_drifting_crank_without_effects(tmp_path, number):
     trial = Trial(
         "nothing",
         "ideal",

@@ -1,4 +1,4 @@
-"""One run of the smoke configuration, shared by all tests of the workflow."""
+"""One run of the smoke configuration, shared by the tests of the workflow."""
 
 import os
 import signal
@@ -18,17 +18,15 @@ PATIENCE = 600
 
 @dataclass(frozen=True)
 class SmokeRun:
-    """A folder in which the smoke configuration was killed and then has run to its end, and what
-    was printed."""
+    """Folder and output of a smoke run that was killed and resumed."""
 
     folder: Path
-    left: int  # tables that the killed run left
+    left: int  # number of tables after the kill
     last: CompletedProcess
 
 
 def tables(folder: Path) -> dict[str, bytes]:
-    """Content of every Parquet file of the smoke scenario, by path; not the hidden files that a
-    killed write leaves."""
+    """Content of every Parquet file of the smoke scenario, by path."""
     files = [
         path
         for path in (folder / "results/smoke").rglob("*.parquet")
@@ -39,9 +37,8 @@ def tables(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="session")
 def smoke(tmp_path_factory: pytest.TempPathFactory) -> SmokeRun:
-    """The whole chain, killed after its first table, in a folder with a space in its path, for a
-    user whose HOME cannot be written.
-    """
+    """The chain, killed after its first table, in a folder with a space, without a writable
+    HOME."""
     folder, command = (
         copy_project(tmp_path_factory.mktemp("smoke") / "a project"),
         smoke_command("--cores", "2"),

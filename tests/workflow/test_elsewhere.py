@@ -1,4 +1,4 @@
-"""The workflow away from home: inside another workflow, and with a campaign file of one's own."""
+"""The workflow as a module of another workflow, and in other folders."""
 
 import json
 import re
@@ -36,7 +36,7 @@ rule study:
 """
 
 
-def test_another_workflow_uses_the_rules_with_its_own_configuration(tmp_path):
+def test_another_workflow_uses_the_rules(tmp_path):
     own = yaml.safe_load((ROOT / "config/config.yaml").read_text())
     own["run"] = ["mine"]
     own["scenarios"] = {"mine": {"description": "50 rpm faster", "simulate": {"speed": "650 rpm"}}}
@@ -56,7 +56,7 @@ def planned(*options, folder=ROOT) -> dict[str, str]:
     return dict(re.findall(r"^(\w+) +(\d+)$", done.stdout, re.MULTILINE))
 
 
-def test_the_snakefile_at_the_top_asks_for_the_same_jobs_as_the_workflow_where_the_catalogue_looks_for_it():
+def test_both_snakefiles_plan_the_same_jobs():
     options = ("--dry-run", "--forceall", "--quiet", "rules", "--cores", "1")
     top, inner = (
         planned("snakemake", *more, *options)
@@ -66,7 +66,7 @@ def test_the_snakefile_at_the_top_asks_for_the_same_jobs_as_the_workflow_where_t
     assert top == inner != {}
 
 
-def test_a_killed_campaign_in_a_folder_hard_to_quote_goes_on_and_one_that_cannot_be_used_ends_with_its_mend(
+def test_an_interrupted_campaign_resumes_in_any_folder_and_errors_say_how_to_fix(
     fresh_project, tmp_path
 ):
     text = (
@@ -85,8 +85,10 @@ def test_a_killed_campaign_in_a_folder_hard_to_quote_goes_on_and_one_that_cannot
             place.touch()
     command = ["make", "--old-file=set-up", "campaign", f"CAMPAIGN={own}"]
     jobs = planned(*command, "ARGS=--dry-run", folder=fresh_project)
-    left = {"pair", "decide", "reoptimise", "conclude", "track", "report"}
-    assert {name.removeprefix("campaign_") for name in jobs if name.startswith("campaign_")} == left
+    remaining = {"pair", "decide", "reoptimise", "conclude", "track", "report"}
+    assert {
+        name.removeprefix("campaign_") for name in jobs if name.startswith("campaign_")
+    } == remaining
     own.write_text(own.read_text().replace("role: confirm", "role: confrim"))
     done = run(fresh_project, *command)
     said = done.stdout + done.stderr

@@ -1,4 +1,4 @@
-"""A disk that is full, or a quota: the reason is told though the log has no room for it."""
+"""A full disk or quota."""
 
 import re
 import subprocess
@@ -15,7 +15,7 @@ RULE = (
 )
 
 
-def test_the_reason_of_a_failed_job_is_shown_though_its_log_is_empty(tmp_path):
+def test_a_failed_job_reports_its_reason_on_a_full_disk(tmp_path):
     text = f"include: {str(ROOT / 'workflow' / 'rules' / 'terminal.smk')!r}\n"
     for name, command in (("read", "describe nothing.parquet"), ("write", "schema")):
         text += RULE.format(name, name, name, command)

@@ -1,4 +1,4 @@
-"""Rules of this project that a tool can check."""
+"""Consistency of the project files."""
 
 import re
 import tomllib
@@ -11,13 +11,12 @@ from packaging.utils import canonicalize_name
 
 import jointgap
 from benchmarks.project import ROOT, run
-from tests.catalogue import each
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 
 
-def test_the_lock_file_and_the_conda_environment_ask_for_the_packages_of_the_project():
+def test_lock_file_and_conda_environment_match_the_project():
     wanted = [*PROJECT["dependencies"], *(line for extra in EXTRAS.values() for line in extra)]
     pins = dict(
         re.findall(
@@ -46,7 +45,7 @@ def test_the_lock_file_and_the_conda_environment_ask_for_the_packages_of_the_pro
     assert conda == {line for line in in_jobs if not line.startswith("snakemake")}
 
 
-def test_profiles_the_catalogue_entry_the_help_and_the_version_are_whole():
+def test_profiles_help_and_versions_are_complete():
     profiles = sorted((ROOT / "workflow/profiles").glob("*/config.yaml"))
     assert [path.parent.name for path in profiles] == ["ci", "local", "slurm"]
     for path in [*profiles, ROOT / ".snakemake-workflow-catalog.yml", ROOT / "CITATION.cff"]:
@@ -79,13 +78,13 @@ PAGES = [
 PAGES += sorted(page for page in ROOT.glob("docs/**/*.md") if "_build" not in page.parts)
 
 
-def test_every_name_of_the_package_and_every_path_of_the_map_of_the_code_is_there():
-    def is_there(page):
+def test_names_and_paths_in_the_documentation_exist():
+
+    for page in PAGES:
         text = page.read_text(encoding="utf-8")
         if page.stem == "changelog":
-            text = re.sub(
-                r"(?m)^ *\| `[^|]*\|", "", text
-            )  # names as they were, in a table's first column
+            # old names, in the first column of a table
+            text = re.sub(r"(?m)^ *\| `[^|]*\|", "", text)
         for name in re.findall(r"`(jointgap(?:\.\w+)+)", text):
             resolve_name(name)
         for module, names in re.findall(
@@ -93,8 +92,6 @@ def test_every_name_of_the_package_and_every_path_of_the_map_of_the_code_is_ther
         ):
             for name in names.split(", "):
                 assert hasattr(import_module(module), name), (module, name)
-
-    each(is_there, PAGES)
     for path in re.findall(
         r"`([\w.]+/[\w./-]*)`", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     ):
@@ -102,7 +99,7 @@ def test_every_name_of_the_package_and_every_path_of_the_map_of_the_code_is_ther
             assert (ROOT / path).exists() or (ROOT / "src/jointgap" / path).exists(), path
 
 
-def test_every_test_that_a_script_or_a_page_names_is_there():
+def test_tests_named_in_scripts_and_pages_exist():
     files = [
         ROOT / "Makefile",
         *(ROOT / "scripts").iterdir(),

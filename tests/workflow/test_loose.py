@@ -1,4 +1,4 @@
-"""Which jobs a scenario asks for follows from its loose joints."""
+"""Jobs of a scenario by its loose joints."""
 
 import re
 
@@ -40,13 +40,13 @@ def planned(tmp_path, *names):
     }
 
 
-def test_there_is_a_network_for_each_output_of_each_loose_joint_and_without_any_a_motion_alone(
+def test_each_output_of_each_loose_joint_has_a_network(
     tmp_path,
 ):
     alone = planned(tmp_path, "none")
     assert alone["simulate"] == alone["animate"] == 1
     assert set(alone) <= {"simulate", "animate", "everything", "total"}
     assert planned(tmp_path, "one")["surrogate"] == 4
-    beside = planned(tmp_path, *JOINTS)
+    together = planned(tmp_path, *JOINTS)
     wanted = {"simulate": 4, "surrogate": 4 + 8 + 12, "compare": 3, "overview": 1}
-    assert {rule: beside[rule] for rule in wanted} == wanted
+    assert {rule: together[rule] for rule in wanted} == wanted

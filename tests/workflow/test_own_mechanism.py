@@ -1,5 +1,4 @@
-"""`make run CONFIG=mine.yaml`: somebody's own mechanism, with networks and the paper only where
-they are asked for."""
+"""`make run CONFIG=mine.yaml` with a user's own mechanism."""
 
 import json
 import re
@@ -34,7 +33,7 @@ def make(project, *options, **keys):
     return done.stdout
 
 
-def test_an_own_mechanism_is_optimised_without_networks_and_the_paper_until_they_are_asked_for(
+def test_an_own_mechanism_is_optimised_without_networks_unless_requested(
     fresh_project,
 ):
     make(fresh_project)

@@ -1,5 +1,4 @@
-"""The script between make and Snakemake, with a stand-in for Snakemake that says what it was
-asked."""
+"""The script between make and Snakemake, with a stub for Snakemake."""
 
 import os
 import select
@@ -13,7 +12,6 @@ import pytest
 from snakemake.cli import parse_config
 
 from benchmarks.project import ROOT, environment, run
-from tests.catalogue import each
 
 SCRIPT, IN_VENV = ROOT / "scripts" / "run-workflow", ROOT / "scripts" / "in-venv"
 RULES = ROOT / "workflow" / "rules"
@@ -23,7 +21,7 @@ TERMINAL = f"include: {str(RULES / 'terminal.smk')!r}\n"
 PATIENCE = 600
 
 
-def stand_in(place: Path) -> None:
+def stub(place: Path) -> None:
     place.parent.mkdir(parents=True)
     place.write_text("#!/bin/sh\nprintf '%s\\n' \"$@\" > asked.txt\n")
     place.chmod(0o755)
@@ -32,7 +30,7 @@ def stand_in(place: Path) -> None:
 @pytest.fixture
 def run_workflow(tmp_path):
     """Runs the script in a folder of its own."""
-    stand_in(tmp_path / "bin/snakemake")
+    stub(tmp_path / "bin/snakemake")
     path = {"PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}"}
 
     def called(*options: str) -> subprocess.CompletedProcess:
@@ -49,17 +47,9 @@ def run_workflow(tmp_path):
     return called
 
 
-def test_a_users_options_and_files_go_to_snakemake_with_what_the_makefile_says(
-    run_workflow, tmp_path
-):
+def test_user_options_are_passed_to_snakemake(run_workflow, tmp_path):
     for name in ("mine", "more"):
         (tmp_path / f"{name}.yaml").write_text("figures: {animation_frames: 1}\n")
-
-    def asks(options, wanted):
-        assert run_workflow(*options).returncode == 0
-        report, *asked = (tmp_path / "asked.txt").read_text().splitlines()
-        assert report == "report.html"
-        assert [one for one in asked if one != "--nolock"] == wanted
 
     campaign = 'campaigns=["my rig.yaml"]'
     both = ["campaigned", "--cores", "2", "--config", "fit_parts=4", "-k", "--config", campaign]
@@ -87,19 +77,21 @@ def test_a_users_options_and_files_go_to_snakemake_with_what_the_makefile_says(
     for words in (["--config=a=4"], ["-Ca=4"], ["-C", "a=4"]):
         more = [*words, "--quiet", "--config", "campaigns=[1]"]
         cases.append((more, ["--quiet", "--dry-run", "--config", "a=4", "campaigns=[1]"]))
-    each(asks, cases)
+    for options, wanted in cases:
+        assert run_workflow(*options).returncode == 0
+        report, *asked = (tmp_path / "asked.txt").read_text().splitlines()
+        assert report == "report.html"
+        assert [one for one in asked if one != "--nolock"] == wanted
 
 
-def test_no_target_of_the_makefile_is_taken_for_a_users_configuration():
+def test_no_make_target_is_read_as_configuration():
     for target, asked in (("campaign", "campaigned"), ("run", "all")):
         command = ["make", "--dry-run", target, "ARGS=--config a=b"]
         said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
         assert 0 < said.index(f"report.html {asked} ") < said.index("--config a=b")
 
 
-def test_a_configuration_that_cannot_be_read_is_refused_before_snakemake_sees_it(
-    run_workflow, tmp_path
-):
+def test_an_unreadable_configuration_is_refused_before_snakemake(run_workflow, tmp_path):
     good, file = tmp_path / "good.yaml", tmp_path / "mine.yaml"
     good.write_text("figures: {animation_frames: 1}\n")
     for content in (None, "figures: {animation_frames: 1}\nfigures: {animation_frames: 2}\n"):
@@ -112,7 +104,7 @@ def test_a_configuration_that_cannot_be_read_is_refused_before_snakemake_sees_it
 
 
 @pytest.mark.integration
-def test_snakemake_itself_takes_no_configuration_that_is_wrong_in_silence(tmp_path):
+def test_snakemake_refuses_an_invalid_configuration(tmp_path):
     (tmp_path / "mine.yaml").write_text("simulate: {revolutions: 010}\n")
     for more in ((), ("--snakefile", "workflow/blind/Snakefile")):
         given = [
@@ -146,14 +138,13 @@ as_root = pytest.mark.skipif(
 def as_user(
     number: int, folder: Path, *command: str | Path, **environment: str
 ) -> subprocess.CompletedProcess:
-    """Run a command as a user number without a name, which may read all but write only what is its
-    own."""
+    """Run a command as another user number without a name."""
     own = {"HOME": "/", "PATH": os.environ["PATH"]} | environment
     given = [*SETPRIV, f"--reuid={number}", "--regid=3000", *map(str, command)]
     return subprocess.run(given, cwd=folder, env=own, capture_output=True, text=True, check=False)
 
 
-def test_a_module_systems_packages_are_no_packages_of_the_project_and_the_users_name_stays(
+def test_other_python_packages_are_ignored_and_the_user_name_kept(
     tmp_path,
 ):
     known = {
@@ -171,7 +162,7 @@ def test_a_module_systems_packages_are_no_packages_of_the_project_and_the_users_
 
 
 @as_root
-def test_a_user_number_without_a_name_runs_snakemake(tmp_path):
+def test_a_user_number_without_a_name_can_run_snakemake(tmp_path):
     (tmp_path / "Snakefile").write_text(
         BEFORE_ANY_JOB + "rule one:\n    output: 'report.html'\n    shell: 'touch {output}'\n"
     )
@@ -181,8 +172,8 @@ def test_a_user_number_without_a_name_runs_snakemake(tmp_path):
 
 
 @as_root
-def test_in_the_clone_of_another_user_a_run_is_refused_with_whose_it_is_and_what_to_do(tmp_path):
-    stand_in(tmp_path / "bin/snakemake")
+def test_another_users_clone_is_refused(tmp_path):
+    stub(tmp_path / "bin/snakemake")
     path = f"bin:{os.environ['PATH']}"
     for place in (".", "results", ".cache", ".cache/run.lock"):
         if place.endswith("lock"):
@@ -210,12 +201,12 @@ PATHS = [
 ]
 
 
-def test_the_path_of_a_campaign_reaches_the_configuration_as_it_is_written(tmp_path):
+def test_any_campaign_path_reaches_the_configuration(tmp_path):
     shutil.copy(ROOT / "Makefile", tmp_path)
     shutil.copytree(ROOT / "scripts", tmp_path / "scripts")
-    stand_in(tmp_path / ".venv/bin/snakemake")
+    stub(tmp_path / ".venv/bin/snakemake")
 
-    def reaches(path, said_by):
+    for path, said_by in [(path, said_by) for path in PATHS for said_by in ("environment", "make")]:
         given, more = (["CAMPAIGN=" + path], {}) if said_by == "make" else ([], {"CAMPAIGN": path})
         command = ["make", "--old-file=set-up", "campaign", "ARGS=--dry-run", *given]
         subprocess.run(
@@ -227,20 +218,17 @@ def test_the_path_of_a_campaign_reaches_the_configuration_as_it_is_written(tmp_p
         }
         assert not (tmp_path / "made").exists()
 
-    each(reaches, [(path, said_by) for path in PATHS for said_by in ("environment", "make")])
-
 
 BY_MAKE, BY_ITSELF = (str(SCRIPT), "report.html"), ("snakemake", "--nolock")
 
 
 @pytest.fixture
 def slow_workflow(tmp_path) -> Path:
-    """A folder with a workflow of one job that tells when it begins and ends, by pipes that wait
-    for who reads them."""
-    job = "echo begins > told; read line < go_on; echo ends >> noted; touch {output}"
+    """A workflow of one job that reports its begin and waits, by named pipes."""
+    job = "echo begins > begun; read line < proceed; echo ends >> noted; touch {output}"
     rule = f"rule slow:\n    output: 'report.html'\n    log: 'slow.log'\n    shell: {job!r}\n"
     (tmp_path / "Snakefile").write_text(BEFORE_ANY_JOB + TERMINAL + rule)
-    for name in ("told", "go_on"):
+    for name in ("begun", "proceed"):
         os.mkfifo(tmp_path / name)
     return tmp_path
 
@@ -263,13 +251,13 @@ def started(folder: Path, *command: str, quiet: str = "all") -> subprocess.Popen
 
 def begins(folder: Path) -> None:
     """Wait until the job of a slow workflow begins."""
-    told = os.open(folder / "told", os.O_RDONLY | os.O_NONBLOCK)
-    assert select.select([told], [], [], PATIENCE)[0] and os.read(told, 99) == b"begins\n"
-    os.close(told)
+    begun = os.open(folder / "begun", os.O_RDONLY | os.O_NONBLOCK)
+    assert select.select([begun], [], [], PATIENCE)[0] and os.read(begun, 99) == b"begins\n"
+    os.close(begun)
 
 
 @pytest.mark.integration
-def test_a_run_stopped_by_ctrl_c_or_a_limit_says_so_in_one_line_before_it_ends(slow_workflow):
+def test_an_interrupted_run_says_how_to_resume(slow_workflow):
     (slow_workflow / "slow.log").write_text(
         "jointgap: compiling the simulation for this machine, once\n"
     )
@@ -283,7 +271,7 @@ def test_a_run_stopped_by_ctrl_c_or_a_limit_says_so_in_one_line_before_it_ends(s
         time.sleep(2.0)  # while Snakemake starts a job it can fail to stop
         stop(working.pid, number)
         if stop is os.kill:  # Snakemake waits for jobs that nobody stops
-            (slow_workflow / "go_on").write_text("\n")
+            (slow_workflow / "proceed").write_text("\n")
         said = working.communicate(timeout=PATIENCE)[0]
         assert (
             working.returncode != 0 and said.count("interrupted; the same command resumes\n") == 1
@@ -292,11 +280,11 @@ def test_a_run_stopped_by_ctrl_c_or_a_limit_says_so_in_one_line_before_it_ends(s
 
 
 @pytest.mark.integration
-def test_of_two_runs_in_a_folder_snakemake_refuses_make_waits_and_a_killed_one_holds_up_no_other(
+def test_a_second_run_waits_or_is_refused(
     slow_workflow,
 ):
     def goes_on(process):
-        (slow_workflow / "go_on").write_text("\n")
+        (slow_workflow / "proceed").write_text("\n")
         said = process.communicate(timeout=PATIENCE)[0]
         assert process.returncode == 0, said
         return said
@@ -324,7 +312,7 @@ def test_of_two_runs_in_a_folder_snakemake_refuses_make_waits_and_a_killed_one_h
 
 
 @pytest.mark.integration
-def test_a_store_that_does_not_answer_ends_a_run_before_its_first_job(tmp_path):
+def test_an_unreachable_store_stops_a_run_before_its_first_job(tmp_path):
     (tmp_path / "Snakefile").write_text(
         BEFORE_ANY_JOB + "rule track:\n    input: 'table'\n    output: 'published'\n    resources:"
         " mlflow_store=1\n    shell: 'touch {output}'\nrule simulate:\n    output: 'table'\n   "

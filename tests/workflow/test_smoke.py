@@ -1,4 +1,4 @@
-"""The whole chain with the smoke configuration, run as a user runs it."""
+"""The chain with the smoke configuration, as a user runs it."""
 
 import json
 import os
@@ -9,7 +9,6 @@ import pytest
 
 from benchmarks.project import ROOT, SMOKE_REPORT, copy_project, run, smoke_command
 from jointgap.scenario.figures import FIGURES
-from tests.catalogue import each
 from tests.scenario.mlflow_store import client_of, runs_of
 from tests.workflow.conftest import tables
 
@@ -19,7 +18,7 @@ STILL = [FIGURES[name] for name in FIGURES.still]
 
 
 def text_of(page: str) -> str:
-    """What a browser's search finds on a page."""
+    """Visible text of a page."""
     return " ".join(
         re.sub("<[^>]*>", "", page.partition("</style>")[2]).replace("&#39;", "'").split()
     )
@@ -36,22 +35,22 @@ def dry_run(folder, config="config/smoke.yaml", *options: str):
     return jobs(run(folder, *command, *options))
 
 
-def test_a_killed_run_goes_on_to_its_end_in_a_path_with_a_space_and_without_a_home(smoke):
+def test_a_killed_run_resumes_to_the_end(smoke):
     results = smoke.folder / "results"
     assert 0 < smoke.left < len(tables(smoke.folder))
     assert (results / "smoke/comparison.md").stat().st_size > 0 and (
         smoke.folder / SMOKE_REPORT
     ).stat().st_size > 0
-    told = json.loads((results / "smoke/summary.json").read_text(encoding="utf-8"))
+    summary = json.loads((results / "smoke/summary.json").read_text(encoding="utf-8"))
     said = smoke.last.stdout + smoke.last.stderr
     assert "page of smoke: results/smoke/summary.html" in said and all(
-        remark in said for remark in told["remarks"]
+        remark in said for remark in summary["remarks"]
     )
     for stage in ("simulate", "surrogate", "kinematics", "optimise"):
         assert list((results / "smoke" / stage).rglob("*.parquet")), stage
 
 
-def test_it_ends_with_the_bytes_of_a_run_on_one_core_that_nothing_disturbed(smoke, fresh_project):
+def test_a_resumed_run_has_the_bytes_of_an_undisturbed_one(smoke, fresh_project):
     targets = [f"results/smoke/surrogate/{output}/history.parquet" for output in ("r2", "gamma3")]
     done = run(
         fresh_project, "snakemake", *targets, "--configfile", "config/smoke.yaml", "--cores", "1"
@@ -61,7 +60,7 @@ def test_it_ends_with_the_bytes_of_a_run_on_one_core_that_nothing_disturbed(smok
     assert len(found) > 4 and {name: wanted[name] for name in found} == found
 
 
-def test_the_report_is_one_small_file_with_what_came_out_and_every_figure_in_the_order_of_its_category(
+def test_the_report_is_one_small_file_with_all_figures(
     smoke,
 ):
     report = (smoke.folder / SMOKE_REPORT).read_text(encoding="utf-8")
@@ -81,9 +80,8 @@ def test_the_report_is_one_small_file_with_what_came_out_and_every_figure_in_the
     assert [place for _, place in by_category] == sorted(places)
 
 
-def test_the_runs_in_mlflow_are_those_of_the_golden_list(smoke):
-    """Names, parents, metrics, lengths of curves and artifacts, as they were before the package was
-    halved."""
+def test_mlflow_runs_match_the_golden_list(smoke):
+    """Names, parents, metrics, lengths of curves and artifacts."""
     wanted = {
         name: {key: value for key, value in group.items() if key != "runs"}
         for group in json.loads((ROOT / "tests/golden/smoke_runs.json").read_text())
@@ -122,7 +120,7 @@ def test_the_runs_in_mlflow_are_those_of_the_golden_list(smoke):
         }, name
 
 
-def test_a_dry_run_writes_no_report_and_a_folder_that_snakemake_cannot_take_says_so(fresh_project):
+def test_a_dry_run_writes_no_report_and_braces_in_a_path_are_refused(fresh_project):
     done = run(fresh_project, *smoke_command("--cores", "1", "--dry-run"))
     assert done.returncode == 0, done.stderr
     assert "This was a dry-run" in done.stdout + done.stderr
@@ -143,9 +141,8 @@ def test_a_second_run_has_nothing_to_do(smoke):
             if path.is_file()
         }
 
-    (smoke.folder / "results/bench.json").write_text(
-        "{}"
-    )  # what `make bench` and the dashboard write
+    # what `make bench` and the dashboard write
+    (smoke.folder / "results/bench.json").write_text("{}")
     os.utime(smoke.folder / "results/mlflow.db")
     before = written()
     again = run(smoke.folder, *smoke_command("--cores", "2"))
@@ -154,19 +151,7 @@ def test_a_second_run_has_nothing_to_do(smoke):
     assert written() == before
 
 
-def test_a_lost_file_is_made_again_though_all_that_was_made_of_it_is_there(smoke, tmp_path):
-    def made_again(lost, rules, others):
-        places = [smoke.folder / "results/smoke" / one for one in lost]
-        for number, place in enumerate(places):
-            shutil.move(place, tmp_path / str(number))
-        try:
-            planned = jobs(
-                run(smoke.folder, *smoke_command("--cores", "1", "--dry-run", "--quiet", "rules"))
-            )
-        finally:
-            for number, place in enumerate(places):
-                shutil.move(tmp_path / str(number), place)
-        assert rules <= planned and not others & planned
+def test_lost_files_are_made_again(smoke, tmp_path):
 
     pages = ["kinematics/contradictions.parquet", "figures/contact_forces.png", "comparison.html"]
     cases = [
@@ -181,10 +166,21 @@ def test_a_lost_file_is_made_again_though_all_that_was_made_of_it_is_there(smoke
             {"simulate", "surrogate", "optimise"},
         ),
     ]
-    each(made_again, cases)
+    for lost, rules, others in cases:
+        places = [smoke.folder / "results/smoke" / one for one in lost]
+        for number, place in enumerate(places):
+            shutil.move(place, tmp_path / str(number))
+        try:
+            planned = jobs(
+                run(smoke.folder, *smoke_command("--cores", "1", "--dry-run", "--quiet", "rules"))
+            )
+        finally:
+            for number, place in enumerate(places):
+                shutil.move(tmp_path / str(number), place)
+        assert rules <= planned and not others & planned
 
 
-def test_a_changed_option_reruns_its_stage_and_nothing_before_it(smoke):
+def test_a_changed_option_reruns_its_stage_only(smoke):
     changed = smoke.folder.parent / "changed.yaml"
     text = (smoke.folder / "config/smoke.yaml").read_text()
     changed.write_text(text.replace("population: 8", "population: 10"))

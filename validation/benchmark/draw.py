@@ -1,5 +1,4 @@
-"""The campaigns of the benchmark as plain files, their truth in an archive; and answers from what
-methods found."""
+"""Campaigns of the benchmark as plain files, their truth in an archive, and answers of methods."""
 
 import json
 import multiprocessing
@@ -20,11 +19,8 @@ _DATE = (2026, 1, 1, 0, 0, 0)  # of all entries of the archive
 
 
 def draw(folder: Path, count: int = 100, cores: int = 2, sets: str = "config/blind.yaml") -> None:
-    """Draw the first trials of the set `published`, a random part, into ``campaigns/{id}/`` and
-    ``truth.zip``.
-
-    Goes on where it was stopped.
-    """
+    """Draw the first trials of the set `published` into ``campaigns/{id}/`` and ``truth.zip``;
+    interrupted draws resume."""
     chosen = read_set(sets, "published")
     plans = plan_trials(chosen, count)
     campaigns = folder / "campaigns"
@@ -45,14 +41,13 @@ def draw(folder: Path, count: int = 100, cores: int = 2, sets: str = "config/bli
 
 
 def _drawn(seed: int, campaigns: Path, plan: Trial) -> dict[str, Any]:
-    """Write the campaign of a trial, all runs as CSV, and return the truth."""
+    """Write the campaign of a trial with CSV files; its truth."""
     shutil.rmtree(campaigns / plan.id, ignore_errors=True)  # of an interrupted draw
     return make_trial(plan, seed, campaigns / plan.id, endings=("csv", "csv", "csv"))
 
 
 def answers(records: Path, method: str = "verdict") -> dict[str, Any]:
-    """Answers by trial from the files ``{trial}.json`` in a folder: of what ``analyse`` wrote the
-    `method` verdict, greedy or sparse, of what ``peer`` wrote the peer's name."""
+    """Answers by trial from the files ``{trial}.json`` in a folder, of a `method`."""
     found = {path.stem: json.loads(path.read_bytes()) for path in sorted(records.glob("*.json"))}
     if not found:
         raise InputError(f"{records}: has no file {{trial}}.json")
@@ -65,7 +60,7 @@ def answers(records: Path, method: str = "verdict") -> dict[str, Any]:
 
 
 def _of_verdict(verdict: Mapping[str, Any] | None) -> Any:
-    """What a verdict names, with sizes; [] where nothing is missing; None where it does not say."""
+    """Named effects with sizes; [] if nothing is missing; None without a decision."""
     if verdict is None or verdict["verdict"] not in NAMED:
         return [] if verdict and verdict["verdict"] in NOTHING_NAMED else None
     effects = verdict["effects"]

@@ -1,4 +1,4 @@
-"""The score of answers to the benchmark: outcome by trial, and rates with 95 % intervals."""
+"""Score of answers to the benchmark: outcome by trial, and rates with 95 % intervals."""
 
 import json
 import math
@@ -16,7 +16,7 @@ from validation.score import effect_label, labels, ratio_row, share_row
 
 OUTCOMES = ("right", "partly", "missed", "wrong", "abstained")
 
-_REACH = 0.1  # by which a size, or a shape that is stated as one number, may be off
+_TOLERANCE = 0.1  # relative, of a size, or of a shape given as a number
 
 
 def score(answers_file: Path, truth_file: Path, folder: Path) -> str:
@@ -38,14 +38,16 @@ def score(answers_file: Path, truth_file: Path, folder: Path) -> str:
     folder.mkdir(parents=True, exist_ok=True)
     for name, frame in {"trials": trials, "rates": table}.items():
         frame.to_csv(folder / f"{name}.csv", index=False, float_format="%.6g")
-    said = {label for answer in answers.values() for label in answer.named or ()} - {*LABELS}
-    strange = {label for label in said if not SHAPES.get(label.partition(":")[0])}
+    labels_named = {label for answer in answers.values() for label in answer.named or ()} - {
+        *LABELS
+    }
+    strange = {label for label in labels_named if not SHAPES.get(label.partition(":")[0])}
     note = f"\nno labels of the list: {', '.join(sorted(strange))}" if strange else ""
     return table.to_string(index=False, float_format="{:.3f}".format) + note
 
 
 class Answer(BaseModel, extra="forbid"):
-    """What a method says of one campaign; named: None where it does not decide."""
+    """Answer of a method for one campaign; named is None if it does not decide."""
 
     named: list[str] | None = None
     size: dict[str, dict[str, Any]] = {}
@@ -66,29 +68,26 @@ def read_answers(path: Path) -> dict[str, Answer]:
 
 
 def score_answer(truth: Mapping[str, Any], answer: Answer) -> dict[str, Any]:
-    """One trial."""
+    """The row of one trial."""
     hidden, listed = labels(truth["effects"]), all(effect["listed"] for effect in truth["effects"])
-    said, size = answer.named, answer.size
-    named = frozenset(_hidden_shape(label, size.get(label, {}), hidden) for label in said or ())
+    labels_named, size = answer.named, answer.size
+    named = frozenset(
+        _hidden_shape(label, size.get(label, {}), hidden) for label in labels_named or ()
+    )
     channels = truth["damage"]["channels"] if "damage" in truth else ()
     encoder = "encoder_" if "crank_angle" in channels else "-"
-    named -= {
-        one for one in named if one.partition(":")[2] in channels or one.startswith(encoder)
-    }  # told, not wrong
-    outcome = (
-        "right"
-        if named == hidden
-        else "missed"
-        if not named
-        else "partly"
-        if named < hidden
-        else "wrong"
-    )
-    outcome = "abstained" if said is None else outcome
+    # told, not wrong
+    named -= {one for one in named if one.partition(":")[2] in channels or one.startswith(encoder)}
+    if labels_named is None:
+        outcome = "abstained"
+    elif named == hidden:
+        outcome = "right"
+    else:
+        outcome = "missed" if not named else "partly" if named < hidden else "wrong"
     return {
         **{key: truth[key] for key in ("id", "kind", "base", "drive")},
         "hidden": " + ".join(sorted(hidden)) or "nothing",
-        "named": "" if said is None else " + ".join(sorted(said)) or "nothing",
+        "named": "" if labels_named is None else " + ".join(sorted(labels_named)) or "nothing",
         "outcome": outcome,
         "names_hit": len(named & hidden),
         "names_false": len(named - hidden),
@@ -98,13 +97,15 @@ def score_answer(truth: Mapping[str, Any], answer: Answer) -> dict[str, Any]:
 
 
 def _hidden_shape(label: str, values: Mapping[str, Any], hidden: frozenset[str]) -> str:
-    """The hidden effect that a law named is at the shape stated, a number or [low, high]; else the
+    """The hidden effect that a named law is at the given shape (a number or [low, high]); else the
     label."""
     shape, (law, _, site) = values.get("shape"), label.partition(":")
     if law not in SHAPES or shape is None:
         return label
     low, high = (
-        shape if isinstance(shape, list) else sorted((shape * (1 - _REACH), shape * (1 + _REACH)))
+        shape
+        if isinstance(shape, list)
+        else sorted((shape * (1 - _TOLERANCE), shape * (1 + _TOLERANCE)))
     )
     members = {
         one: SHAPES[law].get(one.partition(":")[0])
@@ -116,8 +117,7 @@ def _hidden_shape(label: str, values: Mapping[str, Any], hidden: frozenset[str])
 
 
 def _size_error(truth: Mapping[str, Any], size: Mapping[str, Any]) -> float:
-    """Largest relative error of the sizes, each the first parameter of a true effect; NaN where
-    none is stated."""
+    """Largest relative error of the sizes (first parameters); NaN if none is given."""
     pairs = [
         (next(iter(one["parameters"].items())), size.get(effect_label(one), {}))
         for one in truth["effects"]
@@ -131,8 +131,7 @@ def _size_error(truth: Mapping[str, Any], size: Mapping[str, Any]) -> float:
 
 
 def rates(trials: pd.DataFrame) -> pd.DataFrame:
-    """Shares of the outcomes by kind and base, false alarms, sizes, and precision, recall and F1 of
-    names: what, group, count, value, low, high."""
+    """Shares of outcomes by kind and base, false alarms, sizes, precision, recall and F1."""
     groups = [("all", trials), *trials.groupby("kind"), *trials.groupby("base")]
     empty = trials.query("hidden == 'nothing' and kind != 'wiring'")
     shares = {
@@ -141,7 +140,7 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
         for what in OUTCOMES
     }
     shares["false alarm, nothing hidden", "all"] = (empty["outcome"] == "wrong").to_numpy()
-    shares["size within 10 %", "all"] = (trials["size_error"].dropna() <= _REACH).to_numpy()
+    shares["size within 10 %", "all"] = (trials["size_error"].dropna() <= _TOLERANCE).to_numpy()
     rows = [
         {"what": what, "group": group, **share_row(hits.sum(), hits.size)}
         for (what, group), hits in shares.items()
