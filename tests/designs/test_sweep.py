@@ -178,7 +178,7 @@ def test_the_number_of_workers_does_not_change_a_byte(measured, tmp_path):
 
 def test_each_start_is_a_row_and_chosen_trajectories_are_written_as_simulated_alone(tmp_path):
     asked = scenario(RANGE, number=3, starts=3, trajectories=[1], seed=7, design="latin_hypercube")
-    text = sweep(asked, tmp_path, 1)
+    text = write_sweep(asked, tmp_path, 1)
     rows = pd.read_parquet(tmp_path / "designs")
     assert list(rows["design"]) == [0, 0, 0, 1, 1, 1, 2, 2, 2]
     assert list(rows["start"]) == [0, 1, 2] * 3

@@ -129,7 +129,7 @@ class _Evolution(Algorithm):
         return Population.new(X=lengths, origin=origins)
 
     def _advance(self, infills=None, **kwargs):
-        elite = self.pop[best_first(self.pop)[: ELITES]]
+        elite = self.pop[best_first(self.pop)[:ELITES]]
         elite.set("origin", ["elite"] * len(elite))
         self.pop = Population.merge(elite, infills)
 
