@@ -9,79 +9,87 @@ import pytest
 
 from jointgap.config import Surrogate
 from jointgap.core.errors import InputError
-from jointgap.networks.errors import Grid, error_rows
+from jointgap.networks.errors import Grid, error_frame
 from jointgap.networks.train import train
 from jointgap.paper.printed import TRAINING_MSE
 
-STATED = {"model": "network", "seed": 0, "weights": 19, "iterations": 5, "stop": "why"}
 SMALL = Surrogate(
     hidden=(6,), training_points=73, iterations=60, seeds=(4, 1, 2), seed_iterations=25
 )
 
 
-def trajectory(revolutions=2, samples=720, start=0.4, gap=()):
+def trajectory(gap=()):
     """Two revolutions of a wave with a bump, undefined at the rows in `gap`."""
-    angle = start + np.linspace(0, 2 * np.pi * revolutions, samples * revolutions + 1)
-    gamma = 3.0 + 2.0 * np.sin(2 * angle) + np.exp(-((angle - 2.0) ** 2) / 0.1)
+    angle = 0.4 + np.linspace(0, 4 * np.pi, 1441)
+    gamma = 3.0 + 2.0 * np.sin(2 * angle) + bump(angle)
     gamma[list(gap)] = np.nan
     return pd.DataFrame({"crank_angle": angle, "gamma2": gamma})
 
 
+def bump(angle):
+    return np.exp(-((angle - 2.0) ** 2) / 0.1)
+
+
+@pytest.fixture(scope="module")
+def fits():
+    return train(trajectory(), "gamma2", SMALL)
+
+
 def test_undefined_points_are_left_out_and_counted():
-    fit = train(trajectory(gap=(0, 3, 40)), "gamma2", SMALL)[0]
+    options = SMALL.model_copy(update={"seeds": (4,), "iterations": 2})
+    fit = train(trajectory(gap=(0, 3, 40)), "gamma2", options)[0]
     assert (fit.grid.training.undefined, fit.grid.held_out.undefined) == (2, 1)
-    assert len(fit.grid.training.values) == 71
-    whole, late = fit.errors().iloc[:2].itertuples()
-    assert (whole.undefined_points, late.undefined_points) == (3, 0)
-    assert (whole.training_points, whole.held_out_points) == (71, 647)
+    all_samples, past_60_deg = fit.errors().itertuples()
+    assert (all_samples.undefined_points, past_60_deg.undefined_points) == (3, 0)
+    assert (all_samples.training_points, all_samples.held_out_points) == (71, 647)
     assert np.isfinite(fit.weights()["weight"]).all()
 
 
 @pytest.mark.parametrize("points", [72, 721])
-def test_training_points_that_are_no_samples_or_leave_nothing_to_hold_out_are_refused(points):
+def test_training_points_that_are_no_samples_or_leave_none_to_hold_out_are_errors(points):
     with pytest.raises(InputError, match="samples_per_revolution"):
         Grid.of(trajectory(), "gamma2", points)
 
 
-def test_errors_are_what_their_names_say():
+def test_errors_are_those_of_their_region_and_scaled_by_the_range_of_all_training_points():
     grid = Grid.of(trajectory(), "gamma2", 73)
-    rows = error_rows(grid, lambda angle: 3.0 + 2.0 * np.sin(2 * angle), grid.training, STATED)
-    for row, first in zip(rows, (0.0, np.pi / 3), strict=True):
+    columns = {"model": "network", "seed": 0, "iterations_to_paper": None}
+    rows = error_frame(
+        grid, lambda angle: 3.0 + 2.0 * np.sin(2 * angle), grid.training, columns, None
+    )
+    scale = np.ptp(grid.training.values)
+    for row, begin in zip(rows.to_dict("records"), (0.0, np.pi / 3), strict=True):
         for name, points in (("training", grid.training), ("held_out", grid.held_out)):
-            inside = points.crank_angle - 0.4 >= first
-            missed = np.exp(-((points.crank_angle[inside] - 2.0) ** 2) / 0.1)
-            scale = (
-                grid.training.values.max() - grid.training.values.min()
-            )  # always over all training points
-            assert row["range"] == pytest.approx(scale)
+            inside = points.crank_angle - 0.4 >= begin
+            errors = bump(points.crank_angle[inside])
             assert row[f"{name}_points"] == inside.sum()
-            assert row[f"{name}_mse"] == pytest.approx(np.mean((missed / scale) ** 2))
-            assert row[f"{name}_rms"] == pytest.approx(np.mean(missed**2) ** 0.5)
-            assert row[f"{name}_mse_over_variance"] == pytest.approx(
-                np.mean(missed**2) / np.var(points.values[inside])
-            )
-        assert row["held_out_peak"] == pytest.approx(missed.max() / scale)
-        assert row["paper_mse"] == TRAINING_MSE["gamma2"]
-        assert row["unit"] == "rad"
+            expected = {
+                f"{name}_mse": np.mean((errors / scale) ** 2),
+                f"{name}_rms": np.mean(errors**2) ** 0.5,
+                f"{name}_mse_over_variance": np.mean(errors**2) / np.var(points.values[inside]),
+            }
+            assert {key: row[key] for key in expected} == pytest.approx(expected)
+        assert row["range"] == pytest.approx(scale)
+        assert row["held_out_peak"] == pytest.approx(errors.max() / scale)
+        assert (row["paper_mse"], row["unit"]) == (TRAINING_MSE["gamma2"], "rad")
 
 
-def test_the_default_seed_comes_first_with_its_own_budget_and_the_others_share_theirs():
-    fits = train(trajectory(), "gamma2", SMALL)
+def test_the_default_seed_is_the_first_with_its_own_budget(fits):
     assert [fit.seed for fit in fits] == [4, 1, 2]
     assert [fit.history()["iteration"].max() for fit in fits] == [60, 25, 25]
     fit, training = fits[0], fits[0].grid.training
-    last = fit.history()["mse"].iloc[-1]
+    mse = fit.history()["mse"].iloc[-1]
     error = (fit.network.values(training.crank_angle) - training.values) / fit.network.output.range
-    assert last == pytest.approx(np.mean(error**2), rel=1e-9)
-    assert fit.errors()["training_mse"].iloc[0] == pytest.approx(last, rel=1e-9)
+    assert mse == pytest.approx(np.mean(error**2), rel=1e-9)
+    assert fit.errors()["training_mse"].iloc[0] == pytest.approx(mse, rel=1e-9)
 
 
-def test_training_is_the_same_to_the_last_bit_every_time():
-    for one, other in zip(*(train(trajectory(), "gamma2", SMALL) for _ in range(2)), strict=True):
-        pd.testing.assert_frame_equal(one.weights(), other.weights(), check_exact=True)
+def test_training_is_bitwise_reproducible(fits):
+    for fit, repeated in zip(fits, train(trajectory(), "gamma2", SMALL), strict=True):
+        pd.testing.assert_frame_equal(fit.weights(), repeated.weights(), check_exact=True)
 
 
-def test_later_stages_need_neither_torch_nor_mlflow():
+def test_later_stages_import_neither_torch_nor_mlflow():
     modules = "networks.network", "scenario.kinematics", "lengths.optimise"
     code = "import sys, " + ", ".join(f"jointgap.{name}" for name in modules)
     code += "; sys.exit(bool({'torch', 'mlflow'} & set(sys.modules)))"

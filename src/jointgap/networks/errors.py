@@ -19,10 +19,12 @@ REGIONS = {"all": 0.0, "past_60_deg": np.radians(60.0)}
 NETWORK, REGULARISED = "network", "regularised"
 """Models in the tables: the paper's network and the regularised one."""
 
-_SMOOTHING = 10.0 ** np.arange(
-    -8.0, 3.0, 2.0
-)  # parameters of a smoothing spline, over the cube of the mean distance
-_LEFT_OUT = 3  # every third point is held out to select one
+# strengths of a smoothing spline, over the cube of the mean distance of the points
+_STRENGTHS = 10.0 ** np.arange(-8.0, 3.0, 2.0)
+_HELD_OUT_EVERY = 3  # points, to select a strength
+
+Function = Callable[[np.ndarray], np.ndarray]
+"""A fit: from crank angles (n,) [rad] to values (n,)."""
 
 
 @dataclass(frozen=True)
@@ -37,23 +39,23 @@ class Points:
     undefined: int = 0
     shares: np.ndarray | None = None
 
+    @classmethod
+    def of(cls, crank_angle: np.ndarray, values: np.ndarray) -> "Points":
+        """Points of the samples that are defined."""
+        defined = np.isfinite(values)
+        return cls(crank_angle[defined], values[defined], int(np.sum(~defined)))
+
     def mean(self, quantity: np.ndarray) -> float:
         """Mean over the revolution of a quantity (n,) at the points."""
         return float(np.average(quantity, weights=self.shares))
 
-    def square(self, fit: Callable[[np.ndarray], np.ndarray]) -> float:
+    def square(self, fit: Function) -> float:
         """Mean square error of a fit at the points."""
         return self.mean((fit(self.crank_angle) - self.values) ** 2)
 
     @property
     def variance(self) -> float:
         return self.mean((self.values - self.mean(self.values)) ** 2)
-
-    @classmethod
-    def of(cls, crank_angle: np.ndarray, values: np.ndarray) -> "Points":
-        """Points of the samples that are defined."""
-        defined = np.isfinite(values)
-        return cls(crank_angle[defined], values[defined], int(np.sum(~defined)))
 
     def past(self, angle: float) -> "Points":
         """The points from an angle [rad] on, all defined."""
@@ -76,8 +78,8 @@ class Grid:
         """Every k-th sample of the first revolution, both ends included, is a training point;
         others are held out."""
         angle = trajectory["crank_angle"].to_numpy()
-        first = angle - angle[0] <= 2.0 * np.pi * (1.0 + 1e-9)
-        angle, values = angle[first], trajectory[output].to_numpy()[first]
+        angle = angle[angle - angle[0] <= 2.0 * np.pi * (1.0 + 1e-9)]
+        values = trajectory[output].to_numpy()[: len(angle)]
         stride, remainder = divmod(len(angle) - 1, training_points - 1)
         if remainder or stride < 2:
             raise InputError(
@@ -85,71 +87,67 @@ class Grid:
                 " samples per revolution; set simulate.samples_per_revolution to a multiple, at"
                 f" least twice, of {training_points - 1}"
             )
-        trains = np.arange(len(angle)) % stride == 0
-        split = (Points.of(angle[part], values[part]) for part in (trains, ~trains))
-        return cls(output, float(angle[0]), *split)
+        is_training = np.arange(len(angle)) % stride == 0
+        return cls(
+            output,
+            float(angle[0]),
+            training=Points.of(angle[is_training], values[is_training]),
+            held_out=Points.of(angle[~is_training], values[~is_training]),
+        )
 
 
-def error_rows(
+def error_frame(
     grid: Grid,
-    predict: Callable[[np.ndarray], np.ndarray],
+    fit: Function,
     training: Points,
-    trained: dict[str, object],
-    at_paper: Callable[[np.ndarray], np.ndarray] | None = None,
-) -> list[dict[str, object]]:
-    """Rows of the table fit_errors, one per region; `trained` has the columns model, seed, weights,
-    iterations, stop.
+    columns: dict[str, object],
+    fit_at_paper: Function | None,
+) -> pd.DataFrame:
+    """The table fit_errors, a row per region; `columns` are model, seed, weights, iterations, stop,
+    iterations_to_paper.
 
-    `at_paper`: prediction at the iteration where the training error first reached the paper's.
+    `fit_at_paper`: fit of the iteration at which the training error first reached the paper's.
     """
     scale = Scaling.of(grid.training.values).range
     spline = CubicSpline(training.crank_angle, training.values)
-    smoothing = smoothing_spline(training)
+    further_fits = {
+        "smoothing_spline_held_out_mse": smoothing_spline(training),
+        "held_out_mse_at_paper": fit_at_paper,
+    }
     rows = []
-    for region, first in REGIONS.items():
-        within, outside = training, grid.held_out
-        if first > 0.0:
-            within, outside = (
-                points.past(grid.start_angle + first) for points in (within, outside)
-            )
-        unseen = predict(outside.crank_angle) - outside.values
-        row = {"iterations_to_paper": None} | trained
-        row |= {
+    for region, begin in REGIONS.items():
+        inside, held_out = training, grid.held_out
+        if begin > 0.0:
+            inside = inside.past(grid.start_angle + begin)
+            held_out = held_out.past(grid.start_angle + begin)
+        errors = fit(held_out.crank_angle) - held_out.values
+        row = columns | {
             "output": grid.output,
             "unit": UNITS[grid.output],
             "region": region,
-            "training_points": len(within.values),
-            "held_out_points": len(outside.values),
-            "undefined_points": within.undefined + outside.undefined,
+            "training_points": len(inside.values),
+            "held_out_points": len(held_out.values),
+            "undefined_points": inside.undefined + held_out.undefined,
             "range": scale,
             "paper_mse": TRAINING_MSE.get(grid.output),
-            "held_out_peak": float(np.max(np.abs(unseen))) / scale,
+            "held_out_peak": float(np.max(np.abs(errors))) / scale,
         }
         for name, points, square in (
-            ("training", within, within.square(predict)),
-            ("held_out", outside, outside.mean(unseen**2)),
-            ("spline_held_out", outside, outside.square(spline)),
+            ("training", inside, inside.square(fit)),
+            ("held_out", held_out, held_out.mean(errors**2)),
+            ("spline_held_out", held_out, held_out.square(spline)),
         ):
             row[f"{name}_mse"] = square / scale**2
             row[f"{name}_rms"] = square**0.5
             row[f"{name}_mse_over_variance"] = square / points.variance
-        for name, other in (
-            ("smoothing_spline_held_out_mse", smoothing),
-            ("held_out_mse_at_paper", at_paper),
-        ):
-            row[name] = other and outside.square(other) / scale**2
+        for name, further_fit in further_fits.items():
+            row[name] = further_fit and held_out.square(further_fit) / scale**2
         rows.append(row)
-    return rows
+    numbers = dict.fromkeys(("paper_mse", *further_fits), "float64")  # null where there is none
+    return pd.DataFrame(rows).astype(numbers | {"iterations_to_paper": "Int64"})
 
 
-def error_frame(rows: list[dict[str, object]]) -> pd.DataFrame:
-    """Rows of the table fit_errors as a frame; missing numbers remain missing."""
-    of_numbers = ("held_out_mse_at_paper", "paper_mse", "smoothing_spline_held_out_mse")
-    types = {"seed": "Int64", "iterations_to_paper": "Int64"} | dict.fromkeys(of_numbers, "float64")
-    return pd.DataFrame(rows).astype(types)
-
-
-def smoothing_spline(training: Points) -> Callable[[np.ndarray], np.ndarray] | None:
+def smoothing_spline(training: Points) -> Function | None:
     """Smoothing spline of points, with the smoothness that is best at every third point; None below
     fifteen points.
 
@@ -157,29 +155,32 @@ def smoothing_spline(training: Points) -> Callable[[np.ndarray], np.ndarray] | N
     thousand times too much.
     """
     x, y = training.crank_angle, training.values
-    if len(x) < 5 * _LEFT_OUT:
+    if len(x) < 5 * _HELD_OUT_EVERY:
         return None
-    left_out = np.arange(len(x)) % _LEFT_OUT == 1
-    judged = Points(x[left_out], y[left_out], shares=np.gradient(x)[left_out])
+    is_held_out = np.arange(len(x)) % _HELD_OUT_EVERY == 1
+    held_out = Points(x[is_held_out], y[is_held_out], shares=np.gradient(x)[is_held_out])
 
-    def missed(strength: float) -> float:
-        return judged.square(make_smoothing_spline(x[~left_out], y[~left_out], lam=strength))
+    def error(strength: float) -> float:
+        fit = make_smoothing_spline(x[~is_held_out], y[~is_held_out], lam=strength)
+        return held_out.square(fit)
 
-    return make_smoothing_spline(x, y, lam=min(_SMOOTHING * np.diff(x).mean() ** 3, key=missed))
+    strengths = _STRENGTHS * np.diff(x).mean() ** 3
+    return make_smoothing_spline(x, y, lam=min(strengths, key=error))
 
 
 def refined(
-    angle: np.ndarray, table: np.ndarray, kept: np.ndarray, usable: np.ndarray, missed: float
+    angle: np.ndarray, values: np.ndarray, indices: np.ndarray, tolerance: float
 ) -> np.ndarray:
-    """Indices `kept`, plus those of samples with an interpolation error above `missed`;
-    increasing."""
+    """`indices` of samples, plus those of samples whose interpolation error exceeds `tolerance`;
+    increasing. Undefined values are skipped."""
+    defined = np.isfinite(values)
     while True:
-        between = (kept[:-1] + kept[1:]) // 2
-        between = np.where(usable[between], between, between + 1)
-        between = between[(between > kept[:-1]) & (between < kept[1:]) & usable[between]]
-        errors = np.abs(CubicSpline(angle[kept], table[kept])(angle[between]) - table[between]).max(
-            axis=1
-        )
-        if not (errors > missed).any():
-            return kept
-        kept = np.union1d(kept, between[errors > missed])
+        between = (indices[:-1] + indices[1:]) // 2
+        between = np.where(defined[between], between, between + 1)
+        is_new = (between > indices[:-1]) & (between < indices[1:]) & defined[between]
+        between = between[is_new]
+        interpolated = CubicSpline(angle[indices], values[indices])(angle[between])
+        is_missed = np.abs(interpolated - values[between]) > tolerance
+        if not is_missed.any():
+            return indices
+        indices = np.union1d(indices, between[is_missed])

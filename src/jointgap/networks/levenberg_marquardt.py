@@ -80,7 +80,7 @@ class NetworkEvaluation:
         third of multiplying J by its transpose.
         """
         total = torch.from_numpy(out.T)  # the same memory, row by row
-        factors = [torch.from_numpy(each.T) for each in work]
+        factors = [torch.from_numpy(matrix.T) for matrix in work]
         for depth, sensitivity in enumerate(self._sensitivities):
             _symmetric_product(sensitivity, work[0])
             _symmetric_product(self._activations[depth], work[1])
@@ -95,22 +95,21 @@ class NetworkEvaluation:
         layers.
         """
         *hidden, (change, matrix) = zip(self._layout.split(step), self._matrices, strict=True)
-        first = second = None
-        for depth, (slope_change, weights) in enumerate(hidden):
-            velocity = _product(slope_change, self._activations[depth])
+        rate = bend = None  # of the activations below
+        for depth, (weight_change, weights) in enumerate(hidden):
+            velocity = _product(weight_change, self._activations[depth])
             acceleration = np.zeros_like(velocity)
             if depth > 0:
-                velocity += _product(weights[:, :-1], first)
-                acceleration = _product(weights[:, :-1], second) + 2.0 * _product(
-                    slope_change[:, :-1], first
-                )
+                velocity += _product(weights[:, :-1], rate)
+                by_change = _product(weight_change[:, :-1], rate)
+                acceleration = _product(weights[:, :-1], bend) + 2.0 * by_change
             above = self._activations[depth + 1]
             slope = tansig_slope(above)
-            first = slope * velocity
-            second = slope * acceleration - 2.0 * above[:-1] * first * velocity
+            rate = slope * velocity
+            bend = slope * acceleration - 2.0 * above[:-1] * rate * velocity
         weights = matrix[:, :-1]
-        velocity = (change @ self._activations[-1])[0] + (weights @ first)[0]
-        return velocity, (weights @ second)[0] + 2.0 * (change[:, :-1] @ first)[0]
+        velocity = (change @ self._activations[-1])[0] + (weights @ rate)[0]
+        return velocity, (weights @ bend)[0] + 2.0 * (change[:, :-1] @ rate)[0]
 
 
 def _symmetric_product(factor: np.ndarray, out: np.ndarray, keep: float = 0.0) -> None:
@@ -143,22 +142,18 @@ class Status(Enum):
 class Settings:
     """Stopping criteria and initial damping."""
 
-    iterations: int = (
-        20_000  # Largest number of solutions of the damped system, including rejected steps
-    )
+    iterations: int = 20_000  # Largest number of solved systems, including rejected steps
     minimum_gradient: float = 1e-7
     largest_damping: float = 1e10
-    stall_iterations: int = (
-        1000  # Stop if so many iterations reduce the mean square error by less than `stall_gain`
-    )
+    # stop if so many iterations reduce the mean square error by less than `stall_gain`
+    stall_iterations: int = 1000
     stall_gain: float = 1e-3
-    exact_error: float = (
-        1e-14  # Stop when the root mean square error is this small (data scaled to [0, 1])
-    )
+    # stop when the root mean square error is this small (data scaled to [0, 1])
+    exact_error: float = 1e-14
     initial_damping: float = 1e-3  # Relative to the mean diagonal element of J^T J
     largest_bend: float = 0.75  # Reject a step if 2|a|/|v| is larger (Transtrum and Sethna's alpha)
     milestone: float = 0.0  # Mean square error whose iteration is recorded
-    snapshots: tuple[int, ...] = ()  # Iterations whose parameters are kept
+    snapshots: tuple[int, ...] = ()  # Iterations whose parameters are stored
 
 
 @dataclass(frozen=True)
@@ -166,13 +161,11 @@ class Result:
     """Result of the training."""
 
     parameters: np.ndarray  # shape (P,)
-    errors: (
-        np.ndarray
-    )  # shape (iterations + 1,); mean square error at the start and after every iteration
+    errors: np.ndarray  # shape (iterations + 1,); mean square error at the start and after each
     status: Status
     gradient: float  # Norm of the gradient of the mean square error at the end
     milestone: int | None  # Iterations to the milestone; None if it was not reached
-    kept: dict[int, np.ndarray]  # shape (P,); parameters by iteration
+    snapshots: dict[int, np.ndarray]  # shape (P,); parameters by iteration
 
     @property
     def iterations(self) -> int:
@@ -189,7 +182,7 @@ def minimise(
         raise ValueError("targets or outputs at the start are not finite; remove undefined points")
     system, points = _System(model), len(targets)
     total, gradient = float(residual @ residual), _gradient(evaluation, residual)
-    errors, kept, milestone = [total / points], {}, None
+    errors, snapshots, milestone = [total / points], {}, None
     damping, growth, accepted = 0.0, 2.0, True
     while (status := _status(settings, errors, gradient, damping)) is None:
         report_progress("training iterations", len(errors) - 1, settings.iterations)
@@ -198,23 +191,19 @@ def minimise(
             damping = damping or settings.initial_damping * typical
         is_definite = system.factor(damping)
         velocity = system.step(evaluation, residual)
-        first, second = evaluation.along(velocity)
-        bend = system.step(evaluation, -second)
+        slope, curvature = evaluation.along(velocity)
+        bend = system.step(evaluation, -curvature)
         trial_parameters = parameters + velocity + 0.5 * bend
         trial = model.evaluate(trial_parameters)
         trial_residual = targets - trial.outputs
         trial_total = float(trial_residual @ trial_residual)
-        predicted = float((first * (residual + (residual - first))).sum())
+        predicted = float((slope * (residual + (residual - slope))).sum())
         gain = (total - trial_total) / predicted if is_definite else -1.0
         is_straight = 2.0 * np.linalg.norm(bend) <= settings.largest_bend * np.linalg.norm(velocity)
         accepted = bool(gain > 0.0 and trial_total < total and is_straight)
         if accepted:
-            parameters, evaluation, residual, total = (
-                trial_parameters,
-                trial,
-                trial_residual,
-                trial_total,
-            )
+            parameters, evaluation = trial_parameters, trial
+            residual, total = trial_residual, trial_total
             gradient, growth = _gradient(evaluation, residual), 2.0
             least = typical * np.finfo(float).eps ** 2
             damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3), least)
@@ -225,9 +214,9 @@ def minimise(
         if milestone is None and errors[-1] <= settings.milestone:
             milestone = iteration
         if iteration == milestone or iteration in settings.snapshots:
-            kept[iteration] = parameters
+            snapshots[iteration] = parameters
     report_progress("training iterations", len(errors) - 1, len(errors) - 1)
-    return Result(parameters, np.array(errors), status, gradient, milestone, kept)
+    return Result(parameters, np.array(errors), status, gradient, milestone, snapshots)
 
 
 def _gradient(evaluation, residual: np.ndarray) -> float:

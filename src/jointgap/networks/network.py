@@ -113,9 +113,9 @@ def nguyen_widrow(layout: Layout, seed: int) -> np.ndarray:
         biases = length * places * np.sign(weights[:, 0])
         matrices.append(np.column_stack([weights, biases]))
     matrices.append(random.uniform(-1.0, 1.0, layout.shapes[-1]))
-    first = matrices[0]
-    first[:, -1] -= first[:, 0]
-    first[:, 0] *= 2.0
+    weights_and_biases = matrices[0]
+    weights_and_biases[:, -1] -= weights_and_biases[:, 0]
+    weights_and_biases[:, 0] *= 2.0
     return np.concatenate([matrix.ravel() for matrix in matrices])
 
 
@@ -137,14 +137,13 @@ class Network:
         rad]."""
         angle = np.asarray(crank_angle, dtype=float)
         scaled = self.input.shrink(angle.ravel())
-        *hidden, last = matrices = self.layout.split(self.parameters)
-        activations, outputs = activations_and_outputs(
-            matrices, np.stack([scaled, np.ones_like(scaled)])
-        )
+        matrices = self.layout.split(self.parameters)
+        inputs = np.stack([scaled, np.ones_like(scaled)])
+        activations, outputs = activations_and_outputs(matrices, inputs)
         slope = np.ones((1, angle.size))
-        for matrix, layer in zip(hidden, activations[1:], strict=True):
+        for matrix, layer in zip(matrices[:-1], activations[1:], strict=True):
             slope = tansig_slope(layer) * (matrix[:, :-1] @ slope)
-        slope = self.output.range / self.input.range * (last[:, :-1] @ slope)[0]
+        slope = self.output.range / self.input.range * (matrices[-1][:, :-1] @ slope)[0]
         return self.output.expand(outputs).reshape(angle.shape), slope.reshape(angle.shape)
 
     def to_frame(self, seed: int, model: str = "network") -> pd.DataFrame:
