@@ -99,10 +99,7 @@ def optimisation() -> dict[str, pd.DataFrame]:
     valley = pd.DataFrame(
         {"crank_length": cranks.ravel(), "rod_length": rods.ravel(), "allowed": True}
     )
-    valley = valley.assign(
-        **point, rms=size, mean_absolute=0.8 * size, peak=3.0 * size, sum_of_squares=size**2
-    )
-    valley["objective"] = valley["sum_of_squares"]
+    valley = valley.assign(**point, rms=size, objective=size**2)
     rod = np.linspace(0.555, 0.564, 5)
     floor = pd.concat(
         pd.DataFrame(
@@ -114,7 +111,7 @@ def optimisation() -> dict[str, pd.DataFrame]:
                 "ratio": 0.2655,
                 "value": 1e-3,
             }
-            | {"reduction": factor * (rod - 0.55), "invariant": 0.5}
+            | {"reduction": factor * (rod - 0.55)}
         )
         for factor, measure in enumerate(("rms", "mean_absolute", "peak", "sum_of_squares"), 1)
     )
@@ -122,15 +119,12 @@ def optimisation() -> dict[str, pd.DataFrame]:
         {
             "crank_length": [0.1485, 0.1497],
             "rod_length": [0.556, 0.564],
-            "sum_of_squares": [2.0, 1.0],
+            "objective": [2.0, 1.0],
         }
     )
-    steps["objective"] = steps["sum_of_squares"]
     paths = pd.concat(steps.assign(**point, start=start, iteration=[0, 1]) for start in range(6))
     population = pd.concat(
-        steps.assign(
-            **point, generation=generation, individual=[0, 1], origin="first", evaluations=2
-        )
+        steps.assign(**point, generation=generation, individual=[0, 1], origin="first")
         for generation in range(3)
     )
     optima, resimulated = [], []

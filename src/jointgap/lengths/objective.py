@@ -60,14 +60,10 @@ class Objective:
         pairs = zip(self.measures(lengths), self.measures(self.original), strict=True)
         return Measures(*(1.0 - size / original for size, original in pairs))
 
-    def sum_of_squares(self, lengths: ArrayLike) -> np.ndarray:
-        """f(x) [rad^2], shape (...)."""
+    def value(self, lengths: ArrayLike) -> np.ndarray:
+        """The quantity to minimise, f(x) [rad^2], shape (...)."""
         error = self.error(lengths)
         return np.einsum("...n,...n->...", error, error)
-
-    def value(self, lengths: ArrayLike) -> np.ndarray:
-        """The quantity to minimise, shape (...)."""
-        return self.sum_of_squares(lengths)
 
     def gradient(self, lengths: ArrayLike) -> np.ndarray:
         """Gradient of `value` with respect to (L2, L3), shape (2,), for lengths of shape (2,)."""

@@ -199,28 +199,18 @@ class Region:
         return tuple("fixed" if low == high else f"{low:g} to {high:g}" for low, high in rounded)
 
     def _infeasible_message(self, name: str) -> str:
-        """Why the constraints are infeasible, with the nearest lengths and the possible ranges."""
-        nearest = self._projected_grid[np.argmin(self.violation(self._projected_grid))]
-        reasons = []
-        for constraint in self.constraints:
-            if not len(replace(self, constraints=(constraint,)).samples):
-                values = constraint.value(replace(self, constraints=()).samples)
-                reasons.append(
-                    f"{constraint.key} {constraint.range_text()} is infeasible: within the bounds"
-                    f" it is {constraint.show(values.min())} to {constraint.show(values.max())}"
-                )
-        if not reasons:
-            keys = " and ".join(constraint.key for constraint in self.constraints)
-            values = ", ".join(
-                f"{constraint.key} {constraint.show(float(constraint.value(nearest)))}"
-                for constraint in self.constraints
-            )
-            reasons = [f"no lengths within the bounds satisfy {keys} together; nearest is {values}"]
-        crank, rod = 1e3 * nearest
+        """Which constraints cannot be satisfied together, and what is possible within the
+        bounds."""
+        crank, rod = 1e3 * self._projected_grid[np.argmin(self.violation(self._projected_grid))]
+        within_bounds, ranges = replace(self, constraints=()).samples, []
+        for limit in self.constraints:
+            values = limit.value(within_bounds)
+            possible = f"{limit.show(values.min())} to {limit.show(values.max())}"
+            ranges.append(f"{limit.key} {limit.range_text()} (within the bounds {possible})")
         return (
-            f"optimise.constraints, box {name}: {'; '.join(reasons)} (nearest: crank {crank:.6g}"
-            f" mm, rod {rod:.6g} mm); give wider bounds in optimise.boxes (default: 5 % around the"
-            " mechanism's lengths), or another constraint"
+            f"optimise.constraints, box {name}: no lengths satisfy {' and '.join(ranges)};"
+            f" nearest: crank {crank:.6g} mm, rod {rod:.6g} mm; give wider bounds in"
+            " optimise.boxes (default: 5 % around the mechanism's lengths), or another constraint"
         )
 
     def violation(self, lengths: ArrayLike) -> np.ndarray:

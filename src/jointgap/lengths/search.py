@@ -147,22 +147,19 @@ def evolve(objective: Objective, region: Region, options: Genetic) -> SearchResu
             "crank_length": lengths[:, 0],
             "rod_length": lengths[:, 1],
             "objective": state.pop.get("F")[:, 0],
-            "sum_of_squares": objective.sum_of_squares(lengths),
-            "evaluations": len(problem.values),
-            "violation": state.pop.get("CV")[:, 0],
         }
         generations.append(pd.DataFrame(generation))
 
     count, stop = options.generations, ("n_gen", options.generations + 1)
-    run_algorithm(problem, _Evolution(options), stop, seed=options.seed, callback=record)
-    history = pd.concat(generations, ignore_index=True)
-    best = history.sort_values(["violation", "objective"], kind="stable").iloc[0]
+    evolution = _Evolution(options)
+    pop = run_algorithm(problem, evolution, stop, seed=options.seed, callback=record).pop
+    best = pop[best_first(pop)[0]]  # the elite is the best of all generations
     return SearchResult(
-        lengths=best[["crank_length", "rod_length"]].to_numpy(dtype=float),
-        value=float(best["objective"]),
+        lengths=best.X,
+        value=float(best.F[0]),
         values=np.array(problem.values),
         status=f"stopped after {count} generations of {options.population}",
-        history=history.drop(columns="violation"),
+        history=pd.concat(generations, ignore_index=True),
     )
 
 
@@ -205,11 +202,7 @@ def search(
         reason = str(result.message).strip().lower()
         status = f"not converged ({reason}): raise the tolerance {tolerance:g} or check the box"
     history = pd.DataFrame(path, columns=["crank_length", "rod_length"])
-    history = history.assign(
-        iteration=range(len(path)),
-        objective=objective.value(path),
-        sum_of_squares=objective.sum_of_squares(path),
-    )
+    history = history.assign(iteration=range(len(path)), objective=objective.value(path))
     return SearchResult(
         end, history["objective"].iloc[-1], np.array(values), status, history, bool(result.success)
     )

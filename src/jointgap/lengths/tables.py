@@ -52,11 +52,9 @@ def local_ends(search: Search, options: Optimise) -> pd.DataFrame:
             "crank_length": result.lengths[0],
             "rod_length": result.lengths[1],
             "objective": result.value,
-            "sum_of_squares": float(search.objective.sum_of_squares(result.lengths)),
             "rms_reduction": float(search.objective.reductions(result.lengths).rms),
             "evaluations": len(result.values),
             "converged": result.converged,
-            "active_bounds": search.region.active(result.lengths),
         }
         for tolerance in sorted(ends, reverse=True)
         for start, result in enumerate(ends[tolerance])
@@ -68,7 +66,7 @@ def local_ends(search: Search, options: Optimise) -> pd.DataFrame:
 
 
 def valley(objective: Objective, region: Region) -> pd.DataFrame:
-    """Rows of the table optimise_valley: the objective and the four measures over the box."""
+    """Rows of the table optimise_valley: the objective over the box."""
     cranks, rods = map(np.linspace, region.lower, region.upper, (CRANK_LENGTHS, ROD_LENGTHS))
     frames = []
     for rod in rods:
@@ -78,8 +76,9 @@ def valley(objective: Objective, region: Region) -> pd.DataFrame:
             "rod_length": rod,
             "allowed": region.contains(lengths, slack=1e-12),
             "objective": objective.value(lengths),
+            "rms": objective.measures(lengths).rms,
         }
-        frames.append(pd.DataFrame(columns | objective.measures(lengths)._asdict()))
+        frames.append(pd.DataFrame(columns))
     return pd.concat(frames)
 
 
@@ -105,15 +104,13 @@ def valley_floor(objective: Objective, region: Region) -> pd.DataFrame:
     for name, cranks in best_cranks.items():
         size = size_of(objective, name)
         values = np.array([size(lengths) for lengths in zip(cranks, rods, strict=True)])
-        reduction = 1.0 - values / size(objective.original)
         columns = {
             "measure": name,
             "crank_length": cranks,
             "rod_length": rods,
             "ratio": cranks / rods,
             "value": values,
-            "reduction": reduction,
-            "invariant": invariant(reduction, rods, name) if name in MEASURES else np.nan,
+            "reduction": 1.0 - values / size(objective.original),
         }
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames)
@@ -137,12 +134,6 @@ def _best_crank(objective: Objective, region: Region, rod_length: float, name: s
         options={"xatol": 1e-10},
     )
     return float(result.x)
-
-
-def invariant(reduction: ArrayLike, rod_length: ArrayLike, name: str) -> ArrayLike:
-    """(1 - R) L3 [m], or (1 - R) L3^2 [m^2] for the sum of squares; constant along the valley's
-    floor."""
-    return (1.0 - reduction) * rod_length ** (2 if name == "sum_of_squares" else 1)
 
 
 # -- points
@@ -179,7 +170,7 @@ def _optimum(
         **objective.measures(point.lengths)._asdict(),
         **{f"{name}_reduction": size for name, size in reductions._asdict().items()},
         **tolerance_effect(objective, point.lengths, tolerance),
-        "invariant": invariant(reductions.rms, rod, "rms"),
+        "invariant": (1.0 - reductions.rms) * rod,
         **dict.fromkeys(("active_bounds", *_COUNTS, "status")),
         **point.columns,
     }
