@@ -18,7 +18,7 @@ from jointgap.core.publish import Dataset, Record, configuration, costs, numbers
 from jointgap.core.schema import OPTIMISE_OPTIMA, OPTIMISE_WORTH
 from jointgap.lengths.region import LEAST_FORCE
 from jointgap.networks.network import Network, to_files
-from jointgap.scenario import outcome
+from jointgap.scenario import chosen_lengths
 from jointgap.scenario.figure_data import MODES
 
 MEASURES = ("rms", "mean_absolute", "peak", "sum_of_squares")
@@ -300,8 +300,10 @@ def _optimise(finished: _Finished) -> list[Record]:
     if len(unmet):
         return [replace(own, notes={"box": box, "status": unmet["status"].iloc[0]}), *nested]
     if not wanted.any():
-        frames = {table: finished.read(table) for table in outcome.NEEDED}
-        wanted = optima["point"] == outcome.outcome(frames, finished.options).chosen["point"]
+        frames = {table: finished.read(table) for table in chosen_lengths.NEEDED}
+        wanted = (
+            optima["point"] == chosen_lengths.choose_lengths(frames, finished.options).row["point"]
+        )
     main = nested[int(np.argmax(wanted.to_numpy()))]
     return [replace(own, metrics=main.metrics, curves=main.curves, notes=main.notes), *nested]
 

@@ -324,17 +324,19 @@ def summarise(results: "ScenarioResults") -> str:
     The page includes the figures in the scenario's folder.
     """
     from jointgap.core.page import write_page
-    from jointgap.scenario.outcome import NEEDED, document, outcome, page, remarks
+    from jointgap.scenario.chosen_lengths import NEEDED, choose_lengths, document
+    from jointgap.scenario.repeatability import samples_repeat_until
+    from jointgap.scenario.summary_page import page
 
-    needed = [*NEEDED, "fit_errors"] if results.scenario.networks else NEEDED
-    found = outcome(results.read_all(needed), results.scenario)
-    remarked, name = remarks(found), results.path.name
-    known = document(found, name, remarked)
-    write_page(results.path / "summary", page(found, name, remarked), "figures")
-    write_text(
-        results.path / "summary.json", json.dumps(known, indent=2, ensure_ascii=False) + "\n"
-    )
-    return "\n".join([known["headline"], *(f"- {remark}" for remark in remarked)])
+    scenario, name = results.scenario, results.path.name
+    needed = [*NEEDED, "fit_errors"] if scenario.networks else NEEDED
+    chosen = choose_lengths(results.read_all(needed), scenario)
+    summary = document(chosen, name)
+    repeat_until = samples_repeat_until(scenario.mechanism, scenario.simulate)
+    write_page(results.path / "summary", page(chosen, name, repeat_until), "figures")
+    text = json.dumps(summary, indent=2, ensure_ascii=False)
+    write_text(results.path / "summary.json", f"{text}\n")
+    return "\n".join([summary["headline"], *(f"- {remark}" for remark in summary["remarks"])])
 
 
 @SCENARIO_STAGES.stage(
