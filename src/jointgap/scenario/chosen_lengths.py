@@ -186,18 +186,18 @@ def choose_lengths(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Ch
 # -- facts
 
 
-def facts(chosen: ChosenLengths) -> list[Fact]:
+def facts(optimum: ChosenLengths) -> list[Fact]:
     """The result in numbers, named as the keys of summary.json; values after the optimisation are
     None where no lengths are feasible."""
-    result = [*length_facts(chosen), *gain_facts(chosen), *side_effects(chosen)]
-    if chosen.status == "infeasible":
+    result = [*length_facts(optimum), *gain_facts(optimum), *side_effects(optimum)]
+    if optimum.status == "infeasible":
         result = [replace(fact, value=None) for fact in result]
     return result
 
 
-def length_facts(chosen: ChosenLengths) -> list[Fact]:
+def length_facts(optimum: ChosenLengths) -> list[Fact]:
     """Lengths and their ratio."""
-    (crank, rod), (new_crank, new_rod) = chosen.original, chosen.lengths
+    (crank, rod), (new_crank, new_rod) = optimum.original, optimum.lengths
     return [
         Fact("crank_length_mm", 1e3 * new_crank, "mm", "crank length", before=1e3 * crank),
         Fact("rod_length_mm", 1e3 * new_rod, "mm", "rod length", before=1e3 * rod),
@@ -205,21 +205,21 @@ def length_facts(chosen: ChosenLengths) -> list[Fact]:
     ]
 
 
-def gain_facts(chosen: ChosenLengths) -> Iterator[Fact]:
+def gain_facts(optimum: ChosenLengths) -> Iterator[Fact]:
     """Objective and error of the transmission angle, with their reductions."""
-    goal, angle = chosen.goal, GOALS["transmission_angle"]
-    if not chosen.is_of_angle:
-        yield from _gain_facts(chosen, goal, goal.measure, f"{goal.measure}/", "search")
-    yield from _gain_facts(chosen, angle, "rms_error_deg", "", "motion_frozen")
+    goal, angle = optimum.goal, GOALS["transmission_angle"]
+    if not optimum.is_of_angle:
+        yield from _gain_facts(optimum, goal, goal.measure, f"{goal.measure}/", "search")
+    yield from _gain_facts(optimum, angle, "rms_error_deg", "", "motion_frozen")
 
 
 def _gain_facts(
-    chosen: ChosenLengths, goal: Goal, name: str, group: str, estimate: str
+    optimum: ChosenLengths, goal: Goal, name: str, group: str, estimate: str
 ) -> Iterator[Fact]:
-    gain = chosen.gains.loc[(chosen.stretch, goal.measure)]
+    gain = optimum.gains.loc[(optimum.stretch, goal.measure)]
     original, error = goal.factor * gain[["original_error", "error"]].astype(float)
     words = f"RMS {goal.words}" if goal.measure == "rms" else goal.words
-    label = f"{words} over {chosen.stretch_label(chosen.stretch)}"
+    label = f"{words} over {optimum.stretch_label(optimum.stretch)}"
     yield Fact(name, error, goal.unit, label, before=original)
     columns = {
         "median": "reduction",
@@ -233,25 +233,25 @@ def _gain_facts(
         yield Fact(f"{group}reduction_percent/{key}", reduction, "%", label)
 
 
-def side_effects(chosen: ChosenLengths) -> Iterator[Fact]:
+def side_effects(optimum: ChosenLengths) -> Iterator[Fact]:
     """Stroke, dead centres, transmission angle, forces and contact over a settled revolution."""
-    cycle = chosen.pair("optimise_worth", "simulated")
+    cycle = optimum.pair("optimise_worth", "simulated")
     for column in ("stroke", "outer_dead_centre", "inner_dead_centre"):
-        before, after = 1e3 * cycle[column]
-        yield Fact(f"{column}_mm", after, "mm", format_name(column), before=before)
-    before, after = np.degrees(cycle["smallest_transmission_angle"])
+        original, optimised = 1e3 * cycle[column]
+        yield Fact(f"{column}_mm", optimised, "mm", format_name(column), before=original)
+    original, optimised = np.degrees(cycle["smallest_transmission_angle"])
     label = "smallest transmission angle"
-    yield Fact("smallest_transmission_angle_deg", after, "deg", label, before=before)
+    yield Fact("smallest_transmission_angle_deg", optimised, "deg", label, before=original)
     for joint in FROM_FRAME:
-        load, words = chosen.pair("optimise_loads", joint), format_name(joint)
+        load, words = optimum.pair("optimise_loads", joint), format_name(joint)
         for column, name, unit, label in (
             ("peak_force", "largest_force_N", "N", "largest force"),
             ("rms_force", "rms_force_N", "N", "RMS force"),
             ("contact_share", "contact_share_percent", "%", "share of time in contact"),
         ):
-            before, after = load[column] * (100 if unit == "%" else 1)
-            if not math.isnan(after):  # as the contact share of an ideal joint
-                yield Fact(f"{name}/{joint}", after, unit, f"{label}, {words}", before=before)
+            original, optimised = load[column] * (100 if unit == "%" else 1)
+            if not math.isnan(optimised):  # as the contact share of an ideal joint
+                yield Fact(f"{name}/{joint}", optimised, unit, f"{label}, {words}", before=original)
         angle, label = math.degrees(load["peak_angle"].iloc[1]), "crank angle of the largest force"
         yield Fact(f"largest_force_N/{joint}/after_at_deg", angle, "deg", f"{label}, {words}")
 
@@ -259,18 +259,18 @@ def side_effects(chosen: ChosenLengths) -> Iterator[Fact]:
 # -- remarks
 
 
-def remarks(chosen: ChosenLengths) -> tuple[str, ...]:
+def remarks(optimum: ChosenLengths) -> tuple[str, ...]:
     """Remarks on the result, the most important first."""
-    scenario = chosen.scenario
+    scenario = optimum.scenario
     mechanism = mechanism_warnings.sentences(scenario.mechanism, scenario.simulate.highest_speed)
-    if chosen.status == "infeasible":
-        return (*_limits(chosen), *mechanism)
+    if optimum.status == "infeasible":
+        return (*_limits(optimum), *mechanism)
     return (
-        _gain(chosen),
-        *_limits(chosen),
-        *_large_side_effects(chosen),
+        _gain(optimum),
+        *_limits(optimum),
+        *_large_side_effects(optimum),
         *mechanism,
-        *_overfit_networks(chosen),
+        *_overfit_networks(optimum),
     )
 
 
@@ -284,19 +284,19 @@ def percent(reduction: float) -> str:
     return f"{-100 * reduction:+z.1f}"
 
 
-def _gain(chosen: ChosenLengths) -> str:
-    gain, row, goal = chosen.gain, chosen.row, chosen.goal
-    spread = f"{interval(gain)} % over {chosen.stretch_label(chosen.stretch)}"
+def _gain(optimum: ChosenLengths) -> str:
+    gain, row, goal = optimum.gain, optimum.row, optimum.goal
+    spread = f"{interval(gain)} % over {optimum.stretch_label(optimum.stretch)}"
     if gain["reduction_high"] < 0.0:
-        is_feasible = chosen.peak_force[0] <= FORCE_TOLERANCE * chosen.force_limit and all(
-            constraint.violation(chosen.original) <= FEASIBLE for constraint in chosen.constraints
+        is_feasible = optimum.peak_force[0] <= FORCE_TOLERANCE * optimum.force_limit and all(
+            constraint.violation(optimum.original) <= FEASIBLE for constraint in optimum.constraints
         )
         advice = "keep the original lengths" if is_feasible else "the constraints cause it"
-        return f"Simulated again, the {chosen.objective_label} increases ({spread}): {advice}."
+        return f"Simulated again, the {optimum.objective_label} increases ({spread}): {advice}."
     if gain["reduction_low"] <= 0.0:
         return (
             "The gain is not significant: simulated again from perturbed starts, the"
-            f" {chosen.objective_label} changes by {spread}."
+            f" {optimum.objective_label} changes by {spread}."
         )
     tolerance, allowed = row["rod_tolerance"] / 2, row["rod_deviation_allowed"]
     size = f"{number(goal.factor * (gain['original_error'] - gain['error']), 3)} {goal.unit}"
@@ -308,57 +308,59 @@ def _gain(chosen: ChosenLengths) -> str:
     return f"{text}." if allowed >= tolerance else f"{text} and cancels the gain."
 
 
-def _limits(chosen: ChosenLengths) -> Iterator[str]:
+def _limits(optimum: ChosenLengths) -> Iterator[str]:
     """An infeasible force limit, and active bounds."""
-    if chosen.status == "infeasible":
-        force = number(chosen.peak_force[1])
-        yield f"Allow a force above {force} N, or widen `optimise.boxes.{chosen.box}`."
-    if chosen.status == "not converged":
+    if optimum.status == "infeasible":
+        force = number(optimum.peak_force[1])
+        yield f"Allow a force above {force} N, or widen `optimise.boxes.{optimum.box}`."
+    if optimum.status == "not converged":
         yield (
             "The search did not converge under the force limit; these are the lengths with the"
             " smallest pin force."
         )
-    for bound in chosen.bounds:
+    for bound in optimum.bounds:
         advice = ""
         if "times the rod length" in bound:
             advice = "; raise `optimise.ratio_limit` if the drive allows it"
         elif bound.startswith(("crank length", "rod length")):
-            key = f"optimise.boxes.{chosen.box}.{bound.split()[0]}_length"
+            key = f"optimise.boxes.{optimum.box}.{bound.split()[0]}_length"
             advice = f"; widen `{key}` if the design allows it"
         yield f"The {bound.replace(' at ', ' is at ', 1)} and limits the result{advice}."
 
 
-def _large_side_effects(chosen: ChosenLengths) -> Iterator[str]:
+def _large_side_effects(optimum: ChosenLengths) -> Iterator[str]:
     """Side effects above `REMARKABLE`, and how to limit them."""
-    constraints = chosen.scenario.optimise.constraints
-    before, after = 1e3 * chosen.pair("optimise_worth", "simulated")["stroke"]
-    if constraints.stroke is None and abs(after / before - 1) > REMARKABLE["stroke"]:
+    constraints = optimum.scenario.optimise.constraints
+    original, optimised = 1e3 * optimum.pair("optimise_worth", "simulated")["stroke"]
+    if constraints.stroke is None and abs(optimised / original - 1) > REMARKABLE["stroke"]:
         yield (
-            f"The stroke changes by {after - before:+.3g} mm ({100 * (after / before - 1):+.1f} %);"
-            " fix it with `optimise.constraints.stroke`."
+            f"The stroke changes by {optimised - original:+.3g} mm"
+            f" ({100 * (optimised / original - 1):+.1f} %); fix it with"
+            " `optimise.constraints.stroke`."
         )
-    error = "peak" if chosen.is_of_angle else "rms"
-    gain = chosen.gains.loc[(chosen.stretch, error)]
-    before, after = np.degrees([gain["original_error"], gain["error"]])
-    if after / before - 1 > REMARKABLE["peak"]:
+    error = "peak" if optimum.is_of_angle else "rms"
+    gain = optimum.gains.loc[(optimum.stretch, error)]
+    original, optimised = np.degrees([gain["original_error"], gain["error"]])
+    if optimised / original - 1 > REMARKABLE["peak"]:
         yield (
-            f"The {format_name(error)} error of the transmission angle grows from {before:.3g} to"
-            f" {after:.3g} deg ({100 * (after / before - 1):+.0f} %) over"
-            f" {chosen.stretch_label(chosen.stretch)}; the {chosen.objective_label} was minimised."
+            f"The {format_name(error)} error of the transmission angle grows from {original:.3g} to"
+            f" {optimised:.3g} deg ({100 * (optimised / original - 1):+.0f} %) over"
+            f" {optimum.stretch_label(optimum.stretch)}; the {optimum.objective_label} was"
+            " minimised."
         )
-    before, after = chosen.peak_force
-    is_free = math.isinf(chosen.force_limit) and chosen.goal.measure != "largest_pin_force"
-    if is_free and after / before - 1 > REMARKABLE["force"]:
+    original, optimised = optimum.peak_force
+    is_free = math.isinf(optimum.force_limit) and optimum.goal.measure != "largest_pin_force"
+    if is_free and optimised / original - 1 > REMARKABLE["force"]:
         yield (
-            f"The largest force in a pin grows from {number(before)} to {number(after)} N"
-            f" ({100 * (after / before - 1):+.0f} %); limit it with"
+            f"The largest force in a pin grows from {number(original)} to {number(optimised)} N"
+            f" ({100 * (optimised / original - 1):+.0f} %); limit it with"
             " `optimise.constraints.largest_pin_force`."
         )
 
 
-def _overfit_networks(chosen: ChosenLengths) -> Iterator[str]:
-    errors = chosen.tables["fit_errors"]
-    seed = chosen.scenario.surrogate.seeds[0]
+def _overfit_networks(optimum: ChosenLengths) -> Iterator[str]:
+    errors = optimum.tables["fit_errors"]
+    seed = optimum.scenario.surrogate.seeds[0]
     errors = errors[(errors["region"] == "all") & (errors["seed"] == seed)]
     factors = (errors["held_out_mse"] / errors["training_mse"]).groupby(errors["model"])
     factors = {model: factor for model, factor in factors}
@@ -382,68 +384,68 @@ def _overfit_networks(chosen: ChosenLengths) -> Iterator[str]:
 # -- texts and summary.json
 
 
-def headline(chosen: ChosenLengths) -> str:
+def headline(optimum: ChosenLengths) -> str:
     """Lengths chosen and change of the objective; without an optimum, the smallest force."""
-    if chosen.status == "infeasible":
-        others = " and the other constraints" if chosen.constraints else ""
+    if optimum.status == "infeasible":
+        others = " and the other constraints" if optimum.constraints else ""
         return (
             f"No lengths within the bounds{others} keep the pin force below"
-            f" {number(chosen.force_limit)} N (least: {number(chosen.peak_force[1])} N at"
-            f" {_lengths(chosen)})"
+            f" {number(optimum.force_limit)} N (least: {number(optimum.peak_force[1])} N at"
+            f" {_lengths(optimum)})"
         )
-    gain = chosen.gain
+    gain = optimum.gain
     is_sure = gain["reduction_low"] > 0 or gain["reduction_high"] < 0
     change = "smaller" if gain["reduction"] > 0 else "larger"
     return (
-        f"{_lengths(chosen).capitalize()}: {chosen.goal.words}"
+        f"{_lengths(optimum).capitalize()}: {optimum.goal.words}"
         f" {abs(100 * gain['reduction']):.1f} % {change}{'' if is_sure else ' (not significant)'}"
     )
 
 
-def _lengths(chosen: ChosenLengths) -> str:
-    crank, rod = chosen.lengths
+def _lengths(optimum: ChosenLengths) -> str:
+    crank, rod = optimum.lengths
     return f"crank {1e3 * crank:.2f} mm, rod {1e3 * rod:.2f} mm"
 
 
-def details(chosen: ChosenLengths) -> str:
+def details(optimum: ChosenLengths) -> str:
     """Objective and lengths before and after; without an optimum, the forces."""
-    if chosen.status == "infeasible":
-        before, after = map(number, chosen.peak_force)
+    if optimum.status == "infeasible":
+        original, optimised = map(number, optimum.peak_force)
         return (
-            f"No optimum is reported. The largest force in a pin is {before} N at the original"
-            f" lengths and at least {after} N within the bounds, at {_lengths(chosen)}: medians of"
-            f" {chosen.gains['members'].iloc[0]} simulations from perturbed starts."
+            f"No optimum is reported. The largest force in a pin is {original} N at the original"
+            f" lengths and at least {optimised} N within the bounds, at {_lengths(optimum)}:"
+            f" medians of {optimum.gains['members'].iloc[0]} simulations from perturbed starts."
         )
-    objective = next(gain_facts(chosen))
-    lengths = "; ".join(f"{fact.words} {fact.text}" for fact in length_facts(chosen))
+    objective = next(gain_facts(optimum))
+    lengths = "; ".join(f"{fact.words} {fact.text}" for fact in length_facts(optimum))
     return (
-        f"Simulated again, {objective.words}: {objective.text} ({interval(chosen.gain)} % over the"
+        f"Simulated again, {objective.words}: {objective.text} ({interval(optimum.gain)} % over the"
         f" starts). {lengths.capitalize()}."
     )
 
 
-def document(chosen: ChosenLengths, name: str) -> dict[str, Any]:
+def document(optimum: ChosenLengths, name: str) -> dict[str, Any]:
     """The content of ``summary.json``."""
-    numbers = facts_document(facts(chosen))
-    if not chosen.is_of_angle:
-        numbers[chosen.goal.measure] |= {"unit": chosen.goal.unit.replace(" ", "*")}
-    if chosen.status == "infeasible":
-        crank, rod = chosen.lengths
+    numbers = facts_document(facts(optimum))
+    if not optimum.is_of_angle:
+        numbers[optimum.goal.measure] |= {"unit": optimum.goal.unit.replace(" ", "*")}
+    if optimum.status == "infeasible":
+        crank, rod = optimum.lengths
         numbers["smallest_force"] = {
-            "limit_N": chosen.force_limit,
-            "force_N": float(chosen.peak_force[1]),
+            "limit_N": optimum.force_limit,
+            "force_N": float(optimum.peak_force[1]),
             "crank_length_mm": 1e3 * crank,
             "rod_length_mm": 1e3 * rod,
         }
     return {
         "scenario": name,
-        "status": chosen.status,
-        "headline": headline(chosen),
-        "objective": chosen.scenario.optimise.objective,
-        "details": details(chosen),
-        "remarks": list(remarks(chosen)),
-        "found_on": chosen.row["source"] if chosen.best_points else None,
-        "at_bounds": list(chosen.bounds),
-        "speed_rpm": chosen.scenario.simulate.speed * 30 / math.pi,
+        "status": optimum.status,
+        "headline": headline(optimum),
+        "objective": optimum.scenario.optimise.objective,
+        "details": details(optimum),
+        "remarks": list(remarks(optimum)),
+        "found_on": optimum.row["source"] if optimum.best_points else None,
+        "at_bounds": list(optimum.bounds),
+        "speed_rpm": optimum.scenario.simulate.speed * 30 / math.pi,
         **numbers,
     }

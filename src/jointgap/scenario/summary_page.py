@@ -39,14 +39,14 @@ _ERRORS = {"rms": "root mean square (RMS)", "mean_absolute": "mean absolute", "p
 _FIGURES = ("valley", "resimulation", "contact_forces", "orbits")
 
 
-def page(chosen: ChosenLengths, name: str, repeat_until: float = math.inf) -> Page:
+def page(optimum: ChosenLengths, name: str, repeat_until: float = math.inf) -> Page:
     """The summary page; samples of the motion repeat until a crank angle after the start [rad]."""
-    scenario = chosen.scenario
-    is_feasible = chosen.status != "infeasible"
-    result = [*_constraints(chosen)]
+    scenario = optimum.scenario
+    is_feasible = optimum.status != "infeasible"
+    result = [*_constraints(optimum)]
     if is_feasible:
-        result = [*_lengths(chosen), *_gains(chosen), *_side_effects(chosen), *result]
-        result += _motions(chosen) if chosen.best_points else []
+        result = [*_lengths(optimum), *_gains(optimum), *_side_effects(optimum), *result]
+        result += _motions(optimum) if optimum.best_points else []
     links = [
         Link("Impacts, interactive", "figures/impacts.html", ": gaps, contact forces and modes"),
         Link("All figures", "figures", " (PNG, SVG, and the plotted data as Parquet)"),
@@ -57,19 +57,19 @@ def page(chosen: ChosenLengths, name: str, repeat_until: float = math.inf) -> Pa
         links.insert(0, Link("Comparison with the paper", "comparison.html"))
     figures = (name for name in _FIGURES if is_feasible or FIGURES[name].category != "Optimum")
     blocks: list[Block] = [
-        Paragraph(details(chosen), strong=True),
+        Paragraph(details(optimum), strong=True),
         _figure("animation", scenario),
         *([Paragraph(scenario.description)] if scenario.description else []),
         Paragraph(repeatability(repeat_until)),
         Heading("Check before you use this" if is_feasible else "Next steps"),
-        Bullets(remarks(chosen)),
+        Bullets(remarks(optimum)),
         *result,
         Heading("Figures"),
         *(_figure(figure, scenario) for figure in figures),
         Heading("Files"),
         Bullets(tuple(links)),
     ]
-    return Page(headline(chosen), tuple(blocks), subject=f"Scenario {name}", width="60rem")
+    return Page(headline(optimum), tuple(blocks), subject=f"Scenario {name}", width="60rem")
 
 
 def repeatability(repeat_until: float) -> str:
@@ -88,18 +88,18 @@ def _figure(name: str, scenario: Scenario) -> FigureBlock:
     return FigureBlock(name, title, spec.caption, spec.moving)
 
 
-def _lengths(chosen: ChosenLengths) -> Iterator[Block]:
-    options = chosen.scenario.optimise
+def _lengths(optimum: ChosenLengths) -> Iterator[Block]:
+    options = optimum.scenario.optimise
     yield Heading("Lengths")
-    yield changes(length_facts(chosen))
-    searched = regions(chosen.scenario.mechanism.applied(), options)[chosen.box].searched
+    yield changes(length_facts(optimum))
+    searched = regions(optimum.scenario.mechanism.applied(), options)[optimum.box].searched
     cranks, rods = (text if text == "fixed" else f"{text} mm" for text in searched)
     ratio = "" if options.ratio_limit is None else f", crank over rod up to {options.ratio_limit:g}"
-    active = " No bound is active." if chosen.status == "optimal" and not chosen.bounds else ""
-    yield Paragraph(f"Searched (box {chosen.box}): crank {cranks}, rod {rods}{ratio}.{active}")
-    floor = chosen.tables["optimise_floor"]
-    floor = floor[(floor["source"] == chosen.row["source"]) & (floor["box"] == chosen.box)]
-    if floor.empty or not chosen.is_of_angle:  # empty: the search did not converge
+    active = " No bound is active." if optimum.status == "optimal" and not optimum.bounds else ""
+    yield Paragraph(f"Searched (box {optimum.box}): crank {cranks}, rod {rods}{ratio}.{active}")
+    floor = optimum.tables["optimise_floor"]
+    floor = floor[(floor["source"] == optimum.row["source"]) & (floor["box"] == optimum.box)]
+    if floor.empty or not optimum.is_of_angle:  # empty: the search did not converge
         return
     floor = floor[floor["measure"] == "rms"]
     ratios = format_range(f"{floor['ratio'].min():.5f}", f"{floor['ratio'].max():.5f}")
@@ -111,22 +111,22 @@ def _lengths(chosen: ChosenLengths) -> Iterator[Block]:
     )
 
 
-def _gains(chosen: ChosenLengths) -> Iterator[Block]:
+def _gains(optimum: ChosenLengths) -> Iterator[Block]:
     yield Heading("Gain")
-    stretches = chosen.stretch, "window" if chosen.stretch == "settled" else "settled"
+    stretches = optimum.stretch, "window" if optimum.stretch == "settled" else "settled"
     rows = {
-        f"{label}, {chosen.stretch_label(stretch)}": (stretch, measure, "deg", np.degrees(1.0))
+        f"{label}, {optimum.stretch_label(stretch)}": (stretch, measure, "deg", np.degrees(1.0))
         for stretch in stretches
         for measure, label in _ERRORS.items()
     }
-    goal, about = chosen.goal, "Frozen: estimate with unchanged joint motion."
-    if not chosen.is_of_angle:
-        place = chosen.stretch, goal.measure, goal.unit, goal.factor
-        rows = {f"{goal.words}, {chosen.stretch_label(chosen.stretch)}": place} | rows
+    goal, about = optimum.goal, "Frozen: estimate with unchanged joint motion."
+    if not optimum.is_of_angle:
+        place = optimum.stretch, goal.measure, goal.unit, goal.factor
+        rows = {f"{goal.words}, {optimum.stretch_label(optimum.stretch)}": place} | rows
         about = f"{goal.words.capitalize()}: {goal.definition}; frozen: estimate of the search."
     cells = []
     for label, (stretch, measure, unit, factor) in rows.items():
-        gain = chosen.gains.loc[(stretch, measure)]
+        gain = optimum.gains.loc[(stretch, measure)]
         cells.append(
             {
                 "objective or error": label,
@@ -140,19 +140,19 @@ def _gains(chosen: ChosenLengths) -> Iterator[Block]:
             }
         )
     yield TableBlock.of(cells, "llrrrrrr")
-    loose = joined(map(format_name, chosen.scenario.mechanism.applied().loose))
+    loose = joined(map(format_name, optimum.scenario.mechanism.applied().loose))
     yield Paragraph(
-        f"{'Errors' if chosen.is_of_angle else 'Other errors'} are those of the transmission angle,"
-        " which is the angle between the rod and the normal to the slide: the angle without"
+        "Errors are those of the transmission angle, which is the angle between the rod and the"
+        " normal to the slide: the angle without"
         f" clearance at the original lengths minus the angle with clearance in the {loose}."
         " Simulated again: the result that counts; median and spread over"
-        f" {chosen.gains['members'].iloc[0]} pairs of runs with perturbed starts. {about}"
+        f" {optimum.gains['members'].iloc[0]} pairs of runs with perturbed starts. {about}"
     )
 
 
-def _side_effects(chosen: ChosenLengths) -> Iterator[Block]:
+def _side_effects(optimum: ChosenLengths) -> Iterator[Block]:
     yield Heading("Side effects")
-    yield changes(side_effects(chosen))
+    yield changes(side_effects(optimum))
     yield Paragraph(
         "Medians over the runs with clearance, for a settled revolution. Forces include inertia"
         " and the effects listed in the mechanism file; gas pressure and external loads count only"
@@ -160,24 +160,24 @@ def _side_effects(chosen: ChosenLengths) -> Iterator[Block]:
     )
 
 
-def _constraints(chosen: ChosenLengths) -> Iterator[Block]:
+def _constraints(optimum: ChosenLengths) -> Iterator[Block]:
     """Constraints besides the bounds of the lengths."""
-    is_feasible = chosen.status != "infeasible"
+    is_feasible = optimum.status != "infeasible"
     rows = [
         (
             constraint.words,
             constraint.range_text(),
             *(
                 constraint.show(float(constraint.value(at)))
-                for at in (chosen.original, chosen.lengths)
+                for at in (optimum.original, optimum.lengths)
             ),
-            constraint.violation(chosen.lengths) <= FEASIBLE,
+            constraint.violation(optimum.lengths) <= FEASIBLE,
         )
-        for constraint in chosen.constraints
+        for constraint in optimum.constraints
     ]
-    if not math.isinf(chosen.force_limit):
-        forces = (f"{number(force)} N" for force in chosen.peak_force)
-        limit = f"{number(chosen.force_limit)} N at most"
+    if not math.isinf(optimum.force_limit):
+        forces = (f"{number(force)} N" for force in optimum.peak_force)
+        limit = f"{number(optimum.force_limit)} N at most"
         rows.append(("largest force in a pin", limit, *forces, is_feasible))
     if rows:
         yield Heading("Constraints")
@@ -185,35 +185,35 @@ def _constraints(chosen: ChosenLengths) -> Iterator[Block]:
             (*texts, Cell("yes", "good") if is_met else Cell("no", "bad"))
             for *texts, is_met in rows
         )
-        after = "after" if is_feasible else "smallest force"
-        yield TableBlock(("", "required", "before", after, "met"), cells, "lrrrl")
+        result = "after" if is_feasible else "smallest force"
+        yield TableBlock(("", "required", "before", result, "met"), cells, "lrrrl")
         yield Paragraph("Lengths and angles without clearance; forces simulated with clearance.")
 
 
-def _motions(chosen: ChosenLengths) -> Iterator[Block]:
+def _motions(optimum: ChosenLengths) -> Iterator[Block]:
     yield Heading("Motion used by the search")
-    optima = chosen.tables["optimise_optima"].set_index(["source", "point"])
-    gains = chosen.tables["optimise_resimulated"].query(f"measure == {chosen.goal.measure!r}")
+    optima = optimum.tables["optimise_optima"].set_index(["source", "point"])
+    gains = optimum.tables["optimise_resimulated"].query(f"measure == {optimum.goal.measure!r}")
     gains = gains.set_index(["point", "stretch"])
     rows = []
-    for source, point in chosen.best_points.items():
+    for source, point in optimum.best_points.items():
         lengths = optima.loc[(source, point)]
-        is_chosen = " (chosen)" if source == chosen.row["source"] else ""
+        mark = " (chosen)" if source == optimum.row["source"] else ""
         row = {
-            "motion from": f"{MOTIONS[source]}{is_chosen}",
+            "motion from": f"{MOTIONS[source]}{mark}",
             "crank [mm]": f"{1e3 * lengths['crank_length']:.3f}",
             "rod [mm]": f"{1e3 * lengths['rod_length']:.3f}",
         }
-        for stretch in ("settled", "window") if chosen.is_of_angle else ("settled",):
+        for stretch in ("settled", "window") if optimum.is_of_angle else ("settled",):
             gain = gains.loc[(point, stretch)]
-            head = f"{chosen.objective_label}, {chosen.stretch_label(stretch)} [%]"
+            head = f"{optimum.objective_label}, {optimum.stretch_label(stretch)} [%]"
             row[head] = f"{percent(gain['reduction'])} ({interval(gain)})"
         rows.append(row)
     motion = "one simulation for each pair of lengths on a grid"
-    if chosen.is_of_angle:
+    if optimum.is_of_angle:
         motion = "frozen joint motion from several sources"
     yield Paragraph(
         f"The search uses {motion}. The result is the pair of lengths with the smallest"
-        f" re-simulated {chosen.objective_label} over {chosen.stretch_label(chosen.stretch)}."
+        f" re-simulated {optimum.objective_label} over {optimum.stretch_label(optimum.stretch)}."
     )
     yield TableBlock.of(rows, "l" + "r" * (len(rows[0]) - 1))
