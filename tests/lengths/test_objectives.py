@@ -12,9 +12,10 @@ from jointgap.core.errors import InputError
 from jointgap.core.page import to_markdown
 from jointgap.core.schema import TABLES
 from jointgap.lengths import surface
+from jointgap.scenario.chosen_lengths import document
 from jointgap.scenario.mlflow_runs import scenario_records
-from jointgap.scenario.outcome import document, page, remarks
 from jointgap.scenario.stages import SCENARIO_STAGES
+from jointgap.scenario.summary_page import page
 
 SIMULATE = {
     "speed": "600 rpm",
@@ -78,22 +79,22 @@ def test_the_result_has_the_smallest_quantity_when_simulated_again(optima, mecha
     reduction = 1 - error.drop("original").min() / error["original"]
     assert best.gain == pytest.approx(reduction, rel=0.02, abs=0.01)
     assert error["original"] == pytest.approx(by_hand(mechanism, name), rel=0.05)
-    label = f"{name.replace('_', ' ')} over a settled revolution, after"
+    label = f"{name.replace('_', ' ')} over a settled revolution"
     assert best.summary().set_index("quantity").loc[label, "unit"] == unit
     for table, frame in best.tables.items():
         parquet.to_arrow(TABLES[f"optimise_{table}"], frame)
 
 
 def test_page_and_json_name_the_objective_and_keep_the_names_of_the_angle(optima):
-    outcome = optima["largest_pin_force"]._outcome
-    text = to_markdown(page(outcome, "mine", remarks(outcome)))
-    assert "largest pin force" in text.splitlines()[0] and "| largest pin force |" in text
+    chosen = optima["largest_pin_force"]._chosen
+    text = to_markdown(page(chosen, "mine"))
+    assert "largest pin force" in text.splitlines()[0] and "| largest pin force, a settled" in text
     assert "simulations with ideal joints" in text
     assert "root mean square (RMS), a settled revolution" in text
-    content = json.loads(json.dumps(document(outcome, "mine", ()), allow_nan=False))
-    force, angle = content["largest_pin_force"], outcome.gains.loc[("settled", "rms")]
+    content = json.loads(json.dumps(document(chosen, "mine"), allow_nan=False))
+    force, angle = content["largest_pin_force"], chosen.gains.loc[("settled", "rms")]
     assert content["objective"] == "largest_pin_force" and force["unit"] == "N"
-    for reductions, gain in ((force, outcome.gain), (content, angle)):
+    for reductions, gain in ((force, chosen.gain), (content, angle)):
         median = reductions["reduction_percent"]["median"]
         assert median == pytest.approx(100 * float(gain["reduction"]))
 
@@ -116,9 +117,9 @@ def test_mlflow_has_metrics_of_the_objective_and_of_the_angle(optima, tmp_path):
     sections = {name: stage.sections for name, stage in SCENARIO_STAGES.items()}
     records = {
         record.output: record
-        for record in scenario_records(best._outcome.scenario, sections, files, tmp_path)
+        for record in scenario_records(best._chosen.scenario, sections, files, tmp_path)
     }
-    record = records[best._outcome.chosen["point"]]
+    record = records[best._chosen.row["point"]]
     metrics = record.metrics
     assert records[""].metrics == metrics
     assert metrics["gain_torque_ripple_percent"] == pytest.approx(100 * best.gain, abs=1e-3)

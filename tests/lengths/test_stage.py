@@ -19,8 +19,8 @@ from jointgap.lengths.optimise import frozen_objectives, optimise
 from jointgap.lengths.region import Region
 from jointgap.lengths.search import Point
 from jointgap.lengths.surface import Surface
+from jointgap.scenario.chosen_lengths import choose_lengths, headline
 from jointgap.scenario.figures import draw
-from jointgap.scenario.outcome import headline, outcome
 
 SIMULATE = Simulate(revolutions=2, samples_per_revolution=720)
 BOXES = {"paper": {"crank_length": (0.147, 0.153), "rod_length": (0.555, 0.564)}}
@@ -151,7 +151,7 @@ def test_a_limit_that_no_lengths_keep_leaves_no_optimum(mechanism, trajectory, m
     for name, frame in tables.items():  # those of the searches have no rows
         parquet.to_arrow(TABLES[name], frame)
     scenario = Scenario(mechanism=mechanism, simulate=SIMULATE, optimise=below(limit))
-    assert headline(outcome(tables, scenario)).startswith(message)
+    assert headline(choose_lengths(tables, scenario)).startswith(message)
     for name in ("valley", "resimulation"):
         assert draw(name, tables, scenario).data.empty
     options = {"boxes": BOXES, "constraints": {"largest_pin_force": "100 N"}}

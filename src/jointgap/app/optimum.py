@@ -14,17 +14,18 @@ from jointgap.core.errors import InputError
 from jointgap.core.facts import Fact
 from jointgap.core.joints import outputs
 from jointgap.core.parquet import with_units
-from jointgap.core.words import format_name, joined
+from jointgap.core.words import joined
+from jointgap.scenario.chosen_lengths import (
+    ChosenLengths,
+    choose_lengths,
+    facts,
+    headline,
+    remarks,
+)
 from jointgap.scenario.figures import FIGURES
-from jointgap.scenario.outcome import headline, outcome, remarks
 from jointgap.scenario.stages import SCENARIO_STAGES
 
 _WRITTEN = SCENARIO_STAGES["optimise"].writes
-_REDUCTIONS = {
-    "reduction": "reduction",
-    "reduction_low": "reduction, 5 % of pairs of runs",
-    "reduction_high": "reduction, 95 % of pairs of runs",
-}
 
 
 @dataclass(frozen=True, repr=False)
@@ -45,21 +46,21 @@ class Optimum(Result):
     mechanism: Mechanism
     original: Motion
     tables: Mapping[str, pd.DataFrame]
-    _outcome: Any  # jointgap.scenario.outcome.Outcome, which is not in the documentation
+    _chosen: ChosenLengths
 
     @property
     def _HEADLINE(self) -> str:
-        return f"Link lengths with the smallest {self._outcome.goal.words.removeprefix('largest ')}"
+        return f"Link lengths with the smallest {self._chosen.goal.words.removeprefix('largest ')}"
 
     @property
     def lengths(self) -> tuple[float, float]:
         """Crank and rod length [m]."""
-        return self._outcome.lengths
+        return self._chosen.lengths
 
     @property
     def at_bounds(self) -> tuple[str, ...]:
         """Labels of the active bounds and constraints."""
-        return self._outcome.bounds
+        return self._chosen.bounds
 
     @property
     def gain(self) -> float:
@@ -68,7 +69,7 @@ class Optimum(Result):
         By default of the RMS error of the transmission angle, over a settled revolution or over the
         configured window.
         """
-        return float(self._outcome.gain["reduction"])
+        return float(self._chosen.gain["reduction"])
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -76,12 +77,12 @@ class Optimum(Result):
 
         An interval that contains 0 means no significant gain.
         """
-        return tuple(self._outcome.gain[["reduction_low", "reduction_high"]].astype(float))
+        return tuple(self._chosen.gain[["reduction_low", "reduction_high"]].astype(float))
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """Warnings and limitations of the lengths found."""
-        return remarks(self._outcome)
+        return remarks(self._chosen)
 
     @property
     def figures(self) -> Mapping[str, str]:
@@ -90,36 +91,12 @@ class Optimum(Result):
 
     def _draw(self, name: str):
         frames = {f"optimise_{table}": frame for table, frame in self.tables.items()}
-        return FIGURES.draw(name, frames, self._outcome.scenario)
+        return FIGURES.draw(name, frames, self._chosen.scenario)
 
     @property
     def facts(self) -> list[Fact]:
-        """Lengths, objective, reduction, dead centres and forces, before and after."""
-        outcome, gain = self._outcome, self._outcome.gain
-        (old_crank, old_rod), (crank, rod) = outcome.original, outcome.lengths
-        before, after = (row for _, row in outcome.pair("optimise_worth", "simulated").iterrows())
-        words = f"RMS {outcome.goal.words}" if outcome.is_of_angle else outcome.goal.words
-        size = f"{words} over {outcome.stretch_label(outcome.stretch)}"
-        facts = [
-            Fact("crank_length", 1e3 * crank, "mm"),
-            Fact("change_of_the_crank_length", 1e3 * (crank - old_crank), "mm"),
-            Fact("rod_length", 1e3 * rod, "mm"),
-            Fact("change_of_the_rod_length", 1e3 * (rod - old_rod), "mm"),
-            Fact("active_bounds", joined(outcome.bounds) or "none"),
-        ]
-        for when, value in zip(("before", "after"), outcome.sizes, strict=True):
-            facts.append(Fact(f"objective/{when}", value, outcome.goal.unit, f"{size}, {when}"))
-        for key, label in _REDUCTIONS.items():
-            facts.append(Fact(key, 100.0 * float(gain[key]), "%", label))
-        for name in ("stroke", "outer_dead_centre", "inner_dead_centre"):
-            label = f"change of the {format_name(name)}"
-            facts.append(
-                Fact(f"{name}/change", 1e3 * float(after[name] - before[name]), "mm", label)
-            )
-        for when, force in zip(("before", "after"), outcome.peak_force, strict=True):
-            label = f"largest force in a pin, {when}"
-            facts.append(Fact(f"largest_pin_force/{when}", float(force), "N", label))
-        return facts
+        """Lengths, objective, reductions and side effects, before and after."""
+        return [*facts(self._chosen), Fact("active_bounds", joined(self.at_bounds) or "none")]
 
 
 def optimise(
@@ -211,7 +188,7 @@ def optimise(
     tables = find_optima(
         applied, scenario.simulate, scenario.optimise, training_points, motion.samples, fits
     )
-    result = outcome(tables | {"fit_errors": errors}, scenario)
+    result = choose_lengths(tables | {"fit_errors": errors}, scenario)
     if result.status == "infeasible":
         advice = remarks(result)[0].rstrip(".")
         raise InputError(f"optimise: {headline(result)}; {advice[0].lower()}{advice[1:]}")

@@ -18,6 +18,7 @@ from jointgap.core import page as pages
 from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.core.files import write_text
+from jointgap.core.joints import PINS
 from jointgap.core.page import (
     Block,
     Bullets,
@@ -163,7 +164,8 @@ def _row(name: str, summary: Summary) -> dict[str, str | Link]:
         "rod [mm]": cell(summary["rod_length_mm"]["after"], ".3f"),
         "change of the error [%]": _change(summary) if is_feasible else "no optimum",
     }
-    for joint, force in summary["largest_force_N"].items():
+    for joint in PINS:
+        force = summary["largest_force_N"][joint]
         row[f"{format_name(joint)}, largest force [N]"] = cell(force["after"], ".4g")
         row[f"at [deg] ({format_name(joint)})"] = cell(force["after_at_deg"], ".0f")
     return row

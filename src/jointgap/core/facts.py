@@ -33,6 +33,8 @@ class Fact:
         Ends of the interval.
     sentence : str
         The fact as a sentence, where a table is not enough.
+    before : float, optional
+        Value before a change, such as an optimisation; `value` is the one after it.
     """
 
     name: str
@@ -42,10 +44,14 @@ class Fact:
     low: float | None = None
     high: float | None = None
     sentence: str = ""
+    before: float | None = None
 
     @property
     def digits(self) -> str:
-        """Value and interval without the unit; lengths in mm to the micrometre."""
+        """Value and interval, or both values of a change, without the unit; lengths in mm to the
+        micrometre."""
+        if self.before is not None:
+            return f"{self._format(self.before)} → {self._format(self.value)}"
         if self.low is None or self.high is None:
             return self._format(self.value)
         interval = format_range(self._format(self.low), self._format(self.high))
@@ -68,7 +74,8 @@ class Fact:
 
 
 def document(facts: Iterable[Fact]) -> dict[str, Any]:
-    """The facts as a document for JSON, nested at the slashes of the names."""
+    """The facts as a document for JSON, nested at the slashes of the names; a change has the keys
+    before and after."""
     nested: dict[str, Any] = {}
     for fact in facts:
         *groups, key = fact.name.split("/")
@@ -76,6 +83,8 @@ def document(facts: Iterable[Fact]) -> dict[str, Any]:
         for group in groups:
             place = place.setdefault(group, {})
         place[key] = fact.value
+        if fact.before is not None:
+            place[key] = {"before": fact.before, "after": fact.value}
         if fact.low is not None:
             place[f"{key}_low"], place[f"{key}_high"] = fact.low, fact.high
     return nested
@@ -91,14 +100,38 @@ def metrics(facts: Iterable[Fact]) -> dict[str, float]:
 
 
 def frame(facts: Iterable[Fact]) -> pd.DataFrame:
-    """A table with the columns quantity, value and unit, for Python and notebooks."""
-    rows = [(fact.words, fact.value, fact.unit) for fact in facts]
-    return pd.DataFrame(rows, columns=["quantity", "value", "unit"])
+    """A table with the columns quantity, value and unit, for Python and notebooks; with changes
+    also the value before."""
+    rows = [(fact.words, fact.value, fact.unit, fact.before) for fact in facts]
+    table = pd.DataFrame(rows, columns=["quantity", "value", "unit", "before"])
+    return table if table["before"].notna().any() else table.drop(columns="before")
 
 
 def table(facts: Iterable[Fact]) -> TableBlock:
     """The facts as a table of a page."""
     return TableBlock.of(({"": fact.words, "value": fact.text} for fact in facts), "lr")
+
+
+def changes(facts: Iterable[Fact]) -> TableBlock:
+    """The facts as a table of values before and after, with their changes."""
+    rows = []
+    for fact in facts:
+        difference = relative = "–"
+        if fact.before is not None:
+            difference = f"{fact.value - fact.before:{'+z.3f' if fact.unit == 'mm' else '+z.3g'}}"
+        if fact.before and fact.unit not in ("deg", "%"):
+            relative = f"{100 * (fact.value / fact.before - 1):+z.2f}"
+        rows.append(
+            {
+                "": fact.words,
+                "unit": fact.unit,
+                "before": fact._format(fact.before),
+                "after": fact._format(fact.value),
+                "change": difference,
+                "change [%]": relative,
+            }
+        )
+    return TableBlock.of(rows, "llrrrr")
 
 
 def lines(facts: Iterable[Fact]) -> list[str]:

@@ -382,9 +382,6 @@ def variant_optimum(name: str, scenario: Scenario, resimulated: pd.DataFrame) ->
         "found_reduction": float(window["reduction"]),
         "found_low": float(window["reduction_low"]),
         "found_high": float(window["reduction_high"]),
-        "found_settled": float(gains.loc["settled", "reduction"]),
-        "found_original_error": float(window["original_error"]),
-        "found_error": float(window["error"]),
     }
 
 
@@ -400,13 +397,12 @@ def joints_claim(variants: pd.DataFrame) -> Row:
         (pairs["found_high_many"] - pairs["found_low_few"]).min(),
     )
     row = claim("joints", 100 * (means.iloc[-1] - means.iloc[0]), leads, variants="")
-    ranked = variants.sort_values("found_reduction")
-    (least, most), (least_joints, most_joints) = (
-        ranked[column].iloc[[0, -1]] for column in ("scenario", "loose_joints")
+    gains = (
+        f"{row.loose_joints} loose ({row.scenario}) {row.found_reduction:.2%} ({row.found_low:.2%}"
+        f" to {row.found_high:.2%})"
+        for row in variants.sort_values("loose_joints", kind="stable").itertuples()
     )
-    row["sentence"] = CONCLUSIONS[row["verdict"]].format(
-        most=most, least=least, most_joints=most_joints, least_joints=least_joints
-    )
+    row["sentence"] = f"{CONCLUSIONS['gains']} {'; '.join(gains)}. {CONCLUSIONS[row['verdict']]}"
     return row
 
 

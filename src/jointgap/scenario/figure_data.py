@@ -39,11 +39,10 @@ def degrees(crank_angle: pd.Series) -> np.ndarray:
 def contacts_of(events: pd.DataFrame, joint: str) -> pd.DataFrame:
     """One row per contact of a joint: its start, with the values at its end; null where it has not
     ended."""
-    own = events[events["joint"] == joint]
-    begins, ends = (
-        own[own["event"] == event].reset_index(drop=True) for event in ("impact", "separation")
-    )
-    return begins[["crank_angle", "approach_speed"]].join(
+    events = events[events["joint"] == joint]
+    starts = events[events["event"] == "impact"].reset_index(drop=True)
+    ends = events[events["event"] == "separation"].reset_index(drop=True)
+    return starts[["crank_angle", "approach_speed"]].join(
         ends[["impulse", "peak_force", "maxima", "duration"]]
     )
 

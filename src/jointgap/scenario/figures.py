@@ -54,23 +54,21 @@ def by_source(tables: Tables) -> dict[str, pd.DataFrame]:
     return dict(list(tables["kinematics"].groupby("source")))
 
 
-def predicted(tables: Tables, output: str) -> pd.DataFrame:
-    """The network's prediction of one `output`: rows of the frame ``predictions``."""
+def predicted(tables: Tables, output: str, column: str = "value") -> np.ndarray:
+    """The network's prediction of one `output`, from the frame ``predictions``."""
     frame = tables["predictions"]
-    return frame[(frame["surrogate"] == "networks") & (frame["output"] == output)].reset_index(
-        drop=True
-    )
+    is_output = (frame["surrogate"] == "networks") & (frame["output"] == output)
+    return frame.loc[is_output, column].to_numpy()
 
 
 def first_and_settled(tables: Tables, scenario: Scenario) -> dict[str, tuple[str, pd.DataFrame]]:
     """Colour and samples of the first and of the settled revolution, by title."""
     settled = scenario.optimise.ensemble.settled_revolution
+    revolutions = {"first revolution": ("first", 1)}
+    revolutions[f"settled revolution ({settled})"] = "settled", settled
     return {
-        "first revolution": ("first", revolution(tables["trajectory"], scenario, 1)),
-        f"settled revolution ({settled})": (
-            "settled",
-            revolution(tables["trajectory"], scenario, settled),
-        ),
+        title: (colour, revolution(tables["trajectory"], scenario, number))
+        for title, (colour, number) in revolutions.items()
     }
 
 
@@ -81,23 +79,28 @@ def _over_angle(
     y: Quantity,
     angle: np.ndarray,
     curves: Mapping[str, tuple],
+    above: Panel | None = None,
 ) -> Panel:
-    """A panel of curves over the crank `angle` [deg]: values and colour by series."""
-    panel = sheet.panel(place, title, CRANK_ANGLE, y)
-    for series, (values, colour) in curves.items():
-        panel.line(series, angle, values, colour)
+    """A panel of curves over the crank `angle` [deg]: values, colour and optional line style by
+    series; it shares the abscissa of the panel `above`."""
+    panel = sheet.panel(place, title, CRANK_ANGLE, y, below=above)
+    for series, (values, colour, *style) in curves.items():
+        panel.line(series, angle, values, colour, linestyle=style[0] if style else "-")
     panel.over_crank_angle(angle[0], angle[-1])
-    panel.spread_scale(np.concatenate([values for values, _ in curves.values()]))
     return panel
+
+
+def _spread(panel: Panel, curves: Mapping[str, tuple]) -> None:
+    panel.spread_scale(np.concatenate([values for values, *_ in curves.values()]))
 
 
 # -- motion
 
-_ACTUAL = (  # series, source in the table kinematics (networks only if trained), colour
-    ("with clearance: networks", "networks_paper_form", "network"),
-    ("with clearance: simulation", "simulation", "simulation"),
-)
-_ORDERS = {"position": ("mm", 1e3), "velocity": ("m/s", 1.0), "acceleration": ("m/s²", 1.0)}
+_ACTUAL = {  # series and colour by source in the table kinematics (networks only if trained)
+    "networks_paper_form": ("with clearance: networks", "network"),
+    "simulation": ("with clearance: simulation", "simulation"),
+}
+_UNITS = {"position": ("mm", 1e3), "velocity": ("m/s", 1.0), "acceleration": ("m/s²", 1.0)}
 
 
 def _compare(
@@ -108,64 +111,57 @@ def _compare(
     sources = by_source(tables)
     angle = degrees(sources["simulation"]["crank_angle"])
     sheet = Sheet(5.0, 2, len(columns))
-    for place, (column, title) in enumerate(columns.items()):
-        desired = factor * sources["ideal"][column].to_numpy()
-        above = sheet.panel((0, place), title, CRANK_ANGLE, Quantity(name, unit))
-        below = sheet.panel(
-            (1, place), "deviation", CRANK_ANGLE, Quantity("actual − desired", unit), below=above
-        )
-        for panel, less in ((above, 0.0), (below, desired)):
-            largest = 0.0
-            for series, source, colour in _ACTUAL:
-                if source in sources:
-                    shown = factor * sources[source][column].to_numpy() - less
-                    panel.line(series, angle, shown, colour)
-                    largest = max(largest, np.nanmax(np.abs(shown)))
-            if largest > IMPACTS_DWARF * (peak := np.max(np.abs(desired))):
+    for column, (key, title) in enumerate(columns.items()):
+        desired = factor * sources["ideal"][key].to_numpy()
+        actual = {
+            series: (factor * sources[source][key].to_numpy(), colour)
+            for source, (series, colour) in _ACTUAL.items()
+            if source in sources
+        }
+        deviation = {
+            series: (values - desired, *look) for series, (values, *look) in actual.items()
+        }
+        both = actual | {"without clearance (desired)": (desired, "ideal", "--")}
+        above = _over_angle(sheet, (0, column), title, Quantity(name, unit), angle, both)
+        less = Quantity("actual − desired", unit)
+        below = _over_angle(sheet, (1, column), "deviation", less, angle, deviation, above)
+        peak = np.max(np.abs(desired))
+        for panel, curves in ((above, actual), (below, deviation)):
+            if np.nanmax(np.abs([values for values, _ in curves.values()])) > IMPACTS_DWARF * peak:
                 panel.linear_then_logarithmic(round_up(peak))
-        above.line("without clearance (desired)", angle, desired, "ideal", linestyle="--")
-        below.over_crank_angle(angle[0], angle[-1])
     sheet.legend()
     return sheet.drawing()
 
 
-for _number, _body, _order, _about in (
-    (9, "rod", "position", "[paper: The deviation stays within about one clearance.]"),
-    (
+_ABOUT = {  # number in the paper, and what the caption adds
+    "rod_position": (9, "[paper: The deviation stays within about one clearance.]"),
+    "rod_velocity": (
         10,
-        "rod",
-        "velocity",
-        (
-            " Steps are impacts.[networks: The paper's equations do not describe the free flight at"
-            " the start.]"
-        ),
+        " Steps are impacts.[networks: The paper's equations do not describe the free flight at the"
+        " start.]",
     ),
-    (
+    "rod_acceleration": (
         11,
-        "rod",
-        "acceleration",
         " Spikes are impacts[paper:; in free flight the rod has almost no acceleration].",
     ),
-    (
+    "piston_position": (
         12,
-        "piston",
-        "position",
         "[paper: At load reversal the clearances align with the rod and add up.]",
     ),
-    (
+    "piston_velocity": (
         13,
-        "piston",
-        "velocity",
         "[paper: Deviations are largest in the free flight at the start and at load reversals.]",
     ),
-    (
+    "piston_acceleration": (
         14,
-        "piston",
-        "acceleration",
         "[paper: Zero: free flight.] Spikes: impacts.[paper: In contact the journal oscillates.]",
     ),
-):
-    _columns = {f"rod_{_order}_{axis}": f"rod's mass centre, {axis}" for axis in "xy"}
+}
+for _call, (_number, _about) in _ABOUT.items():
+    _body, _, _order = _call.partition("_")
+    _columns = {f"slider_{_order}": "piston"}
+    if _body == "rod":
+        _columns = {f"rod_{_order}_{axis}": f"rod's mass centre, {axis}" for axis in "xy"}
     figure(
         f"figure_{_number:02}",
         f"{_order.capitalize()} of the {_body}[paper: (the paper's figure {_number})]",
@@ -174,15 +170,8 @@ for _number, _body, _order, _about in (
         "First revolution. Top: without clearance (desired, dashed)[networks:,][not networks: and]"
         " simulated with clearance[networks:, and from the paper's equations with the networks]."
         f" Bottom: deviation from the desired {_order}.{_about}",
-        call=f"{_body}_{_order}",
-    )(
-        partial(
-            _compare,
-            _columns if _body == "rod" else {f"slider_{_order}": "piston"},
-            _order,
-            *_ORDERS[_order],
-        )
-    )
+        call=_call,
+    )(partial(_compare, _columns, _order, *_UNITS[_order]))
 
 
 @figure(
@@ -212,45 +201,37 @@ def orbits(tables: Tables, scenario: Scenario) -> Drawing:
     panel. Right: distance of the centres minus the clearance. Negative values are flight; a settled
     curve above zero means permanent contact.
     """
-    mechanism, drawn = scenario.mechanism.applied(), loose_joints(scenario)
-    sheet = Sheet(2.9 * len(drawn), len(drawn), 3, width_ratios=[1.0, 1.0, 1.25])
-    circle = np.linspace(0.0, 2.0 * np.pi, 181)
+    mechanism, joints = scenario.mechanism.applied(), loose_joints(scenario)
+    sheet = Sheet(2.9 * len(joints), len(joints), 3, width_ratios=[1.0, 1.0, 1.25])
+    turn = np.linspace(0.0, 2.0 * np.pi, 181)
     x, y = (Quantity(f"journal, {axis}", "mm") for axis in "xy")
-    for row, (name, number) in enumerate(drawn.items()):
-        joint, words = mechanism.joint(name), format_name(name)
-        radius = 1e3 * joint.clearance
-        depth = sheet.panel(
-            (row, 2), f"{words}: depth", CRANK_ANGLE, Quantity("penetration (+), gap (−)", "µm")
-        )
-        for column, (series, (colour, samples)) in enumerate(
-            first_and_settled(tables, scenario).items()
-        ):
-            panel = sheet.panel((row, column), f"{words}, {colour}", x, y)
+    gap_axis = Quantity("penetration (+), gap (−)", "µm")
+    for row, (name, number) in enumerate(joints.items()):
+        joint, label = mechanism.joint(name), format_name(name)
+        clearance = joint.clearance
+        depth = sheet.panel((row, 2), f"{label}: depth", CRANK_ANGLE, gap_axis)
+        revolutions = first_and_settled(tables, scenario)
+        for column, (series, (colour, samples)) in enumerate(revolutions.items()):
+            panel = sheet.panel((row, column), f"{label}, {colour}", x, y)
             distance = samples[f"r{number}"].to_numpy()
-            beyond = np.clip(distance - joint.clearance, 0.0, None)
-            deepest = max(beyond.max(), 1e-9 * joint.clearance)
-            magnified = (
-                round_number(DEPTH_DRAWN * joint.clearance / deepest)
-                if colour == "settled"
-                else 1.0
-            )
-            stretch = 1.0 + (magnified - 1.0) * beyond / np.maximum(distance, joint.clearance)
-            centre = 1e3 * stretch * eccentricity(samples, name, joint).T
-            panel.line(
-                "clearance circle", radius * np.cos(circle), radius * np.sin(circle), "limit"
-            )
-            panel.line(series, *centre, colour)
-            panel.square(1.4 * radius)
+            gap = distance - clearance
+            penetration = np.clip(gap, 0.0, None)
+            magnification = 1.0
             if colour == "settled":
-                panel.axes.text(
-                    0, 0, f"depth ×{magnified:g}", ha="center", va="center", color=COLOURS["limit"]
-                )
+                deepest = max(penetration.max(), 1e-9 * clearance)
+                magnification = round_number(DEPTH_DRAWN * clearance / deepest)
+                look = {"ha": "center", "va": "center", "color": COLOURS["limit"]}
+                panel.axes.text(0, 0, f"depth ×{magnification:g}", **look)
+            drawn = penetration / np.maximum(distance, clearance)
+            stretch = 1.0 + (magnification - 1.0) * drawn
+            radius = 1e3 * clearance
+            panel.line("clearance circle", radius * np.cos(turn), radius * np.sin(turn), "limit")
+            panel.line(series, *(1e3 * stretch * eccentricity(samples, name, joint).T), colour)
+            panel.square(1.4 * radius)
             angle = degrees(samples["crank_angle"])
-            depth.line(series, angle, 1e6 * (distance - joint.clearance), colour)
+            depth.line(series, angle, 1e6 * gap, colour)
             depth.over_crank_angle(angle[0], angle[-1])
-        usual = 1e6 * np.quantile(
-            np.abs(distance - joint.clearance), 0.9
-        )  # of the settled revolution
+        usual = 1e6 * np.quantile(np.abs(gap), 0.9)  # of the settled revolution
         depth.linear_then_logarithmic(min(round_number(2.0 * usual), INNERMOST))
     sheet.legend()
     return sheet.drawing()
@@ -262,32 +243,32 @@ def contact_forces(tables: Tables, scenario: Scenario) -> Drawing:
     of each joint. Flight: no contact. Impact: the journal hits and rebounds. Contact: it stays and
     oscillates about equilibrium.
     """
-    joints = loose_joints(scenario)
+    joints = {name: format_name(name) for name in loose_joints(scenario)}
+    rows = range(len(joints))[::-1]
     sheet = Sheet(4.4 + 0.5 * len(joints), 4, 1, height_ratios=[2.0, 0.25 * len(joints)] * 2)
-    largest = max(tables["trajectory"][f"{name}_normal_force"].max() for name in joints)
+    peak = max(tables["trajectory"][f"{name}_normal_force"].max() for name in joints)
     for row, (title, (_, samples)) in enumerate(first_and_settled(tables, scenario).items()):
         angle = degrees(samples["crank_angle"])
-        panel = sheet.panel((2 * row, 0), title, CRANK_ANGLE, Quantity("normal force", "N"))
-        below = sheet.panel(
-            (2 * row + 1, 0), f"{title}: modes", CRANK_ANGLE, Quantity("joint", ""), below=panel
-        )
-        for place, name in zip(range(len(joints))[::-1], joints, strict=True):
-            force, words = samples[f"{name}_normal_force"].to_numpy(), format_name(name)
-            panel.line(words, angle, np.where(force > 0.0, force, np.nan), words)
-            below.bands(place, words, angle, samples[f"{name}_mode"].to_numpy(), MODES)
+        forces = {
+            label: (samples[f"{name}_normal_force"].where(lambda force: force > 0.0), label)
+            for name, label in joints.items()
+        }
+        size = Quantity("normal force", "N")
+        panel = _over_angle(sheet, (2 * row, 0), title, size, angle, forces)
         panel.axes.set_yscale("log")
-        panel.axes.set_ylim(SMALLEST_FORCE, 2.0 * max(largest, SMALLEST_FORCE))
-        below.rows([format_name(name) for name in reversed(joints)], range(len(joints)))
+        panel.axes.set_ylim(SMALLEST_FORCE, 2.0 * max(peak, SMALLEST_FORCE))
+        modes = Quantity("joint", "")
+        place = 2 * row + 1, 0
+        below = _over_angle(sheet, place, f"{title}: modes", modes, angle, {}, panel)
+        for height, (name, label) in zip(rows, joints.items(), strict=True):
+            below.bands(height, label, angle, samples[f"{name}_mode"].to_numpy(), MODES)
+        below.rows(list(joints.values()), rows)
         below.axes.set(title="", ylabel="")
-        below.over_crank_angle(angle[0], angle[-1])
     sheet.legend()
     return sheet.drawing()
 
 
-_KINDS = (  # label, whether the contact lasts, marker style
-    ("hits and rebounds", False, {}),
-    ("stays in contact", True, {"markerfacecolor": "white", "marker": "s"}),
-)
+_OPEN = {"markerfacecolor": "white", "marker": "s"}
 
 
 @figure("impacts", "Impacts", "Contact", ("trajectory", "events"))
@@ -295,41 +276,43 @@ def impacts(tables: Tables, scenario: Scenario) -> Drawing:
     """Impulse and peak of the normal force, and approach speed, of each contact at the crank angle
     where it begins. Filled: the journal rebounds. Open: it stays in contact; the impulse includes
     the load until separation. A contact that has not ended shows its approach speed only."""
-    raw = tables["trajectory"]["crank_angle"]
-    first, last = degrees(raw)[[0, -1]]
-    turn = first - np.degrees(raw.iloc[0])
+    crank_angle = tables["trajectory"]["crank_angle"]
+    start, end = degrees(crank_angle)[[0, -1]]
+    turn = start - np.degrees(crank_angle.iloc[0])
     contacts = {name: contacts_of(tables["events"], name) for name in loose_joints(scenario)}
-    begins = [turn + np.degrees(own["crank_angle"].max()) for own in contacts.values() if len(own)]
-    last = min(last, first + SECTOR * np.ceil((max(begins) - first) / SECTOR)) if begins else last
-    sheet, above = Sheet(6.4, 3, 1), None
-    for row, (words, unit) in enumerate(
-        (("impulse", "N s"), ("peak force", "N"), ("approach speed", "m/s"))
-    ):
-        panel = sheet.panel(
-            (row, 0), f"{words} of each contact", CRANK_ANGLE, Quantity(words, unit), below=above
-        )
-        for kind, stays, style in _KINDS:  # outer loop: one legend column per kind
-            for name, every in contacts.items():
-                own = every[(every["maxima"] <= 1) != stays].astype(float)
-                if len(own):
-                    angle, sizes = (
-                        turn + np.degrees(own["crank_angle"]),
-                        own[words.replace(" ", "_")],
-                    )
-                    panel.marks(
-                        f"{format_name(name)}: {kind}",
-                        angle,
-                        sizes,
-                        format_name(name),
-                        markersize=4.0,
-                        **style,
-                    )
+    begins = turn + np.degrees(pd.concat(contacts)["crank_angle"])
+    if len(begins):
+        end = min(end, start + SECTOR * np.ceil((begins.max() - start) / SECTOR))
+    sheet, panel = Sheet(6.4, 3, 1), None
+    sizes = {"impulse": "N s", "peak force": "N", "approach speed": "m/s"}
+    for row, (label, unit) in enumerate(sizes.items()):
+        title, size = f"{label} of each contact", Quantity(label, unit)
+        panel = sheet.panel((row, 0), title, CRANK_ANGLE, size, below=panel)
+        # outer loop: one legend column per kind
+        for kind, lasts, style in (
+            ("hits and rebounds", False, {}),
+            ("stays in contact", True, _OPEN),
+        ):
+            for name, events in contacts.items():
+                joint = format_name(name)
+                shown = events[(events["maxima"] <= 1) != lasts].astype(float)
+                if len(shown):
+                    angle = turn + np.degrees(shown["crank_angle"])
+                    y = shown[label.replace(" ", "_")]
+                    panel.marks(f"{joint}: {kind}", angle, y, joint, markersize=4.0, **style)
         panel.logarithmic()
-        panel.over_crank_angle(first, last)
-        above = panel
-    if begins:
-        sheet.legend(columns=len(_KINDS))
+        panel.over_crank_angle(start, end)
+    if len(begins):
+        sheet.legend(columns=2)
     return sheet.drawing()
+
+
+_DRIVE = {  # column: title, name, unit and its number per SI unit
+    "crank_speed": ("crank's speed", "speed", "rpm", 30.0 / np.pi),
+    "crank_torque": ("torque on the crank", "torque", "N m", 1.0),
+    "guide_force": ("force of the guide on the slider", "force", "N", 1.0),
+    "guide_moment": ("moment of the guide about the pin", "moment", "N m", 1.0),
+}
 
 
 @figure("drive_and_guide", "Drive and guide", "Contact", ("trajectory",))
@@ -337,32 +320,23 @@ def drive_and_guide(tables: Tables, scenario: Scenario) -> Drawing:
     """Top: speed of the crank and torque of its drive. Bottom: force of the guide on the slider,
     and its moment about the piston pin, which balances the pin's friction moment. First and settled
     revolution. The speed varies only with a motor, a measured angle or a speed fluctuation."""
-    parts, sheet = first_and_settled(tables, scenario), Sheet(5.2, 2, 2)
-    angle = degrees(tables["trajectory"]["crank_angle"])[
-        : scenario.simulate.samples_per_revolution + 1
-    ]
-    for place, (column, title, words, unit, factor) in enumerate(
-        (
-            ("crank_speed", "crank's speed", "speed", "rpm", 30.0 / np.pi),
-            ("crank_torque", "torque on the crank", "torque", "N m", 1.0),
-            ("guide_force", "force of the guide on the slider", "force", "N", 1.0),
-            ("guide_moment", "moment of the guide about the pin", "moment", "N m", 1.0),
-        )
-    ):
+    revolutions, sheet = first_and_settled(tables, scenario), Sheet(5.2, 2, 2)
+    angle = degrees(revolution(tables["trajectory"], scenario, 1)["crank_angle"])
+    for place, (column, (title, name, unit, factor)) in enumerate(_DRIVE.items()):
         curves = {
             series: (factor * samples[column].to_numpy(), colour)
-            for series, (colour, samples) in parts.items()
+            for series, (colour, samples) in revolutions.items()
         }
-        panel = _over_angle(sheet, divmod(place, 2), title, Quantity(words, unit), angle, curves)
+        panel = _over_angle(sheet, divmod(place, 2), title, Quantity(name, unit), angle, curves)
+        _spread(panel, curves)
         panel.axes.get_lines()[0].set_linewidth(1.7)  # stays visible below the settled revolution
         values = np.array([values for values, _ in curves.values()])
         middle = float(values.mean())
         if column == "crank_speed" and np.ptp(values) <= CONSTANT * abs(middle):
             panel.axes.set_ylim(0.9 * middle, 1.1 * middle)
             panel.axes.set_yticks([middle], [f"{middle:.4g}"])
-            panel.axes.text(
-                0.5, 0.55, "constant", ha="center", va="bottom", transform=panel.axes.transAxes
-            )
+            look = {"ha": "center", "va": "bottom", "transform": panel.axes.transAxes}
+            panel.axes.text(0.5, 0.55, "constant", **look)
     sheet.legend()
     return sheet.drawing()
 
@@ -399,42 +373,34 @@ def _values_and_errors(kinds: tuple[str, ...], tables: Tables, scenario: Scenari
     """Values above their errors: a column per joint, a pair of rows per kind of output."""
     samples = revolution(tables["trajectory"], scenario, 1)
     angle = degrees(samples["crank_angle"])
-    points = slice(
-        None,
-        None,
-        scenario.simulate.samples_per_revolution // (scenario.surrogate.training_points - 1),
-    )
-    joints = loose_joints(scenario)
-    sheet = Sheet(
-        0.6 + 4.2 * len(kinds), 2 * len(kinds), len(joints), width=plot.width_for(len(joints))
-    )
+    step = scenario.simulate.samples_per_revolution // (scenario.surrogate.training_points - 1)
+    joints, rows = loose_joints(scenario), 2 * len(kinds)
+    width = plot.width_for(len(joints))
+    sheet = Sheet(0.6 + 2.1 * rows, rows, len(joints), width=width)
     for column, (joint, number) in enumerate(joints.items()):
-        name = format_name(joint)
         for row, kind in enumerate(kinds):
             base, _, order = kind.partition("_")
             output = f"{base}{number}_{order}".rstrip("_")
-            words, unit, factor, error_unit, error_factor, _ = QUANTITIES[kind]
-            simulated, network = (
-                samples[output].to_numpy(),
-                predicted(tables, output)["value"].to_numpy(),
-            )
-            value = Quantity(words, unit, symbol(output))
-            above = sheet.panel(
-                (2 * row, column), f"{name}: {words} {symbol(output)}", CRANK_ANGLE, value
-            )
-            above.line("simulation", angle, factor * simulated, "simulation")
-            above.line("network", angle, factor * network, "network", linestyle=(0, (4, 2)))
+            label, unit, factor, error_unit, error_factor, _ = QUANTITIES[kind]
+            simulated, network = samples[output].to_numpy(), predicted(tables, output)
+            curves = {
+                "simulation": (factor * simulated, "simulation"),
+                "network": (factor * network, "network", (0, (4, 2))),
+            }
+            shown = curves
             if output == "gamma2":
-                above.line("crank angle", angle, angle, "limit", linestyle=":")
-            above.spread_scale(factor * np.concatenate([simulated, network]))
-            error, place = error_factor * (network - simulated), (2 * row + 1, column)
-            below = sheet.panel(
-                place, f"{name}: error", CRANK_ANGLE, Quantity("error", error_unit), below=above
-            )
-            below.line(EVERYWHERE, angle, error, "network")
-            below.marks(AT_POINTS, angle[points], error[points], "ideal", markersize=1.6)
-            below.over_crank_angle(angle[0], angle[-1])
-            below.spread_scale(error)
+                shown = curves | {"crank angle": (angle, "limit", ":")}
+            title = f"{format_name(joint)}: {label} {symbol(output)}"
+            value, place = Quantity(label, unit, symbol(output)), (2 * row, column)
+            above = _over_angle(sheet, place, title, value, angle, shown)
+            _spread(above, curves)
+            error = error_factor * (network - simulated)
+            curves = {EVERYWHERE: (error, "network")}
+            title, value = f"{format_name(joint)}: error", Quantity("error", error_unit)
+            place = 2 * row + 1, column
+            below = _over_angle(sheet, place, title, value, angle, curves, above)
+            below.marks(AT_POINTS, angle[::step], error[::step], "ideal", markersize=1.6)
+            _spread(below, curves)
     sheet.legend()
     return sheet.drawing()
 
@@ -477,10 +443,8 @@ def mse_curves(tables: Tables, scenario: Scenario) -> Drawing:
     Levenberg-Marquardt iteration. Thick: default start; thin: other starts.[paper: Diamonds:
     printed in the paper, after 20 000 iterations. A curve that ends below its diamond reaches the
     paper's training error.]"""
-    history, default = (
-        tables["fit_history"].query("model == 'network' and iteration > 0"),
-        scenario.surrogate.seeds[0],
-    )
+    history = tables["fit_history"].query("model == 'network' and iteration > 0")
+    default = scenario.surrogate.seeds[0]
     paper = tables["fit_errors"].drop_duplicates("output").set_index("output")["paper_mse"]
     learned = outputs(scenario.mechanism.applied().loose)
     rows = len(learned) // 4
@@ -488,34 +452,21 @@ def mse_curves(tables: Tables, scenario: Scenario) -> Drawing:
     for place, output in enumerate(learned):
         column, row = divmod(place, rows)
         above = sheet.panels[-1] if row else None
-        panel = sheet.panel(
-            (row, column), f"network {symbol(output)}", ITERATION, ERROR, below=above
-        )
+        title = f"network {symbol(output)}"
+        panel = sheet.panel((row, column), title, ITERATION, ERROR, below=above)
         curves = history[history["output"] == output]
         for seed in reversed(curves["seed"].unique()):
             curve = curves[curves["seed"] == seed]
-            curve = curve.iloc[
-                np.unique(np.round(np.geomspace(1, len(curve), CURVE_POINTS)).astype(int)) - 1
-            ]
+            points = np.round(np.geomspace(1, len(curve), CURVE_POINTS)).astype(int)
+            curve = curve.iloc[np.unique(points) - 1]
+            series, colour, look = "other starts", "other", {"linewidth": 0.6}
             if seed == default:
-                look = {
-                    "series": "default start",
-                    "colour": "network",
-                    "linewidth": 1.4,
-                    "zorder": 3,
-                }
-            else:
-                look = {"series": "other starts", "colour": "other", "linewidth": 0.6}
-            panel.line(x=curve["iteration"], y=curve["mse"], **look)
+                series, colour = "default start", "network"
+                look = {"linewidth": 1.4, "zorder": 3}
+            panel.line(series, curve["iteration"], curve["mse"], colour, **look)
         if paper[output] > 0:  # the paper prints one
-            panel.marks(
-                "paper, after 20 000",
-                [PAPER_ITERATIONS],
-                [paper[output]],
-                "paper",
-                marker="D",
-                zorder=4,
-            )
+            point = [PAPER_ITERATIONS], [paper[output]]
+            panel.marks("paper, after 20 000", *point, "paper", marker="D", zorder=4)
         if place:
             panel.axes.sharey(sheet.panels[0].axes)
         if column:
@@ -560,29 +511,20 @@ def held_out(tables: Tables, scenario: Scenario) -> Drawing:
     marks: training errors printed in the paper.] Marks: default start; bars: range over all starts.
     A circle far above its square shows overfitting. A triangle below a circle means that a spline
     is more accurate than the network."""
-    learned, sheet, above = (
-        list(outputs(scenario.mechanism.applied().loose)),
-        Sheet(6.6, 2, 1),
-        None,
-    )
-    for row, (region, title) in enumerate(
-        (("all", "first revolution"), ("past_60_deg", "its part past 60 deg"))
-    ):
-        panel = sheet.panel((row, 0), title, Quantity("output", ""), ERROR, below=above)
-        errors = tables["fit_errors"]
-        _error_marks(
-            panel, errors[errors["region"] == region], scenario.surrogate.seeds[0], learned
-        )
+    learned = list(outputs(scenario.mechanism.applied().loose))
+    sheet, panel = Sheet(6.6, 2, 1), None
+    regions = {"all": "first revolution", "past_60_deg": "its part past 60 deg"}
+    for row, (region, title) in enumerate(regions.items()):
+        panel = sheet.panel((row, 0), title, Quantity("output", ""), ERROR, below=panel)
+        errors = tables["fit_errors"].query(f"region == {region!r}")
+        _error_marks(panel, errors, scenario.surrogate.seeds[0], learned)
         panel.axes.set_yscale("log")
         panel.axes.minorticks_off()
         panel.categories([symbol(output) for output in learned])
-        above = panel
     drawing = sheet.drawing()
-    shown = drawing.data[["y", "low", "high"]].to_numpy()
-    for panel in sheet.panels:
-        panel.axes.set_ylim(
-            np.nanmin(shown) / 3, 3 * np.nanmax(shown)
-        )  # the same scale in both panels
+    errors = drawing.data[["y", "low", "high"]].to_numpy()
+    for panel in sheet.panels:  # the same scale in both panels
+        panel.axes.set_ylim(np.nanmin(errors) / 3, 3 * np.nanmax(errors))
     sheet.legend()
     return drawing
 
@@ -594,26 +536,17 @@ def _error_marks(panel: Panel, errors: pd.DataFrame, default: int, learned: list
         rows = errors[errors["model"] == model]
         if rows.empty:
             continue
-        lowest = highest = None
+        low = high = None
         if column in ("training_mse", "held_out_mse") and rows["seed"].nunique() > 1:
-            lowest, highest = (
-                rows.groupby("output")[column].agg(["min", "max"]).reindex(learned).to_numpy().T
-            )
-        shown = rows[rows["seed"] == default].set_index("output")[column].reindex(learned)
-        panel.marks(
-            series, place + shift, shown.to_numpy(), colour, lowest, highest, learned, marker=marker
-        )
+            by_output = rows.groupby("output")[column]
+            low, high = by_output.agg(["min", "max"]).reindex(learned).to_numpy().T
+        error = rows[rows["seed"] == default].set_index("output")[column].reindex(learned)
+        x = place + shift
+        panel.marks(series, x, error.to_numpy(), colour, low, high, learned, marker=marker)
     paper = errors.groupby("output")["paper_mse"].first().reindex(learned).to_numpy()
     if np.isfinite(paper).any():
-        panel.marks(
-            "paper, training points",
-            place,
-            paper,
-            "paper",
-            labels=learned,
-            marker="_",
-            markersize=22,
-        )
+        look = {"labels": learned, "marker": "_", "markersize": 22}
+        panel.marks("paper, training points", place, paper, "paper", **look)
 
 
 @figure(
@@ -633,38 +566,31 @@ def contradictions(tables: Tables, scenario: Scenario) -> Drawing:
     sheet = Sheet(5.6, 2, shares, width=plot.width_for(len(joints)))
     angle = degrees(sources["simulation"]["crank_angle"])
     rate = Quantity("contradiction", "rad/s")
-    for place, (joint, number) in enumerate(joints.items()):
+    for column, (joint, number) in enumerate(joints.items()):
         name = f"gamma{number}"
-        difference = (
-            predicted(tables, name)["rate"] - predicted(tables, f"{name}_dot")["value"]
-        ).to_numpy()
+        difference = predicted(tables, name, "rate") - predicted(tables, f"{name}_dot")
         curves = {"derivative of one network − the other network": (difference, "ideal")}
         title = f"{format_name(joint)}: d{symbol(name)}/dt − {symbol(f'{name}_dot')}"
-        _over_angle(sheet, (0, slice(2 * place, 2 * place + 2)), title, rate, angle, curves)
-    for half, (quantity, title, unit, factor, form) in enumerate(
-        (
-            ("slider_position", r"piston: position, $\gamma$ integrated", "mm", 1e3, "integrated"),
-            (
-                "slider_acceleration",
-                r"piston: acceleration, $\gamma$ differentiated",
-                "m/s²",
-                1.0,
-                "own_rates",
-            ),
-        )
+        place = 0, slice(2 * column, 2 * column + 2)
+        _spread(_over_angle(sheet, place, title, rate, angle, curves), curves)
+    for half, (order, change, form) in enumerate(
+        (("position", "integrated", "integrated"), ("acceleration", "differentiated", "own_rates"))
     ):
-        true = sources["simulation"][quantity].to_numpy()
+        unit, factor = _UNITS[order]
+        motion = {name: frame[f"slider_{order}"].to_numpy() for name, frame in sources.items()}
         curves = {
-            series: (factor * (sources[f"networks_{source}"][quantity].to_numpy() - true), colour)
+            series: (factor * (motion[f"networks_{source}"] - motion["simulation"]), colour)
             for series, source, colour in (
                 ("one output derived from another network", form, "spline"),
                 ("each output from its own network", "paper_form", "network"),
             )
         }
-        place = slice(half * shares // 2, (half + 1) * shares // 2)
-        _over_angle(
-            sheet, (1, place), title, Quantity("networks − simulation", unit), angle, curves
+        place = 1, slice(half * shares // 2, (half + 1) * shares // 2)
+        title, error = (
+            rf"piston: {order}, $\gamma$ {change}",
+            Quantity("networks − simulation", unit),
         )
+        _spread(_over_angle(sheet, place, title, error, angle, curves), curves)
     sheet.legend()
     return sheet.drawing()
 
@@ -705,44 +631,42 @@ def transmission_errors(tables: Tables, scenario: Scenario) -> Drawing:
     the sine of the crank angle, so they cannot remove the journals' oscillation."""
     from jointgap.dynamics.kinematics import clearance_lift, transmission_angle
 
-    samples = revolution(tables["trajectory"], scenario, 1)
+    optima = tables["optimise_optima"]
+    if (message := _without_optimum("figure_16", optima, scenario)) is not None:
+        return message
+    mechanism, samples = scenario.mechanism.applied(), revolution(tables["trajectory"], scenario, 1)
     crank_angle, angle = samples["crank_angle"].to_numpy(), degrees(samples["crank_angle"])
-    learned = [
-        f"{name}{number}" for number in loose_joints(scenario).values() for name in ("r", "gamma")
-    ]
-    mechanism = scenario.mechanism.applied()
     original, offset = (mechanism.crank.length, mechanism.rod.length), mechanism.slider.offset
     desired = transmission_angle(*original, crank_angle, 0.0, offset)
-    optima = tables["optimise_optima"].query("method == 'genetic'").set_index("point")
-    if (lacking := _without_optimum("figure_16", tables["optimise_optima"], scenario)) is not None:
-        return lacking
-    error, sheet, above = Quantity("error of the angle", "deg", r"$\mu$"), Sheet(5.4, 2, 1), None
-    for row, (source, motion) in enumerate(
-        (
-            ("networks", {name: predicted(tables, name)["value"].to_numpy() for name in learned}),
-            ("simulation", {name: samples[name].to_numpy() for name in learned}),
-        )
-    ):
-        lift = clearance_lift(motion)
-        best = optima.loc[f"{source}_{next(iter(scenario.optimise.boxes))}_genetic"]
-        found = best["crank_length"], best["rod_length"]
+    numbers = loose_joints(scenario).values()
+    names = [f"{name}{number}" for number in numbers for name in ("r", "gamma")]
+    error, sheet, panel = Quantity("error of the angle", "deg", r"$\mu$"), Sheet(5.4, 2, 1), None
+    for row, source in enumerate(("networks", "simulation")):
+        point = f"{source}_{next(iter(scenario.optimise.boxes))}_genetic"
+        optimum = optima.set_index("point").loc[point]
+        lengths = optimum["crank_length"], optimum["rod_length"]
         title = (
-            f"{source}: $L_2$ = {1e3 * found[0]:.3f} mm, $L_3$ = {1e3 * found[1]:.3f} mm, "
-            f"RMS in the window {-100 * best['rms_reduction']:+.1f} %"
+            f"{source}: $L_2$ = {1e3 * lengths[0]:.3f} mm, $L_3$ = {1e3 * lengths[1]:.3f} mm, "
+            f"RMS in the window {-100 * optimum['rms_reduction']:+.1f} %"
         ).replace("-", "−")
-        panel = sheet.panel((row, 0), title, CRANK_ANGLE, error, below=above)
-        for series, lengths, colour in (
-            ("desired − actual", original, "simulation"),
-            ("desired − optimised", found, "genetic"),
-        ):
-            actual = transmission_angle(*lengths, crank_angle, lift, offset)
-            panel.line(series, angle, np.degrees(desired - actual), colour)
+        is_learned = source == "networks"
+        motion = {name: predicted(tables, name) if is_learned else samples[name] for name in names}
+        lift = clearance_lift({name: np.asarray(values) for name, values in motion.items()})
+        curves = {
+            series: (
+                np.degrees(desired - transmission_angle(*pair, crank_angle, lift, offset)),
+                colour,
+            )
+            for series, pair, colour in (
+                ("desired − actual", original, "simulation"),
+                ("desired − optimised", lengths, "genetic"),
+            )
+        }
+        panel = _over_angle(sheet, (row, 0), title, error, angle, curves, panel)
         panel.horizontal_line("zero", 0.0)
         for edge in np.degrees(scenario.optimise.window):
             if 0.0 < edge < 359.99:
                 panel.vertical_line("edge of the window", angle[0] + edge)
-        panel.over_crank_angle(angle[0], angle[-1])
-        above = panel
     sheet.legend()
     return sheet.drawing()
 

@@ -100,10 +100,10 @@ def _add_modes(figure, angle: np.ndarray, mode: np.ndarray, words: str) -> None:
     starts = np.flatnonzero(np.append(True, mode[1:] != mode[:-1]))
     ends = np.append(starts[1:], len(mode) - 1)
     for kind in MODES:
-        own = mode[starts] == kind
-        if not own.any():
+        is_kind = mode[starts] == kind
+        if not is_kind.any():
             continue
-        low, high = angle[starts[own]], angle[ends[own]]
+        low, high = angle[starts[is_kind]], angle[ends[is_kind]]
         figure.add_scatter(
             x=np.column_stack([low, high, np.full(len(low), np.nan)]).ravel(),
             y=[words] * (3 * len(low)),
@@ -156,15 +156,13 @@ def with_extremes(x: np.ndarray, y: np.ndarray, most: int) -> tuple[np.ndarray, 
     Gaps (nan in `y`) remain where a whole interval has no value.
     """
     if len(x) > most:
-        stretches = np.array_split(np.arange(len(x)), most // 2)
-        kept = [0, len(x) - 1]
-        for places in stretches:
-            known = places[np.isfinite(y[places])]
-            kept += (
-                [known[np.argmin(y[known])], known[np.argmax(y[known])]]
-                if len(known)
-                else [places[0]]
-            )
-        kept = np.unique(kept)
-        x, y = x[kept], y[kept]
+        indices = [0, len(x) - 1]
+        for part in np.array_split(np.arange(len(x)), most // 2):
+            defined = part[np.isfinite(y[part])]
+            if len(defined):
+                indices += [defined[np.argmin(y[defined])], defined[np.argmax(y[defined])]]
+            else:
+                indices.append(part[0])
+        indices = np.unique(indices)
+        x, y = x[indices], y[indices]
     return x.astype(np.float32), y.astype(np.float32)

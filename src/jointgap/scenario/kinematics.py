@@ -14,7 +14,7 @@ Sources, `NAME` being a surrogate's name such as ``networks``:
 
 The last two show the effect of independent fits that are inconsistent."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 import pandas as pd
@@ -26,11 +26,10 @@ from jointgap.core.schema import KINEMATICS_CONTRADICTIONS, KINEMATICS_QUANTITIE
 from jointgap.dynamics.kinematics import ClearanceMotion, Fit, LinkageMotion, Motion, linkage_motion
 
 UNITS = {column.name: column.unit for column in KINEMATICS_QUANTITIES.columns}
-PAST = np.radians(60.0)  # end of the paper's transient
+TRANSIENT = np.radians(60.0)  # end of the paper's transient
 STEP = 1e-4  # [rad] step of the difference quotient for second derivatives of fits
 
 Frames = Mapping[str, pd.DataFrame]
-Regions = Mapping[str, np.ndarray]
 
 
 def kinematics(
@@ -41,32 +40,36 @@ def kinematics(
     surrogates: Mapping[str, Mapping[str, Fit]],
 ) -> dict[str, pd.DataFrame]:
     """The tables kinematics, kinematics_errors and kinematics_contradictions."""
-    first = trajectory.iloc[: options.samples_per_revolution + 1]
-    angle, crank = first["crank_angle"].to_numpy(), _crank(first)
-    simulated = ClearanceMotion.from_table(first, mechanism.loose)
+    samples = trajectory.iloc[: options.samples_per_revolution + 1]
+    angle, crank = samples["crank_angle"].to_numpy(), _crank(samples)
+    simulated = ClearanceMotion.from_table(samples, mechanism.loose)
     clearances = {"simulation_exact": simulated, "simulation_paper_form": simulated.paper_form()}
     for name, fits in surrogates.items():
-        forms = clearance_motions(fits, crank, mechanism.loose)
-        clearances |= {f"{name}_{form}": motion for form, motion in forms.items()}
-    frames = linkage_frames(mechanism, first)
-    frames |= {
-        name: _frame(linkage_motion(mechanism, crank, motion), angle)
-        for name, motion in clearances.items()
-    }
+        for form, motion in clearance_motions(fits, crank, mechanism.loose).items():
+            clearances[f"{name}_{form}"] = motion
+    frames = linkage_frames(mechanism, samples)
+    for name, motion in clearances.items():
+        frames[name] = _frame(linkage_motion(mechanism, crank, motion), angle)
 
-    held_out = (
-        np.arange(len(first)) % (options.samples_per_revolution // (training_points - 1)) != 0
-    )
-    regions = {"first_revolution": held_out, "past_60_deg": held_out & (angle - angle[0] > PAST)}
-    rows = [
-        row
-        for name in surrogates
-        for row in _contradictions(name, mechanism.loose, clearances, frames, regions, first)
-    ]
+    step = options.samples_per_revolution // (training_points - 1)
+    held_out = np.arange(len(samples)) % step != 0
+    is_settled = held_out & (angle - angle[0] > TRANSIENT)
+    regions = {"first_revolution": held_out, "past_60_deg": is_settled}
+    errors, contradictions = [], []
+    for region, inside in regions.items():
+        errors += [row | {"region": region} for row in _errors(frames, inside)]
+        for name in surrogates:
+            for row, difference, reference in _contradictions(
+                name, mechanism.loose, clearances, frames
+            ):
+                sizes = _sizes(difference, samples[reference].to_numpy(), inside)
+                contradictions.append(row | {"region": region} | sizes)
     return {
         "kinematics": motion_table(frames, angle),
-        "kinematics_errors": _errors(frames, regions),
-        "kinematics_contradictions": pd.DataFrame(rows, columns=KINEMATICS_CONTRADICTIONS.names),
+        "kinematics_errors": pd.DataFrame(errors),
+        "kinematics_contradictions": pd.DataFrame(
+            contradictions, columns=KINEMATICS_CONTRADICTIONS.names
+        ),
     }
 
 
@@ -79,7 +82,7 @@ def linkage_frames(mechanism: Mechanism, samples: pd.DataFrame) -> dict[str, pd.
     }
 
 
-def motion_table(frames: Mapping[str, pd.DataFrame], angle: np.ndarray) -> pd.DataFrame:
+def motion_table(frames: Frames, angle: np.ndarray) -> pd.DataFrame:
     """The table kinematics from `frames` by source, at the crank angles `angle` (n,) [rad]."""
     motion = pd.concat(
         [frame.assign(source=name, crank_angle=angle) for name, frame in frames.items()]
@@ -88,151 +91,128 @@ def motion_table(frames: Mapping[str, pd.DataFrame], angle: np.ndarray) -> pd.Da
 
 
 def _crank(samples: pd.DataFrame) -> Motion:
-    return Motion.of(
-        *(samples[f"crank_{name}"].to_numpy() for name in ("angle", "speed", "acceleration"))
-    )
+    columns = (f"crank_{name}" for name in ("angle", "speed", "acceleration"))
+    return Motion.of(*(samples[column].to_numpy() for column in columns))
 
 
 def clearance_motions(
     fits: Mapping[str, Fit], crank: Motion, loose: Iterable[str]
 ) -> dict[str, ClearanceMotion]:
     """The clearance motion of the fits in the four forms listed above."""
-    forms: dict[str, dict[str, Motion]] = {
-        "paper_form": {},
-        "exact": {},
-        "own_rates": {},
-        "integrated": {},
+    motions: dict[str, dict[str, Motion]] = {
+        form: {} for form in ("paper_form", "exact", "own_rates", "integrated")
     }
     for joint in (JOINT_NUMBERS[name] for name in loose):
         length = _differentiated(fits[f"r{joint}"], crank)
-        own = _differentiated(fits[f"gamma{joint}"], crank)
-        rate, second = (fits[f"gamma{joint}_{dots}"](crank.position)[0] for dots in ("dot", "ddot"))
-        learned = Motion(own.position, rate, second)
-        integrated = Motion(
-            _integrated(rate, crank, own.position[0]), _integrated(second, crank, rate[0]), second
+        gamma = _differentiated(fits[f"gamma{joint}"], crank)
+        rate, acceleration = (
+            fits[f"gamma{joint}_{dots}"](crank.position)[0] for dots in ("dot", "ddot")
         )
-        for form, gamma in zip(forms, (learned, learned, own, integrated), strict=True):
-            forms[form][f"r{joint}"] = length if form == "exact" else length.standing_still()
-            forms[form][f"gamma{joint}"] = gamma
-    return {form: ClearanceMotion(**motions) for form, motions in forms.items()}
+        learned = Motion(gamma.position, rate, acceleration)
+        integrated = Motion(
+            _integral(rate, crank, gamma.position[0]),
+            _integral(acceleration, crank, rate[0]),
+            acceleration,
+        )
+        directions = learned, learned, gamma, integrated
+        for (form, motion), direction in zip(motions.items(), directions, strict=True):
+            motion[f"r{joint}"] = length if form == "exact" else length.standing_still()
+            motion[f"gamma{joint}"] = direction
+    return {form: ClearanceMotion(**motion) for form, motion in motions.items()}
 
 
 def _differentiated(fit: Fit, crank: Motion) -> Motion:
     """A fit and its time derivatives; the second is a fourth-order difference quotient of the exact
     first."""
-    angle = crank.position
-    value, slope = fit(angle)
-    slopes = [fit(angle + step * STEP)[1] for step in (-2, -1, 1, 2)]
-    second = (slopes[0] - 8.0 * slopes[1] + 8.0 * slopes[2] - slopes[3]) / (12.0 * STEP)
-    return Motion(
-        value, slope * crank.velocity, second * crank.velocity**2 + slope * crank.acceleration
-    )
+    value, slope = fit(crank.position)
+    slopes = [fit(crank.position + step * STEP)[1] for step in (-2, -1, 1, 2)]
+    curvature = (slopes[0] - 8.0 * slopes[1] + 8.0 * slopes[2] - slopes[3]) / (12.0 * STEP)
+    acceleration = curvature * crank.velocity**2 + slope * crank.acceleration
+    return Motion(value, slope * crank.velocity, acceleration)
 
 
-def _integrated(rate: np.ndarray, crank: Motion, start: float) -> np.ndarray:
+def _integral(rate: np.ndarray, crank: Motion, start: float) -> np.ndarray:
     return start + cumulative_simpson(rate / crank.velocity, x=crank.position, initial=0.0)
 
 
 def _frame(motion: LinkageMotion, angle: np.ndarray) -> pd.DataFrame:
     parts = ("position", "velocity", "acceleration")
-    rod = [getattr(motion_of, part) for part in parts for motion_of in (motion.rod_x, motion.rod_y)]
+    rod = [getattr(axis, part) for part in parts for axis in (motion.rod_x, motion.rod_y)]
     turn, slide = (
-        [getattr(motion_of, part) for part in parts]
-        for motion_of in (motion.rod_angle, motion.slider_x)
+        [getattr(coordinate, part) for part in parts]
+        for coordinate in (motion.rod_angle, motion.slider_x)
     )
     columns = [*rod, *turn, *slide, motion.transmission_angle.position]
-    return pd.DataFrame(
-        {name: np.broadcast_to(one, angle.shape) for name, one in zip(UNITS, columns, strict=True)}
-    )
+    columns = [np.broadcast_to(column, angle.shape) for column in columns]
+    return pd.DataFrame(dict(zip(UNITS, columns, strict=True)))
 
 
-def _difference(
-    one: np.ndarray, other: np.ndarray, region: np.ndarray, true: np.ndarray
-) -> dict[str, float]:
-    """Norms of other - one over the defined samples of the region, and the simulation's range
+def _sizes(difference: np.ndarray, simulated: np.ndarray, inside: np.ndarray) -> dict[str, float]:
+    """Norms of a difference over its defined samples `inside` a region, and the simulation's range
     there."""
-    difference, reference = (other - one)[region], true[region]
-    difference, reference = difference[np.isfinite(difference)], reference[np.isfinite(reference)]
-    rms, extent = float(np.sqrt(np.mean(difference**2))), float(np.ptp(reference))
-    peak, share = float(np.max(np.abs(difference))), rms / extent
+    difference = difference[inside & np.isfinite(difference)]
+    rms = float(np.sqrt(np.mean(difference**2)))
+    extent = float(np.ptp(simulated[inside & np.isfinite(simulated)]))
     return {
         "rms": rms,
-        "peak": peak,
+        "peak": float(np.max(np.abs(difference))),
         "range": extent,
-        "rms_over_range": share,
+        "rms_over_range": rms / extent,
         "samples": len(difference),
     }
 
 
-def _errors(frames: Frames, regions: Regions) -> pd.DataFrame:
-    rows = []
+def _errors(frames: Frames, inside: np.ndarray) -> Iterator[dict[str, object]]:
+    """Rows of the table kinematics_errors for a region."""
     for quantity, unit in UNITS.items():
-        true = frames["simulation"][quantity].to_numpy()
-        for region, inside in regions.items():
-            keys = {"quantity": quantity, "unit": unit, "region": region}
-            sizes = {
-                source: _difference(true, frame[quantity].to_numpy(), inside, true)
-                for source, frame in frames.items()
-                if source != "simulation"
-            }
-            rows += [
-                {
-                    "source": source,
-                    **keys,
-                    **own,
-                    "rms_over_ideal": own["rms"] / sizes["ideal"]["rms"],
-                }
-                for source, own in sizes.items()
-            ]
-    return pd.DataFrame(rows)
+        simulated = frames["simulation"][quantity].to_numpy()
+        sizes = {
+            source: _sizes(frame[quantity].to_numpy() - simulated, simulated, inside)
+            for source, frame in frames.items()
+            if source != "simulation"
+        }
+        for source, size in sizes.items():
+            ratio = {"rms_over_ideal": size["rms"] / sizes["ideal"]["rms"]}
+            yield {"source": source, "quantity": quantity, "unit": unit} | size | ratio
 
 
 def _contradictions(
-    name: str,
+    surrogate: str,
     loose: Iterable[str],
     clearances: Mapping[str, ClearanceMotion],
     frames: Frames,
-    regions: Regions,
-    simulated: pd.DataFrame,
-) -> list[dict[str, object]]:
-    """Rows of the table kinematics_contradictions for one surrogate; ranges from `simulated`."""
-    pairs = []
+) -> Iterator[tuple[dict[str, str], np.ndarray, str]]:
+    """Ways to get a quantity that contradict each other, their difference, and the column of the
+    simulation."""
+
+    def way(quantity: str, unit: str, one: str, other: str) -> dict[str, str]:
+        row = {"surrogate": surrogate, "quantity": quantity, "unit": unit}
+        return row | {"one_way": one, "other_way": other}
+
     for gamma in (f"gamma{JOINT_NUMBERS[joint]}" for joint in loose):
-        fit, own, integrated = (
-            getattr(clearances[f"{name}_{form}"], gamma)
+        fit, derived, integrated = (
+            getattr(clearances[f"{surrogate}_{form}"], gamma)
             for form in ("paper_form", "own_rates", "integrated")
         )
-        of = f"of the fit of {gamma}"
-        for quantity, unit, way, one, other in (
-            (gamma, "rad", f"integral {of}_dot", fit.position, integrated.position),
-            (f"{gamma}_dot", "rad/s", f"derivative {of}", fit.velocity, own.velocity),
+        for ending, unit, text, difference in (
+            ("", "rad", f"integral of the fit of {gamma}_dot", integrated.position - fit.position),
+            ("_dot", "rad/s", f"derivative of the fit of {gamma}", derived.velocity - fit.velocity),
             (
-                f"{gamma}_ddot",
+                "_ddot",
                 "rad/s^2",
-                f"second derivative {of}",
-                fit.acceleration,
-                own.acceleration,
+                f"second derivative of the fit of {gamma}",
+                derived.acceleration - fit.acceleration,
             ),
         ):
-            pairs.append((quantity, unit, f"fit of {quantity}", way, one, other))
-    for quantity, form, way in (
+            quantity = f"{gamma}{ending}"
+            yield way(quantity, unit, f"fit of {quantity}", text), difference, quantity
+    for quantity, form, text in (
         ("slider_position", "integrated", "gamma as integral of the fit of its rate"),
         ("slider_velocity", "own_rates", "gamma' as derivative of the fit of gamma"),
         ("slider_acceleration", "own_rates", "gamma', gamma'' as derivatives of the fit of gamma"),
     ):
-        one, other = (
-            frames[f"{name}_{which}"][quantity].to_numpy() for which in ("paper_form", form)
+        separate, derived = (
+            frames[f"{surrogate}_{name}"][quantity].to_numpy() for name in ("paper_form", form)
         )
-        pairs.append((quantity, UNITS[quantity], "each output from its own fit", way, one, other))
-    return [
-        {
-            "surrogate": name,
-            "quantity": quantity,
-            "unit": unit,
-            "one_way": one_way,
-            "other_way": other_way,
-        }
-        | {"region": region, **_difference(one, other, inside, simulated[quantity].to_numpy())}
-        for quantity, unit, one_way, other_way, one, other in pairs
-        for region, inside in regions.items()
-    ]
+        row = way(quantity, UNITS[quantity], "each output from its own fit", text)
+        yield row, derived - separate, quantity

@@ -4,10 +4,9 @@ The part of a metric's name before the slash is its section on MLflow's pages.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,91 +15,69 @@ from jointgap.config import Scenario
 from jointgap.core import parquet, schema
 from jointgap.core.publish import Dataset, Record, configuration, costs, numbers
 from jointgap.core.schema import OPTIMISE_OPTIMA, OPTIMISE_WORTH
+from jointgap.lengths.objective import GOALS, MEASURES
 from jointgap.lengths.region import LEAST_FORCE
 from jointgap.networks.network import Network, to_files
-from jointgap.scenario import outcome
+from jointgap.scenario.chosen_lengths import NEEDED, choose_lengths
 from jointgap.scenario.figure_data import MODES
 
-MEASURES = ("rms", "mean_absolute", "peak", "sum_of_squares")
-_UNITS = {
-    "largest_pin_force": "N",
-    "torque_ripple": "N_m",
-}  # of objectives other than the transmission angle
 _UNUSED = ["undefined_points", "range", "iterations_to_paper", "held_out_mse_at_paper", "seed"]
 _OVERALL = {"weights", "iterations", "paper_mse"}  # equal in all regions
-_LOGARITHMS = (
-    "training_mse",
-    "held_out_mse",
-    "paper_mse",
-    "spline_held_out_mse",
-    "smoothing_spline_held_out_mse",
-)
-_VERDICTS = [
-    f"number {verdict}" for verdict in ("agrees", "differs", "reached", "missed", "undecided")
-]
-_VERDICTS += [f"claim {verdict}" for verdict in ("holds", "does not hold", "undecided")]
+_VERDICTS = {
+    "number": ("agrees", "differs", "reached", "missed", "undecided"),
+    "claim": ("holds", "does not hold", "undecided"),
+}
 
 
 @dataclass(frozen=True)
-class _Finished:
+class _Results:
     """Results of the stages of a scenario."""
 
-    options: Scenario
-    sections: Mapping[str, Sequence[str]]  # sections of the options that each stage reads
+    scenario: Scenario
+    sections: Mapping[str, Sequence[str]]  # of the configuration that each stage reads
     files: Mapping[str, Path]  # Parquet files by ``table`` or ``table/output``
     folder: Path
 
-    def names(self, *of: str) -> list[str]:
-        """Names of the files of tables, one per output where there are several."""
-        return [name for table in of for name in self.files if name.partition("/")[0] == table]
+    def names(self, table: str) -> list[str]:
+        """Names of the files of a table, one per output where there are several."""
+        return [name for name in self.files if name.partition("/")[0] == table]
 
-    def read(self, table: str) -> pd.DataFrame:
-        """All files of a table, concatenated; empty without files."""
-        frames = [
-            parquet.read(schema.TABLES[table], self.files[name]) for name in self.names(table)
-        ]
-        return (
-            pd.concat(frames, ignore_index=True)
-            if frames
-            else pd.DataFrame(columns=schema.TABLES[table].names)
-        )
+    def read(self, table: str, part: str = "") -> pd.DataFrame:
+        """All files of a table, or one `part`, concatenated; empty without files."""
+        names = self.names(table)
+        if part:
+            names = [name for name in names if name == f"{table}/{part}"]
+        empty = pd.DataFrame(columns=schema.TABLES[table].names)
+        frames = [parquet.read(schema.TABLES[table], self.files[name]) for name in names]
+        return pd.concat(frames, ignore_index=True) if frames else empty
 
     def record(
-        self,
-        stage: str,
-        output: str = "",
-        *,
-        read=(),
-        written=(),
-        files=None,
-        job: str = "",
-        **more,
+        self, stage: str, output: str = "", *, read=(), written=(), files=None, job="", **content
     ) -> Record:
         """A run with its configuration, datasets and costs (of the `job`, by default the
         stage's)."""
-        of = configuration(
-            self.options, set(self.sections[stage]) & set(self.sections["track"]) - {"description"}
-        )
-        tables = [(name, "input") for name in read] + [(name, "result") for name in written]
-        datasets = tuple(
-            Dataset(name, self.files[name], kind) for name, kind in tables if name in self.files
-        )
-        jobs = self.folder / "benchmarks" / (job or stage)
-        spent = costs(
-            [
-                path
-                for path in (jobs.with_suffix(".tsv"), *sorted(jobs.glob("*.tsv")))
-                if path.is_file()
-            ]
-        )
-        shown = of["files"] | (files or {})
+        sections = set(self.sections[stage]) & set(self.sections["track"]) - {"description"}
+        options = configuration(self.scenario, sections)
+        contexts = dict.fromkeys(read, "input") | dict.fromkeys(written, "result")
+        benchmark = self.folder / "benchmarks" / (job or stage)
+        benchmarks = [benchmark.with_suffix(".tsv"), *sorted(benchmark.glob("*.tsv"))]
         return Record(
-            stage, output, of["params"], datasets=datasets, files=shown, costs=spent, **more
+            stage,
+            output,
+            options["params"],
+            datasets=tuple(
+                Dataset(name, self.files[name], context)
+                for name, context in contexts.items()
+                if name in self.files
+            ),
+            files=options["files"] | (files or {}),
+            costs=costs([path for path in benchmarks if path.is_file()]),
+            **content,
         )
 
 
 def scenario_records(
-    options: Scenario,
+    scenario: Scenario,
     sections: Mapping[str, Sequence[str]],
     files: Mapping[str, Path],
     folder: Path,
@@ -109,35 +86,31 @@ def scenario_records(
 
     Parquet `files` by ``table`` or ``table/output``; figures and benchmarks from `folder`.
     """
-    finished = _Finished(options, sections, files, folder)
-    stages = {
+    results = _Results(scenario, sections, files, folder)
+    runs = {
         "trajectory": _simulate,
         "fit_errors": _surrogate,
         "kinematics_errors": _kinematics,
         "optimise_optima": _optimise,
         "comparison": _compare,
     }
-    records = [
-        record
-        for table, stage in stages.items()
-        if finished.names(table)
-        for record in stage(finished)
-    ]
-    pictures = [
-        path
-        for path in sorted((folder / "figures").glob("*"))
-        if path.suffix in (".svg", ".png", ".gif")
-    ]
+    records = []
+    for table, run in runs.items():
+        if results.names(table):
+            records += run(results)
+    formats = (".svg", ".png", ".gif")
+    pictures = [path for path in sorted((folder / "figures").glob("*")) if path.suffix in formats]
     if pictures:
         metrics = {"figures": len({path.stem for path in pictures})}
-        shown = {f"figures/{path.name}": path for path in pictures}
-        records.append(finished.record("figures", metrics=metrics, files=shown))
+        artifacts = {f"figures/{path.name}": path for path in pictures}
+        records.append(results.record("figures", metrics=metrics, files=artifacts))
     return records
 
 
-def _simulate(finished: _Finished) -> list[Record]:
-    samples, events = finished.read("trajectory"), finished.read("events")
-    angle, speed = np.rad2deg(samples["transmission_angle"]), 30.0 / np.pi * samples["crank_speed"]
+def _simulate(results: _Results) -> Iterator[Record]:
+    samples, events = results.read("trajectory"), results.read("events")
+    angle = np.degrees(samples["transmission_angle"])
+    speed = 30.0 / np.pi * samples["crank_speed"]
     metrics = {
         "samples": len(samples),
         "smallest_transmission_angle_deg": angle.min(),
@@ -148,247 +121,235 @@ def _simulate(finished: _Finished) -> list[Record]:
         "lowest_crank_speed_rpm": speed.min(),
         "highest_crank_speed_rpm": speed.max(),
     }
-    for joint in finished.options.mechanism.applied().loose:
+    for joint in results.scenario.mechanism.applied().loose:
         metrics[f"{joint}_peak_normal_force_N"] = samples[f"{joint}_normal_force"].max()
         for mode in MODES:
             metrics[f"{joint}_{mode}_share"] = (samples[f"{joint}_mode"] == mode).mean()
-        if finished.names("events"):
-            own = events[events["joint"] == joint]
-            impacts, rebounds = own[own["event"] == "impact"], own[own["maxima"] <= 1]
-            metrics[f"{joint}_impacts"] = len(impacts)
-            metrics[f"{joint}_peak_approach_speed_m_s"] = (
-                impacts["approach_speed"].max() if len(impacts) else 0.0
-            )
-            metrics[f"{joint}_largest_impulse_N_s"] = (
-                rebounds["impulse"].max() if len(rebounds) else 0.0
-            )
-    return [finished.record("simulate", metrics=metrics, written=["trajectory", "events"])]
+        if results.names("events"):
+            contacts = events[events["joint"] == joint]
+            approach = contacts.loc[contacts["event"] == "impact", "approach_speed"]
+            impulse = contacts.loc[contacts["maxima"] <= 1, "impulse"]
+            metrics[f"{joint}_impacts"] = len(approach)
+            metrics[f"{joint}_peak_approach_speed_m_s"] = max([0.0, *approach])
+            metrics[f"{joint}_largest_impulse_N_s"] = max([0.0, *impulse])
+    yield results.record("simulate", metrics=metrics, written=["trajectory", "events"])
 
 
-def _surrogate(finished: _Finished) -> list[Record]:
-    errors, seed = finished.read("fit_errors"), finished.options.surrogate.seeds[0]
-    errors = errors[errors["seed"] == seed]
+def _surrogate(results: _Results) -> list[Record]:
+    errors = results.read("fit_errors")
+    errors = errors[errors["seed"] == results.scenario.surrogate.seeds[0]]
     metrics, curves = {}, {}
     for model, rows in errors[errors["region"] == "all"].groupby("model", sort=False):
-        metrics |= {
-            f"{model}_outputs": len(rows),
-            f"{model}_outputs_of_the_paper": rows["paper_mse"].notna().sum(),
-        }
+        is_better = rows["held_out_mse"] <= rows["spline_held_out_mse"]
+        metrics[f"{model}_outputs"] = len(rows)
+        metrics[f"{model}_outputs_of_the_paper"] = rows["paper_mse"].notna().sum()
+        metrics[f"{model}_outputs_better_than_spline"] = is_better.sum()
         for kind in ("training", "held_out"):
-            metrics[f"{model}_outputs_{kind}_at_paper"] = (
-                rows[f"{kind}_mse"] <= rows["paper_mse"]
-            ).sum()
-            metrics[f"{model}_largest_{kind}_mse"] = rows[f"{kind}_mse"].max()
-        metrics[f"{model}_outputs_better_than_spline"] = (
-            rows["held_out_mse"] <= rows["spline_held_out_mse"]
-        ).sum()
-    nested = [
-        _network(finished, *key, rows)
-        for key, rows in errors.groupby(["model", "output"], sort=False)
-    ]
-    for record in nested:
-        model, _, output = record.output.rpartition(" ")
-        for name, curve in record.curves.items():
-            if name.startswith("log10_"):
-                curves[
-                    f"log10_{f'{model}_' if model else ''}{name.removeprefix('log10_')}/{output}"
-                ] = curve
-    written = finished.names("fit_errors")
-    return [
-        finished.record(
-            "surrogate", metrics=metrics, curves=curves, read=["trajectory"], written=written
-        ),
-        *nested,
-    ]
-
-
-def _network(finished: _Finished, model: str, output: str, rows: pd.DataFrame) -> Record:
-    """One output of one model, with its curves and weights."""
-    metrics, curves, files = {}, {}, {}
-    measured = rows.select_dtypes("number").drop(columns=_UNUSED, errors="ignore").astype(float)
-    for region, row in zip(rows["region"], measured.to_dict("records"), strict=True):
-        ending = "" if region == "all" else f"_{region}"
-        metrics |= {
-            name if name in _OVERALL else f"{name}{ending}": value for name, value in row.items()
-        }
-    metrics |= {
-        f"log10_{name}": np.log10(metrics[name])
-        for name in _LOGARITHMS
-        if metrics.get(name, 0.0) > 0
-    }
-    seed, history, fit = (
-        finished.options.surrogate.seeds[0],
-        f"fit_history/{output}",
-        f"fit/{output}",
+            error = rows[f"{kind}_mse"]
+            metrics[f"{model}_outputs_{kind}_at_paper"] = (error <= rows["paper_mse"]).sum()
+            metrics[f"{model}_largest_{kind}_mse"] = error.max()
+    nested = []
+    for (model, output), rows in errors.groupby(["model", "output"], sort=False):
+        nested.append(_network(results, model, output, rows))
+        prefix = "log10_" if model == "network" else f"log10_{model}_"
+        for name in ("mse", "mse_held_out"):
+            if f"log10_{name}" in nested[-1].curves:
+                curves[f"{prefix}{name}/{output}"] = nested[-1].curves[f"log10_{name}"]
+    record = results.record(
+        "surrogate",
+        metrics=metrics,
+        curves=curves,
+        read=["trajectory"],
+        written=results.names("fit_errors"),
     )
-    written = [f"fit_errors/{output}", fit, history]
-    if fit in finished.files:
-        files = to_files(
-            Network.from_frame(parquet.read(schema.FIT, finished.files[fit]), seed, model), output
-        )
-    if history in finished.files:
-        training = parquet.read(schema.FIT_HISTORY, finished.files[history])
-        own = training[(training["model"] == model) & (training["seed"] == seed)].set_index(
-            "iteration"
-        )
-        curves = {"mse": own["mse"].dropna(), "mse_held_out": own["held_out_mse"].dropna()}
+    return [record, *nested]
+
+
+def _network(results: _Results, model: str, output: str, rows: pd.DataFrame) -> Record:
+    """One output of one model, with its curves and weights."""
+    seed = results.scenario.surrogate.seeds[0]
+    metrics, curves, files = {}, {}, {}
+    errors = rows.select_dtypes("number").drop(columns=_UNUSED, errors="ignore").astype(float)
+    for region, row in zip(rows["region"], errors.to_dict("records"), strict=True):
+        for name, value in row.items():
+            is_common = region == "all" or name in _OVERALL
+            metrics[name if is_common else f"{name}_{region}"] = value
+    for name in errors.filter(regex="mse$"):
+        if metrics[name] > 0:
+            metrics[f"log10_{name}"] = np.log10(metrics[name])
+    fit, history = results.read("fit", output), results.read("fit_history", output)
+    if len(fit):
+        files = to_files(Network.from_frame(fit, seed, model), output)
+    if len(history):
+        training = history[(history["model"] == model) & (history["seed"] == seed)]
+        training = training.set_index("iteration")
+        curves = {"mse": training["mse"], "mse_held_out": training["held_out_mse"]}
+        curves = {name: curve.dropna() for name, curve in curves.items()}
         with np.errstate(divide="ignore"):  # log10(0): dropped later
             curves |= {f"log10_{name}": np.log10(curve) for name, curve in curves.items()}
-        metrics |= _over_seeds(finished.options, training) if model == "network" else {}
-    return finished.record(
+        if model == "network":
+            metrics |= _over_seeds(results.scenario, history)
+    return results.record(
         "surrogate",
         output if model == "network" else f"{model} {output}",
         metrics=metrics,
         curves=curves,
         read=["trajectory"],
-        written=written,
+        written=[f"{table}/{output}" for table in ("fit_errors", "fit", "fit_history")],
         files={f"network/{name}": content for name, content in files.items()},
         job=f"surrogate/{output}",
         notes={"model": model, "stop": rows["stop"].iloc[0]},
     )
 
 
-def _over_seeds(options: Scenario, history: pd.DataFrame) -> dict[str, float]:
+def _over_seeds(scenario: Scenario, history: pd.DataFrame) -> dict[str, float]:
     """Training error of all seeds after the iterations allowed for each."""
-    own = options.surrogate
-    allowed = min(own.iterations, own.seed_iterations) if len(own.seeds) > 1 else own.iterations
-    history = history[(history["model"] == "network") & (history["iteration"] <= allowed)]
-    last = history.groupby("seed")["mse"].last()
-    found = {"median": last.median(), "lowest": last.min(), "highest": last.max()}
-    return {"seeds": len(last), "seeds_iterations": allowed} | {
-        f"seeds_mse_{end}": mse for end, mse in found.items()
+    options = scenario.surrogate
+    iterations = options.iterations
+    if len(options.seeds) > 1:
+        iterations = min(iterations, options.seed_iterations)
+    history = history[(history["model"] == "network") & (history["iteration"] <= iterations)]
+    mse = history.groupby("seed")["mse"].last()
+    return {
+        "seeds": len(mse),
+        "seeds_iterations": iterations,
+        "seeds_mse_median": mse.median(),
+        "seeds_mse_lowest": mse.min(),
+        "seeds_mse_highest": mse.max(),
     }
 
 
-def _kinematics(finished: _Finished) -> list[Record]:
-    errors, contradictions = (
-        finished.read("kinematics_errors"),
-        finished.read("kinematics_contradictions"),
+def _kinematics(results: _Results) -> Iterator[Record]:
+    contradictions = results.read("kinematics_contradictions")
+    contradictions["source"] = contradictions["surrogate"] + " contradicts itself"
+    errors = pd.concat([results.read("kinematics_errors"), contradictions])
+    errors = errors.query("region == 'first_revolution'")
+    names = errors["source"] + "/" + errors["quantity"] + "_rms_over_range"
+    yield results.record(
+        "kinematics",
+        metrics=dict(zip(names, errors["rms_over_range"], strict=True)),
+        read=["trajectory", *results.names("fit")],
+        written=["kinematics", "kinematics_errors", "kinematics_contradictions"],
     )
-    both = [
-        errors,
-        contradictions.assign(source=contradictions["surrogate"] + " contradicts itself"),
-    ]
-    first = pd.concat(both).query("region == 'first_revolution'")
-    names = first["source"] + "/" + first["quantity"] + "_rms_over_range"
-    metrics = dict(zip(names, first["rms_over_range"], strict=True))
-    read = ["trajectory", *finished.names("fit")]
-    written = ["kinematics", "kinematics_errors", "kinematics_contradictions"]
-    return [finished.record("kinematics", metrics=metrics, read=read, written=written)]
 
 
-def _optimise(finished: _Finished) -> list[Record]:
+def _optimise(results: _Results) -> list[Record]:
     """The run of the stage repeats the paper's optimum (networks, first box, genetic), without
-    networks that of the page; in a main box without an optimum it has the reason instead.
+    networks the chosen lengths; in a main box without an optimum it has the reason instead.
     """
-    points, box = finished.read("optimise_optima"), next(iter(finished.options.optimise.boxes))
-    optima = points[
-        points["point"] == points["source"] + "_" + points["box"] + "_" + points["method"]
-    ]
-    unmet = points[points["point"] == f"{LEAST_FORCE}_{box}"]
-    if optima.empty and unmet.empty:
+    points, box = results.read("optimise_optima"), next(iter(results.scenario.optimise.boxes))
+    names = points["source"] + "_" + points["box"] + "_" + points["method"]
+    optima = points[points["point"] == names]
+    infeasible = points[points["point"] == f"{LEAST_FORCE}_{box}"]
+    if optima.empty and infeasible.empty:
         return []
-    wanted = (
-        optima["source"].str.startswith("network")
-        & (optima["box"] == box)
-        & (optima["method"] == "genetic")
+    record = results.record(
+        "optimise",
+        read=["trajectory", *results.names("fit")],
+        written=[name for name in results.files if name.startswith("optimise_")],
     )
-    read = ["trajectory", *finished.names("fit")]
-    written = [name for name in finished.files if name.startswith("optimise_")]
-    own = finished.record("optimise", read=read, written=written)
-    nested = [_optimum(finished, row, own.params) for row in optima.to_dict("records")]
-    if len(unmet):
-        return [replace(own, notes={"box": box, "status": unmet["status"].iloc[0]}), *nested]
-    if not wanted.any():
-        frames = {table: finished.read(table) for table in outcome.NEEDED}
-        wanted = optima["point"] == outcome.outcome(frames, finished.options).chosen["point"]
-    main = nested[int(np.argmax(wanted.to_numpy()))]
-    return [replace(own, metrics=main.metrics, curves=main.curves, notes=main.notes), *nested]
+    nested = {row["point"]: _optimum(results, row, record) for row in optima.to_dict("records")}
+    if len(infeasible):
+        notes = {"box": box, "status": infeasible["status"].iloc[0]}
+        return [replace(record, notes=notes), *nested.values()]
+    main = f"networks_{box}_genetic"
+    if main not in nested:
+        tables = {table: results.read(table) for table in NEEDED}
+        main = choose_lengths(tables, results.scenario).row["point"]
+    content = {name: getattr(nested[main], name) for name in ("metrics", "curves", "notes")}
+    return [replace(record, **content), *nested.values()]
 
 
-def _optimum(finished: _Finished, row: dict, params: Mapping[str, str]) -> Record:
-    mechanism, point = finished.options.mechanism.applied(), row["point"]
+def _optimum(results: _Results, row: dict, stage: Record) -> Record:
+    """The run of a pair of lengths: a `row` of the table optimise_optima."""
+    mechanism, point = results.scenario.mechanism.applied(), row["point"]
     counts = ("evaluations", "evaluations_within_1_percent", "evaluations_within_0_1_percent")
     metrics = numbers(OPTIMISE_OPTIMA, row, "crank_length", "rod_length", "invariant", *counts)
     metrics["ratio"] = row["ratio"]
-    for link, original in (("crank", mechanism.crank.length), ("rod", mechanism.rod.length)):
+    for link in ("crank", "rod"):
         # MLflow's pages would round a relative change of 0.001 away
-        metrics[f"{link}_length_change_um"] = round(1e6 * (row[f"{link}_length"] - original), 3)
+        change = row[f"{link}_length"] - getattr(mechanism, link).length
+        metrics[f"{link}_length_change_um"] = round(1e6 * change, 3)
     sizes = (*MEASURES, *(f"{measure}_reduction" for measure in MEASURES))
     metrics |= numbers(OPTIMISE_OPTIMA, row, *sizes, section="frozen/")
-    name = finished.options.optimise.objective
-    is_angle, unit = name == "transmission_angle", _UNITS.get(name, "rad2")
-    if not is_angle:
-        metrics[f"search/{name}_{unit}"] = row["objective"]
-        metrics[f"search/{name}_reduction_percent"] = 100 * row["objective_reduction"]
-    resimulated, worth = finished.read("optimise_resimulated"), finished.read("optimise_worth")
-    for again in resimulated[resimulated["point"] == point].to_dict("records"):
-        metrics |= _resimulated(**again)
+    objective = results.scenario.optimise.objective
+    curve = "sum_of_squares_rad2"
+    if objective != "transmission_angle":
+        curve = f"{objective}_{GOALS[objective].unit.replace(' ', '_')}"
+        metrics[f"search/{curve}"] = row["objective"]
+        metrics[f"search/{objective}_reduction_percent"] = 100 * row["objective_reduction"]
+    for gain in results.read("optimise_resimulated").query(f"point == {point!r}").iloc:
+        metrics |= _resimulated(gain)
     names = ("smallest_transmission_angle", "largest_departure", "stroke_change")
     names += ("outer_dead_centre_change", "inner_dead_centre_change")
-    for lengths in worth[worth["point"] == point].to_dict("records"):
-        metrics |= numbers(OPTIMISE_WORTH, lengths, *names, section=f"{lengths['cycle']}_cycle/")
-    notes = {
-        name: row[name] or ""
-        for name in ("point", "source", "box", "method", "active_bounds", "status")
-    }
-    path = _path(finished, row)
-    curve = f"{'sum_of_squares' if is_angle else name}_{unit}"
+    for cycle in results.read("optimise_worth").query(f"point == {point!r}").iloc:
+        metrics |= numbers(OPTIMISE_WORTH, cycle, *names, section=f"{cycle['cycle']}_cycle/")
+    path = _path(results, row)
+    notes = ("point", "source", "box", "method", "active_bounds", "status")
     return Record(
-        "optimise", point, params, metrics, {curve: path} if len(path) else {}, notes=notes
+        "optimise",
+        point,
+        stage.params,
+        metrics,
+        {curve: path} if len(path) else {},
+        notes={name: row[name] or "" for name in notes},
     )
 
 
-def _resimulated(stretch: str, measure: str, **row: Any) -> dict[str, float]:
+def _resimulated(gain: pd.Series) -> dict[str, float]:
     """Re-simulated reductions with their spread, and errors; those of the RMS error and of another
     objective also as ``gain_*``.
     """
-    metrics, section = {}, f"resimulated_{stretch}/{measure}"
-    for end in ("", "_low", "_high"):
-        metrics[f"{section}_reduction{end}_percent"] = 100 * row[f"reduction{end}"]
-        if measure == "rms":
-            over = {"window": "window", "settled": "revolution"}[stretch]
-            metrics[f"gain_{over}{end}_percent"] = round(100 * row[f"reduction{end}"], 4)
-        elif measure in _UNITS:
-            metrics[f"gain_{measure}{end}_percent"] = round(100 * row[f"reduction{end}"], 4)
-    estimate = "of_search" if measure in _UNITS else "if_frozen"
-    metrics[f"{section}_reduction_{estimate}_percent"] = 100 * row["frozen_reduction"]
-    metrics[f"{section}_share_better"] = row["share_better"]
-    unit, factor = ({"sum_of_squares": "rad2"} | _UNITS).get(measure, "deg"), 1.0
-    if unit == "deg":
-        factor = np.rad2deg(1.0)
-    return metrics | {
-        f"{section}_{name}_{unit}": factor * row[name] for name in ("error", "original_error")
+    measure, section = gain["measure"], f"resimulated_{gain['stretch']}/{gain['measure']}"
+    short, estimate, unit, factor = "", "if_frozen", "deg", np.rad2deg(1.0)
+    if measure == "rms":
+        short = {"window": "gain_window", "settled": "gain_revolution"}[gain["stretch"]]
+    elif measure == "sum_of_squares":
+        unit, factor = "rad2", 1.0
+    elif measure not in MEASURES:
+        short, estimate = f"gain_{measure}", "of_search"
+        unit, factor = GOALS[measure].unit.replace(" ", "_"), 1.0
+    metrics = {
+        f"{section}_reduction_{estimate}_percent": 100 * gain["frozen_reduction"],
+        f"{section}_share_better": gain["share_better"],
+        f"{section}_error_{unit}": factor * gain["error"],
+        f"{section}_original_error_{unit}": factor * gain["original_error"],
     }
+    for end in ("", "_low", "_high"):
+        reduction = 100 * gain[f"reduction{end}"]
+        metrics[f"{section}_reduction{end}_percent"] = reduction
+        if short:
+            metrics[f"{short}{end}_percent"] = round(reduction, 4)
+    return metrics
 
 
-def _path(finished: _Finished, row: dict) -> pd.Series:
+def _path(results: _Results, row: dict) -> pd.Series:
     """The objective during the search: best of each generation, or along the path of the best
     start."""
-    table, step = {"genetic": ("population", "generation"), "local": ("paths", "iteration")}[
-        row["method"]
-    ]
-    rows = finished.read(f"optimise_{table}")
-    rows = rows[(rows["source"] == row["source"]) & (rows["box"] == row["box"])]
-    if row["method"] == "local" and len(rows):
-        rows = rows[
-            rows["start"]
-            == rows.sort_values("iteration").groupby("start")["objective"].last().idxmin()
-        ]
-    return rows.groupby(step)["objective"].min()
+    search = f"source == {row['source']!r} and box == {row['box']!r}"
+    if row["method"] == "genetic":
+        population = results.read("optimise_population").query(search)
+        return population.groupby("generation")["objective"].min()
+    paths = results.read("optimise_paths").query(search).set_index("iteration").sort_index()
+    if paths.empty:
+        return paths["objective"]
+    best = paths.groupby("start")["objective"].last().idxmin()
+    return paths.loc[paths["start"] == best, "objective"]
 
 
-def _compare(finished: _Finished) -> list[Record]:
-    rows = finished.read("comparison")
-    found = list(rows["kind"] + " " + rows["verdict"])
-    metrics = {f"verdicts/{verdict}": found.count(verdict) for verdict in _VERDICTS}
+def _compare(results: _Results) -> Iterator[Record]:
+    rows = results.read("comparison")
+    metrics = {
+        f"verdicts/{kind} {verdict}": ((rows["kind"] == kind) & (rows["verdict"] == verdict)).sum()
+        for kind, verdicts in _VERDICTS.items()
+        for verdict in verdicts
+    }
     for row in rows.to_dict("records"):
-        name = " ".join(re.sub(r"[^\w\-. ]", "", row["item"]).split())[
-            :200
-        ]  # MLflow rejects other characters
-        metrics |= {
-            f"{column}/{name}": row[column] for column in ("ours", "ratio") if pd.notna(row[column])
-        }
-    text = finished.files["comparison"].with_suffix(".md")  # written by the stage next to the table
-    files = {text.name: text} if text.is_file() else {}
-    return [finished.record("compare", metrics=metrics, written=["comparison"], files=files)]
+        # MLflow rejects other characters
+        name = " ".join(re.sub(r"[^\w\-. ]", "", row["item"]).split())[:200]
+        for column in ("ours", "ratio"):
+            if pd.notna(row[column]):
+                metrics[f"{column}/{name}"] = row[column]
+    page = results.files["comparison"].with_suffix(".md")  # written by the stage next to the table
+    files = {page.name: page} if page.is_file() else {}
+    yield results.record("compare", metrics=metrics, written=["comparison"], files=files)

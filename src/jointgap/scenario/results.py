@@ -40,16 +40,14 @@ class ScenarioResults(ResultsFolder):
             frames.append(frame if "output" in frame else frame.assign(output=output))
         return pd.concat(frames, ignore_index=True)
 
-    def files(self, wanted: Iterable[Table]) -> dict[str, Path]:
-        """Files of the tables `wanted` that exist, by table, or ``table/output`` where there is one
-        per output."""
-        files, loose = {}, bool(self.scenario.mechanism.applied().loose)
-        for table in wanted:
-            if "{output}" not in table.path:
-                files[table.name] = self.place(table)
-            elif loose:
-                outputs = outputs_of(self.scenario.mechanism)
-                files |= {f"{table.name}/{output}": self.place(table, output) for output in outputs}
+    def files(self, tables: Iterable[Table]) -> dict[str, Path]:
+        """Files of the `tables` that exist, by table, or ``table/output`` where there is one per
+        output."""
+        outputs = joints.outputs(self.scenario.mechanism.applied().loose)
+        files = {}
+        for table in tables:
+            for output in outputs if "{output}" in table.path else ("",):
+                files[f"{table.name}/{output}".rstrip("/")] = self.place(table, output)
         return {name: path for name, path in files.items() if path.is_file()}
 
 
@@ -74,33 +72,18 @@ def read_trajectory(path: Path, scenario: Scenario) -> pd.DataFrame:
             " require a positive speed: mirror the mechanism (opposite sign of slider.offset,"
             " gravity_direction and phases); the best lengths are the same"
         )
-    samples, turned = (
-        options.samples_per_revolution * options.revolutions + 1,
-        2.0 * np.pi * options.revolutions,
+    samples = options.samples_per_revolution * options.revolutions + 1
+    end = options.start_angle + 2.0 * np.pi * options.revolutions
+    is_same = len(frame) == samples
+    is_same &= np.allclose(
+        frame["crank_angle"].iloc[[0, -1]], [options.start_angle, end], rtol=1e-9
     )
-    ends, speed = [options.start_angle, options.start_angle + turned], _starting_speed(scenario)
-    fits = len(frame) == samples and np.allclose(
-        frame["crank_angle"].iloc[[0, -1]], ends, rtol=1e-9, atol=1e-9
-    )
-    if not fits or (
-        speed is not None and not np.isclose(frame["crank_speed"].iloc[0], speed, rtol=1e-9)
-    ):
+    if options.drive.kind != "measured" and not scenario.mechanism.effect("speed_fluctuation"):
+        is_same &= np.isclose(frame["crank_speed"].iloc[0], options.speed, rtol=1e-9)
+    if not is_same:
         raise InputError(
             f"{path}: its {len(frame)} samples are not the {samples} of {options.revolutions}"
             f" revolutions at {options.speed:g} rad/s that the options ask for; give the options it"
             " was simulated with, or simulate again"
         )
     return frame
-
-
-def _starting_speed(scenario: Scenario) -> float | None:
-    """Crank speed at the start [rad/s]; None where the drive is measured."""
-    options, wave = scenario.simulate, scenario.mechanism.effect("speed_fluctuation")
-    if options.drive.kind == "measured":
-        return None
-    factor = (
-        1.0 + wave.ratio * np.cos(wave.order * options.start_angle - wave.phase_rad)
-        if wave
-        else 1.0
-    )
-    return options.speed * factor

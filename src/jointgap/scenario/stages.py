@@ -13,8 +13,6 @@ from jointgap.core.stage import Option, Stage, Stages, run_stage
 from jointgap.networks import OF_NETWORKS
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from jointgap.config import Scenario
     from jointgap.scenario.results import ScenarioResults
 
@@ -147,6 +145,7 @@ def surrogate(
     import pandas as pd
 
     from jointgap.core.errors import InputError, did_you_mean
+    from jointgap.dynamics.simulation import simulate as simulate_motion
     from jointgap.networks.train import SAMPLING, train, train_regularised
     from jointgap.scenario.results import outputs_of
 
@@ -154,26 +153,16 @@ def surrogate(
     if output not in outputs:
         raise InputError(f"--output-name {output}: no such output; {did_you_mean(output, outputs)}")
     trajectory, options = results.read("trajectory"), results.scenario.surrogate
-    fine = _first_revolution(results.scenario, SAMPLING)
-    fits = [
-        *train(trajectory, output, options),
-        train_regularised(trajectory, fine, output, options),
-    ]
+    # the first revolution in fine steps, too large to store
+    samples = SAMPLING * results.scenario.simulate.samples_per_revolution
+    fine_steps = {"revolutions": 1, "samples_per_revolution": samples}
+    fine_options = results.scenario.simulate.model_copy(update=fine_steps)
+    fine = simulate_motion(results.scenario.mechanism, fine_options).samples
+    fits = train(trajectory, output, options)
+    fits.append(train_regularised(trajectory, fine, output, options))
     for table, part in (("fit_history", "history"), ("fit_errors", "errors"), ("fit", "weights")):
-        results.write(
-            table, pd.concat([getattr(fit, part)() for fit in fits], ignore_index=True), output
-        )
-
-
-def _first_revolution(scenario: "Scenario", multiple: int) -> "pd.DataFrame":
-    """The first revolution with `multiple` times the samples; too large to store."""
-    from jointgap.dynamics.simulation import simulate as simulated
-
-    samples = scenario.simulate.samples_per_revolution * multiple
-    finer = scenario.simulate.model_copy(
-        update={"revolutions": 1, "samples_per_revolution": samples}
-    )
-    return simulated(scenario.mechanism, finer).samples
+        frame = pd.concat([getattr(fit, part)() for fit in fits], ignore_index=True)
+        results.write(table, frame, output)
 
 
 _TRAINED = SCENARIO_STAGES.written_by("simulate", "surrogate")
@@ -188,12 +177,12 @@ _TRAINED = SCENARIO_STAGES.written_by("simulate", "surrogate")
 def kinematics(results: "ScenarioResults") -> None:
     """Evaluate the paper's kinematic equations with networks and simulated clearances; compare with
     the simulation."""
-    from jointgap.scenario.kinematics import kinematics as compared
+    from jointgap.scenario.kinematics import kinematics as tables_of
     from jointgap.scenario.trained import trained_surrogates
 
     scenario, points = results.scenario, results.scenario.surrogate.training_points
-    given = results.read("trajectory"), trained_surrogates(results)
-    results.write_all(compared(scenario.mechanism.applied(), scenario.simulate, points, *given))
+    motion = results.read("trajectory"), trained_surrogates(results)
+    results.write_all(tables_of(scenario.mechanism.applied(), scenario.simulate, points, *motion))
 
 
 @SCENARIO_STAGES.stage(
@@ -204,13 +193,13 @@ def kinematics(results: "ScenarioResults") -> None:
 )
 def optimise(results: "ScenarioResults") -> None:
     """Optimise the link lengths for the configured objective, and simulate the optima again."""
-    from jointgap.lengths.optimise import optimise as optimised
+    from jointgap.lengths.optimise import optimise as find_optima
     from jointgap.scenario.trained import trained_surrogates
 
     scenario, points = results.scenario, results.scenario.surrogate.training_points
-    given = results.read("trajectory"), trained_surrogates(results)
+    motion = results.read("trajectory"), trained_surrogates(results)
     mechanism = scenario.mechanism.applied()
-    results.write_all(optimised(mechanism, scenario.simulate, scenario.optimise, points, *given))
+    results.write_all(find_optima(mechanism, scenario.simulate, scenario.optimise, points, *motion))
 
 
 _COMPUTED = (*_TRAINED, *SCENARIO_STAGES.written_by("kinematics", "optimise"))
@@ -234,13 +223,13 @@ def figures(
     from jointgap.scenario.figures import FIGURES, draw
     from jointgap.scenario.trained import predictions, trained_surrogates
 
-    wanted = names or drawn(results.scenario.networks)
-    needed = set(FIGURES.needed_tables(wanted))
-    frames = results.read_all(needed - {"predictions"})
-    if "predictions" in needed:
-        first = revolution(frames["trajectory"], results.scenario, 1)
-        frames["predictions"] = predictions(trained_surrogates(results), first)
-    for name in wanted:
+    names = names or drawn(results.scenario.networks)
+    tables = set(FIGURES.needed_tables(names))
+    frames = results.read_all(tables - {"predictions"})
+    if "predictions" in tables:
+        samples = revolution(frames["trajectory"], results.scenario, 1)
+        frames["predictions"] = predictions(trained_surrogates(results), samples)
+    for name in names:
         plot.save(draw(name, frames, results.scenario), results.path / "figures" / name)
 
 
@@ -324,17 +313,19 @@ def summarise(results: "ScenarioResults") -> str:
     The page includes the figures in the scenario's folder.
     """
     from jointgap.core.page import write_page
-    from jointgap.scenario.outcome import NEEDED, document, outcome, page, remarks
+    from jointgap.scenario.chosen_lengths import NEEDED, choose_lengths, document
+    from jointgap.scenario.repeatability import samples_repeat_until
+    from jointgap.scenario.summary_page import page
 
-    needed = [*NEEDED, "fit_errors"] if results.scenario.networks else NEEDED
-    found = outcome(results.read_all(needed), results.scenario)
-    remarked, name = remarks(found), results.path.name
-    known = document(found, name, remarked)
-    write_page(results.path / "summary", page(found, name, remarked), "figures")
-    write_text(
-        results.path / "summary.json", json.dumps(known, indent=2, ensure_ascii=False) + "\n"
-    )
-    return "\n".join([known["headline"], *(f"- {remark}" for remark in remarked)])
+    scenario, name = results.scenario, results.path.name
+    tables = [*NEEDED, "fit_errors"] if scenario.networks else NEEDED
+    lengths = choose_lengths(results.read_all(tables), scenario)
+    summary = document(lengths, name)
+    repeat_until = samples_repeat_until(scenario.mechanism, scenario.simulate)
+    write_page(results.path / "summary", page(lengths, name, repeat_until), "figures")
+    text = json.dumps(summary, indent=2, ensure_ascii=False)
+    write_text(results.path / "summary.json", f"{text}\n")
+    return "\n".join([summary["headline"], *(f"- {remark}" for remark in summary["remarks"])])
 
 
 @SCENARIO_STAGES.stage(
@@ -357,9 +348,7 @@ def track(results: "ScenarioResults") -> None:
             f"{results.path}: no tables to publish; give the results folder of a scenario"
         )
     sections = {stage.name: stage.sections for stage in SCENARIO_STAGES.values()}
-    content, folder = (
-        scenario_records(results.scenario, sections, files, results.path),
-        results.path.resolve().parent,
-    )
-    summary = publish_records(results.name, results.scenario.description, content, None, folder)
+    records = scenario_records(results.scenario, sections, files, results.path)
+    folder = results.path.resolve().parent
+    summary = publish_records(results.name, results.scenario.description, records, None, folder)
     write_text(results.path / PUBLISHED, json.dumps(summary, indent=2) + "\n")

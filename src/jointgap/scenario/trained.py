@@ -15,14 +15,16 @@ def trained_surrogates(results: ScenarioResults) -> dict[str, dict[str, Fit]]:
         return {}
     weights = results.read("fit").groupby("output", sort=False)
     return {
-        "networks": {output: Network.from_frame(own).values_and_slopes for output, own in weights}
+        "networks": {
+            output: Network.from_frame(frame).values_and_slopes for output, frame in weights
+        }
     }
 
 
-def predictions(surrogates: Mapping[str, Mapping[str, Fit]], first: pd.DataFrame) -> pd.DataFrame:
+def predictions(surrogates: Mapping[str, Mapping[str, Fit]], samples: pd.DataFrame) -> pd.DataFrame:
     """The frame ``predictions``: values and rates of the surrogates at the samples of the first
     revolution."""
-    angle, speed = first["crank_angle"].to_numpy(), first["crank_speed"].to_numpy()
+    angle, speed = samples["crank_angle"].to_numpy(), samples["crank_speed"].to_numpy()
     frames = []
     for surrogate, fits in surrogates.items():
         for output, fit in fits.items():
