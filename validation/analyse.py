@@ -49,8 +49,12 @@ def _fit_answers(results: ResultsFolder, campaign_file: Path) -> dict[str, Any]:
     flagged = results.read("map_bins").query("flagged")
     keys = flagged["run"].astype(str) + " " + flagged["channel"].astype(str)
     bins = (flagged["start_deg"] / 10).round().astype(int)
-    tables = sorted(results.path.glob("*/*/fits.parquet"))
-    fits = pd.concat([parquet.read(schema.FITS, path) for path in tables])
+    frames = []
+    for path in sorted(results.path.rglob("fits.parquet")):
+        frame = parquet.read(schema.FITS, path)
+        # of the verdict, the base alone: its effects were fitted before
+        frames.append(frame.query("kind == 'base'") if path.parent.name == "verdict" else frame)
+    fits = pd.concat(frames)
     answers = {
         "map": bins.groupby(keys).agg(list).to_dict(),
         "greedy": greedy_names(fits),

@@ -100,7 +100,6 @@ def test_a_whole_analysis_ends_with_its_verdict_and_what_fails_beside_it_does_no
         "screen",
         "fit",
         "pair",
-        "regress",
     ):  # what they compute is there already
         stand_in(monkeypatch, stage, copies(stage))
     for stage in ("preflight", "locate", "augment"):
@@ -144,18 +143,16 @@ def test_an_analysis_of_swapped_columns_stops_after_reading_them_unless_it_is_as
     class Reached(Exception):
         pass
 
-    def recalibrate(state):
+    def fails(model, settings):
         raise Reached
 
     stand_in(monkeypatch, "preflight", lambda state, **given: None)
-    stand_in(monkeypatch, "recalibrate", recalibrate)
+    monkeypatch.setattr("jointgap.identification.noise.noise_of_model", fails)
     folder, words = (
         tmp_path / "results",
         r"(?s)continue with --anyway.*torque and slider_acc.* swapped",
     )
     with pytest.raises(InputError, match=words):
         asked("analyse", tmp_path / "plan.yaml", "--folder", folder)
-    assert not [*(folder / "noise").glob("*.parquet")]
     with pytest.raises(Reached):
         asked("analyse", tmp_path / "plan.yaml", "--folder", folder, "--anyway")
-    assert [*(folder / "noise").glob("*.parquet")]

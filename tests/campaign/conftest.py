@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from jointgap.campaign.fits_on_disk import Outcome, outcome_of
+from jointgap.campaign.outcome import Outcome, outcome_of
 from jointgap.core.candidates import Model
 from jointgap.identification import hypothesis_fits
 from jointgap.identification.baseline import Baseline, recalibrate

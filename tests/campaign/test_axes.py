@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks.project import ROOT
 from jointgap.campaign import fits_on_disk as axes
-from jointgap.campaign.augment import missing_force
+from jointgap.campaign.augment import force_difference
 from jointgap.config import Mechanism, load_mechanism
 
 pytestmark = pytest.mark.integration
@@ -18,7 +18,7 @@ def spans(*pairs):
 
 
 def test_windows_and_residuals_of_a_clockwise_run_are_those_of_its_file():
-    found = axes.map_as_read(
+    found = axes.spans_in_file_convention(
         spans((20.0, 150.0), (350.0, 10.0), (0.0, 360.0), (340.0, 360.0)), {"slow"}
     )
     places = [tuple(row) for row in found[["start_deg", "end_deg"]].to_numpy()]
@@ -27,14 +27,14 @@ def test_windows_and_residuals_of_a_clockwise_run_are_those_of_its_file():
         found["mean"] == -1.0
     ).all()  # an angle that reads too much reads too little in the mirror
     own = spans((20.0, 150.0))
-    pd.testing.assert_frame_equal(axes.map_as_read(own, {"fast"}), own)
+    pd.testing.assert_frame_equal(axes.spans_in_file_convention(own, {"fast"}), own)
     torque = own.assign(channel="crank_torque")
-    assert axes.map_as_read(torque, {"slow"})["mean"].iloc[0] == 1.0
+    assert axes.spans_in_file_convention(torque, {"slow"})["mean"].iloc[0] == 1.0
     columns = ("measured", "base", "augmented", "whitened_base", "whitened_augmented")
     frame = pd.DataFrame(
         {"run": ["slow", "slow"], "channel": ["crank_angle", "crank_torque"], "crank_angle": 2.0}
     )
-    found = axes.residuals_as_read(frame.assign(**dict.fromkeys(columns, 3.0)), {"slow"})
+    found = axes.residuals_in_file_convention(frame.assign(**dict.fromkeys(columns, 3.0)), {"slow"})
     assert (found["crank_angle"] == -2.0).all()
     assert found[list(columns)].to_numpy().tolist() == [[-3.0] * 5, [3.0] * 5]
 
@@ -50,7 +50,7 @@ def test_the_missing_force_of_a_clockwise_run_is_the_mirror_image():
     def forces(offset, clockwise):
         base = data | {"slider": slider | {"offset": offset}}
         models = (Mechanism.model_validate(base | {"effects": own}) for own in ([], effects))
-        return missing_force(*models, {"slow": 20.0}, clockwise)
+        return force_difference(*models, {"slow": 20.0}, clockwise)
 
     plain, turned = forces(0.02, ()), forces(-0.02, ("slow",)).iloc[::-1].reset_index(drop=True)
     np.testing.assert_allclose(

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from benchmarks.project import ROOT
-from jointgap.campaign.campaign_files import costs, costs_noted
+from jointgap.campaign.campaign_files import costs, recorded_costs
 from jointgap.campaign.stages import run_stage
 from jointgap.campaign.state import CampaignState
 from jointgap.core.costs import count_run
@@ -18,14 +18,15 @@ from jointgap.rig.model import build_model
 
 def test_the_costs_of_a_campaign_are_the_sum_over_its_jobs_of_whatever_process(tmp_path):
     folder = ResultsFolder(tmp_path)
-    for job, runs in (("noise", 2), ("fit-0", 3), ("fit-1", 0)):
-        with costs_noted(folder, job):
+    jobs = [("recalibrate", 0, 1, 2), ("fit", 0, 1, 9), ("fit", 0, 2, 3), ("fit", 1, 2, 0)]
+    for stage, part, parts, runs in jobs:  # the fit in one part is repeated in two
+        with recorded_costs(folder, stage, part, parts):
             for _ in range(runs):
                 count_run(12.5)
             sum(range(300_000))
     found = costs(folder)
     assert {job: (own["runs"], own["revolutions"]) for job, own in found["jobs"].items()} == {
-        "noise": (2, 25.0),
+        "recalibrate": (2, 25.0),
         "fit-0": (3, 37.5),
         "fit-1": (0, 0.0),
     }
@@ -59,7 +60,7 @@ def test_a_simulated_run_counts_with_the_revolutions_of_its_record(tmp_path):
     state = CampaignState(ROOT / "config/campaigns/demonstration.yaml", tmp_path)
     model = build_model(state.campaign, None, {run.id: 3.0 for run in state.campaign.runs})
     run = state.campaign.runs[0].id
-    with costs_noted(state.folder, "noise"):
+    with recorded_costs(state.folder, "noise"):
         model.simulate(run, model.nominal(run))
     spent = costs(state.folder)["total"]
     turned = model.plans[run].samples.turned / math.tau

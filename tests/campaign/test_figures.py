@@ -156,13 +156,6 @@ def planned():
 
 
 def after():
-    optimum = pd.DataFrame({"model": ["base", "augmented"], "source": ["networks", "networks"]})
-    optimum = optimum.assign(
-        crank_length=[0.15, 0.151], rod_length=[0.56, 0.57], reduction=[0.038, 0.05]
-    )
-    optimum = optimum.assign(
-        resimulated=[0.037, np.nan], at_edge=[True, False], rms_before=1e-3, rms_after=9e-4
-    )
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
     force = pd.DataFrame(
         {"crank_angle": angle, "slider_position": 0.15 * np.cos(angle), "crank_torque": 0.0}
@@ -174,7 +167,7 @@ def after():
     ]
     force = pd.concat(runs, ignore_index=True)
     force["slider_force"] = -21.0 * np.tanh(force["slider_velocity"] / 0.01)
-    return {"campaign_optimum": optimum.assign(failed=None), "missing_force": force}
+    return {"missing_force": force}
 
 
 @pytest.fixture(scope="module")

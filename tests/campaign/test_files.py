@@ -17,7 +17,7 @@ from jointgap.campaign import plan as preflight
 from jointgap.campaign.analyse import analyse
 from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT, campaigns
 from jointgap.campaign.figures import FIGURES
-from jointgap.campaign.stages import CAMPAIGN_STAGES, measure, noise
+from jointgap.campaign.stages import CAMPAIGN_STAGES, measure, recalibrate
 from jointgap.campaign.state import CampaignState
 from jointgap.config import load_mechanism
 from jointgap.config.load import load_campaign
@@ -202,7 +202,7 @@ def measured(tmp_path_factory):
     folder = tmp_path_factory.mktemp("measured")
     case = CampaignState(written(folder / "plan.yaml"), folder / "results")
     measure(case, pictures=False)
-    noise(case)
+    recalibrate(case)
     return case, folder
 
 
@@ -214,7 +214,8 @@ def test_noise_of_other_data_is_refused_with_the_command_that_finds_it(measured)
         later = CampaignState(folder / "plan.yaml", folder / "results")
         later.model = SimpleNamespace(series=[other])
         with pytest.raises(
-            InputError, match=f"channel {other.channel} of run 'slow'; repeat `jointgap noise`"
+            InputError,
+            match=f"channel {other.channel} of run 'slow'; repeat `jointgap recalibrate`",
         ):
             _ = later.noise
 
@@ -275,10 +276,8 @@ def used_before(tmp_path):
         "figures/mine.png",
         "reoptimise/optimum.parquet",
     ]
-    names += [
-        f"figures/{name}.{ending}" for name in FIGURES for ending in ("svg", "png", "parquet")
-    ]
-    names += [f"{stage}/decision.parquet" for stage in ("decide", "regress", "verdict")]
+    names += [f"figures/{name}.png" for name in FIGURES]
+    names += ["verdict/decision.parquet", "costs.jsonl"]
     for name in names:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("of another day")

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jointgap.campaign.augment import missing_force
+from jointgap.campaign.augment import force_difference
 from jointgap.core import parquet, schema
 from tests.config.mechanisms import effect, mechanism, paper
 
@@ -11,7 +11,7 @@ IDEAL = {"crank_pin": "ideal", "piston_pin": "ideal"}
 
 
 def missing(after=(), before=(), speeds=SPEEDS, joints=IDEAL):
-    return missing_force(
+    return force_difference(
         mechanism(*before, joints=joints), mechanism(*after, joints=joints), speeds
     )
 

@@ -29,7 +29,7 @@ def told(folder, *effects: tuple, explanation: str) -> dict:
     row = {column.name: fills[column.kind] for column in schema.RANKING.columns} | {
         "explanation": explanation
     }
-    ResultsFolder(folder).write("ranking", pd.DataFrame([row]), "verdict")
+    ResultsFolder(folder).write("ranking", pd.DataFrame([row]))
     whole, _ = records(folder)
     for name in whole.metrics:
         _validate_metric_name(name)

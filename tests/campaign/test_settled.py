@@ -1,6 +1,5 @@
-"""The base that the verdict rests on, where it is not the recalibrated one: every stage after
-decide goes on with it.
-"""
+"""The base of the verdict, if it is better than the recalibrated one: every later result refers to
+it."""
 
 from dataclasses import replace
 
@@ -19,80 +18,68 @@ from jointgap.identification.verdict import Decision
 
 pytestmark = pytest.mark.integration
 
-DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"
-
 
 @pytest.fixture
 def better(chain):
-    """Another base than the recalibrated one, with residuals of its own."""
+    """Another base than the recalibrated one, with other residuals."""
     base = chain.recalibrated.base
     values = base.values.copy()
     values[[p.name for p in base.parameters].index("slider_mass")] *= 1.01
-    moved = {p.key: value for p, value in zip(base.parameters, values, strict=True)}
-    return replace(base, values=values, residual=chain.recalibrated.problem.residual(moved))
+    by_key = {p.key: value for p, value in zip(base.parameters, values, strict=True)}
+    return replace(base, values=values, residual=chain.recalibrated.problem.residual(by_key))
 
 
 @pytest.fixture
-def decided(chain, better, tmp_path, monkeypatch):
-    """Makes a case on a folder in which deciding has found the better base; everything else is as
-    the chain has it."""
-
-    def made(verdict: str = "") -> CampaignState:
-        found = CampaignState(DEMONSTRATION, tmp_path)
-        found.model, found.noise_with_numerics, found.inconsistent_channels = (
-            chain.model,
-            chain.noise,
-            (),
-        )
-        found.baseline, found.screening, found.library = chain.recalibrated, chain.screening, []
-        if verdict:
-            decision = Decision(verdict, better, better)
-            monkeypatch.setattr(model_selection, "select_hypothesis", lambda *_: decision)
-            found.folder.write("not_searched", pd.DataFrame({"step": ["pairs"]}), "pair/0")
-            stages.decide(found)
-        return found
-
+def state(chain, tmp_path, monkeypatch):
+    """A campaign with the model of the chain, before the stage decide."""
     monkeypatch.setattr(CampaignState, "fits", lambda *_: ([], {}))
-    made("parameters_only")
-    return made
+    state = CampaignState(ROOT / "config/campaigns/demonstration.yaml", tmp_path)
+    state.model, state.noise, state.inconsistent_channels = chain.model, chain.noise, ()
+    state.baseline, state.screening, state.library = chain.recalibrated, chain.screening, []
+    state.folder.write("not_searched", pd.DataFrame({"step": ["pairs"]}), "0")
+    return state
 
 
-def test_map_gaps_gains_and_laws_are_counted_from_the_better_base(
-    decided, chain, better, monkeypatch
-):
+def decide(state, base, verdict, monkeypatch):
+    decision = Decision(verdict, base, base)
+    monkeypatch.setattr(model_selection, "select_hypothesis", lambda *_: decision)
+    stages.decide(state)
+
+
+def test_map_and_gaps_refer_to_the_better_base(state, chain, better, monkeypatch):
+    decide(state, better, "parameters_only", monkeypatch)
     problem, recalibrated = chain.recalibrated.problem, chain.recalibrated.base.residual
-    outcome = decided().outcome("decide")
-    assert outcome.base.values == pytest.approx(better.values) and outcome.chosen is outcome.base
-    stages.locate(decided())
+    outcome = state.outcome
+    assert outcome.base.values == pytest.approx(better.values)
+    assert outcome.chosen.values == pytest.approx(better.values)
+    assert outcome.base.bic == pytest.approx(better.bic)
+    assert outcome.not_searched[0] == "pairs"
+    stages.locate(state)
     expected, other = (
         map_disagreement(problem, residual, FALSE_ALARM_RATE).bins["mean"].tolist()
         for residual in (better.residual, recalibrated)
     )
-    assert (
-        decided().folder.read("map_bins")["mean"].tolist()
-        == pytest.approx(expected)
-        != pytest.approx(other)
-    )
-    stages.regress(decided())
-    stages.confirm(decided())
-    before = gap_of(decided().folder.read("gaps"), "identify")["before"]
-    assert (
-        before
-        == pytest.approx(problem.gap(better.residual))
-        != pytest.approx(problem.gap(recalibrated))
-    )
-    assert decided().outcome("regress").base.bic == pytest.approx(better.bic)
-    asked, nothing = [], force_law.ForceLawResult(None, False, "no law holds")
-    monkeypatch.setattr(
-        force_law, "find_force_law", lambda problem, base, *_: asked.append(base) or nothing
-    )
-    stages.regress(decided("unexplained"))
-    assert asked[0].values == pytest.approx(better.values)
+    means = state.folder.read("map_bins")["mean"].tolist()
+    assert means == pytest.approx(expected) != pytest.approx(other)
+    before = gap_of(state.folder.read("gaps"), "identify")["before"]
+    assert before == pytest.approx(problem.gap(better.residual))
+    assert before != pytest.approx(problem.gap(recalibrated))
 
 
-def test_a_model_that_cannot_be_optimised_again_has_the_reason_and_the_other_its_lengths(
-    monkeypatch,
-):
+def test_a_force_law_is_searched_from_the_better_base(state, better, monkeypatch):
+    bases, nothing = [], force_law.ForceLawResult(None, False, "no law holds")
+
+    def search(problem, base, *_):
+        bases.append(base)
+        return nothing
+
+    monkeypatch.setattr(force_law, "find_force_law", search)
+    decide(state, better, "unexplained", monkeypatch)
+    assert bases[0].values == pytest.approx(better.values)
+    assert state.outcome.because.endswith("no law holds")
+
+
+def test_a_model_that_cannot_be_optimised_has_the_reason_and_the_other_its_lengths(monkeypatch):
     plain = load_mechanism("erkaya2009")
     heavy = plain.model_copy(update={"slider": plain.slider.model_copy(update={"mass": 9.0})})
 
@@ -102,9 +89,7 @@ def test_a_model_that_cannot_be_optimised_again_has_the_reason_and_the_other_its
         return [{"source": "network", "crank_length": 0.15}]
 
     monkeypatch.setattr(reoptimise, "_optima", optima)
-    found = reoptimise.reoptimise({"base": plain, "augmented": heavy}, 30.0)
-    assert (
-        found["failed"].isna().tolist() == [True, False]
-        and found["failed"].iloc[1] == "the slider jams"
-    )
-    assert found["crank_length"].iloc[0] == 0.15
+    table = reoptimise.optimal_lengths({"base": plain, "augmented": heavy}, 30.0)
+    assert table["failed"].isna().tolist() == [True, False]
+    assert table["failed"].iloc[1] == "the slider jams"
+    assert table["crank_length"].iloc[0] == 0.15

@@ -19,8 +19,8 @@ from tests.campaign.verdicts import BIAS, COULOMB, NAMED, VERDICTS
 from tests.catalogue import each
 
 
-def markdown(verdict=NAMED, tables=None, *given):
-    return to_markdown(page(verdict, tables or {}, *given))
+def markdown(verdict=NAMED, tables=None, **options):
+    return to_markdown(page(verdict, tables or {}, **options))
 
 
 def effects(*found):
@@ -243,9 +243,9 @@ def test_effects_that_the_fits_distinguish_are_not_called_indistinguishable():
 def test_only_values_with_a_range_in_the_campaign_file_are_to_be_checked_at_their_bounds():
     values = {"first_angle@slow": bounded(0.1, 0.0), "speed@slow": bounded(9.0, 8.0)}
     campaign = load_campaign(ROOT / "config/campaigns/demonstration.yaml")
-    assert "Check the range" not in markdown(nuisances(**values), {}, (), campaign)
+    assert "Check the range" not in markdown(nuisances(**values), campaign=campaign)
     listed = campaign.model_copy(update={"nuisance": {"slider_mass": None}})
-    said = markdown(nuisances(slider_mass=HIGH, **values), {}, (), listed)
+    said = markdown(nuisances(slider_mass=HIGH, **values), campaign=listed)
     assert "Check the range of slider mass under `nuisance`: this value is at its bound" in said
 
 
@@ -301,7 +301,7 @@ def test_no_page_shows_the_name_of_an_effect_a_channel_or_a_parameter_as_the_cod
         key: {"value": 0.1, "sd": 0.002} for key in (*NUISANCES, "speed@slow", "first_angle@slow")
     }
     given = VERDICTS[verdict] | {"nuisances": values, "because": "slider_spring explains 90 %"}
-    text = to_html(page(given, {"detectable": SEEN}, remarks)).partition("</style>")[2]
+    text = to_html(page(given, {"detectable": SEEN}, warnings=remarks)).partition("</style>")[2]
     plain = re.sub("`[^`]*`|<code>.*?</code>", "", text)
     assert {name for name in CODE_NAMES if re.search(rf"\b{name}\b", plain)} == set()
     assert "a bias of the sensor of crank torque may be at work: slider acceleration reads" in text

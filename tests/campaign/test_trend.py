@@ -105,7 +105,7 @@ class Rig:
             "--folder",
             str(out.path),
         ]
-        with nullcontext() if pictures else patch("jointgap.campaign.trend.save"):
+        with nullcontext() if pictures else patch("jointgap.core.plot.Drawing.save"):
             said = CliRunner().invoke(cli, command, catch_exceptions=False).output
         self.sizes, self.growth = out.read(TREND), out.read(TREND_GROWTH)
         self.page = (out.path / "trend.md").read_text()

@@ -18,7 +18,7 @@ from jsonschema import Draft202012Validator
 from benchmarks.project import ROOT
 from jointgap.app.run_summary import verdict_lines
 from jointgap.campaign import verdict_json
-from jointgap.campaign.fits_on_disk import outcome_of, outcome_with_law
+from jointgap.campaign.outcome import outcome_of, with_force_law
 from jointgap.campaign.page import page
 from jointgap.config.load import load_campaign
 from jointgap.core.candidates import Candidate, Parameter
@@ -157,7 +157,7 @@ def made_from(rng):
         found_law = ForceLawResult(
             laws[0], rng.random() < 0.5, reason, laws[1 : rng.integers(1, 3)], ranking=ranking
         )
-        outcome = outcome_with_law(outcome, found_law)
+        outcome = with_force_law(outcome, found_law)
     outcome = replace(
         outcome, ranking=outcome.ranking.astype({"admissible": bool})
     )  # as read from its table
@@ -208,7 +208,7 @@ def texts_of(content, tables):
     with TemporaryDirectory() as folder:
         Path(folder, "verdict.json").write_text(json.dumps(content))
         lines = "\n".join(verdict_lines(Path(folder)))
-    return lines, to_markdown(page(content, tables, (), CAMPAIGN))
+    return lines, to_markdown(page(content, tables, campaign=CAMPAIGN))
 
 
 NUMBER = r"(-?\d+(?:\.\d+)?)"

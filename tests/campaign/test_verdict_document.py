@@ -12,7 +12,7 @@ from scipy.stats import truncnorm
 
 from benchmarks.project import ROOT
 from jointgap.campaign import verdict_json
-from jointgap.campaign.fits_on_disk import Outcome, outcome_with_law, ranking_frame
+from jointgap.campaign.outcome import Outcome, ranking_frame, with_force_law
 from jointgap.config.load import load_campaign
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.errors import InputError
@@ -98,6 +98,8 @@ def document(outcome, campaign=CAMPAIGN, **given):
     tables["confusability"] = pd.DataFrame(
         {"first": ["a", "b"], "second": ["b", "a"], "merged": True}
     )
+    if "law_families" in given:
+        tables["law_families"] = given.pop("law_families")
     return verdict_json.document(outcome, tables, campaign, **given)
 
 
@@ -226,7 +228,7 @@ def test_of_two_effects_each_gains_over_the_other_alone_as_the_ranking_has_it():
 
 def test_terms_of_a_law_are_one_effect_with_a_formula_beside_the_other_effects():
     chosen = fitted([CUBE, FRICTION, WAVE], [1.5, -2.5, 20.0, 4.0])
-    friction, law = verdict_json.effects(chosen, {"base": 900.0, "friction": chosen.bic + 55.0})
+    friction, law = verdict_json.effects_of(chosen, {"base": 900.0, "friction": chosen.bic + 55.0})
     assert (friction["name"], friction["delta_bic"]) == (
         "friction",
         None,
@@ -242,7 +244,7 @@ def test_terms_of_a_law_are_one_effect_with_a_formula_beside_the_other_effects()
         "c1": normal(-2.5, 0.2),
         "c2": normal(4.0, 0.4),
     }
-    law = verdict_json.effects(fitted([CUBE], [1.5, -49.9]), {})[
+    law = verdict_json.effects_of(fitted([CUBE], [1.5, -49.9]), {})[
         0
     ]  # the interval ends at the bound
     ends = truncnorm(-0.5, math.inf, -49.9, 0.2).ppf([0.05, 0.95])
@@ -369,7 +371,7 @@ def test_a_formula_that_is_not_named_is_best_known_where_it_is_better_than_every
         proposed = ForceLawResult(
             law, False, "it explains little", ranking=[weigh_fit(BASE, law, limits)]
         )
-        outcome = outcome_with_law(found, proposed)
+        outcome = with_force_law(found, proposed)
         assert outcome.best_known is {"law": law, "effect": effect, None: None}[shown]
         (row,) = outcome.placed_ranking.to_dict("records")
         assert row["place"] == ("best_known" if shown == "law" else "")
@@ -394,7 +396,7 @@ def test_a_listed_effect_that_a_formula_found_again_has_one_row_in_the_ranking()
         because="poor",
     )
     proposed = ForceLawResult(again, True, "", ranking=[weigh_fit(BASE, again, limits)])
-    named = outcome_with_law(found, proposed)
+    named = with_force_law(found, proposed)
     assert (named.verdict, len(named.ranking)) == ("named", 1)
     refuted = replace(named, verdict="unexplained", chosen=BASE, best_known=again)
     content = json.loads(verdict_json.text(document(refuted)))
@@ -442,7 +444,7 @@ def test_the_99_percent_interval_of_a_shape_contains_that_of_90_percent():
     )
     family.columns = TABLES["law_families"].names
     chosen = fitted([drag], [1.5, 20.0])
-    (stated,) = verdict_json._with_families(verdict_json.effects(chosen, {}), family)
+    (stated,) = document(outcome_of(chosen), law_families=family)["effects"]
     own = stated["parameters"]["exponent"]
     assert own["interval_99"] == stated["families"][0]["interval_99"] == own["interval_90"]
     assert own["interval_90"][0] < 19.9 and own["interval_90"][1] > 20.05

@@ -2,17 +2,15 @@
 
 import re
 
-from jointgap.campaign.page import page, title
+from jointgap.campaign.labels import estimates, format_effect, format_label, names_to_labels
+from jointgap.campaign.page import page
 from jointgap.campaign.sentences import (
     answer,
     best_known_summary,
-    format_effect,
     format_gain,
-    format_label,
     held_out_summary,
     left_out_summary,
-    names_to_labels,
-    parameter_rows,
+    title,
 )
 from jointgap.core.page import to_markdown
 from jointgap.identification.settings import DEFAULT_SETTINGS
@@ -354,7 +352,7 @@ def test_the_interval_of_a_shape_is_that_of_the_table_of_parameters():
     }
     drag["families"] = [SHAPE | {"interval_99": [1.6, 2.4]}]
     assert "exponent 1.80 to 2.20, 90 % interval" in format_effect(drag)
-    assert parameter_rows([drag])[0][2] == "1.80 to 2.20"
+    assert estimates([drag])[0].interval == "1.80 to 2.20"
 
 
 def test_what_would_prove_it_follows_from_what_it_lacks():

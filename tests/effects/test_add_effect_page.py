@@ -81,7 +81,7 @@ FIT = """
 import math
 import numpy as np
 from jointgap.rig.model import build_model
-from jointgap.campaign.sentences import format_effect
+from jointgap.campaign.labels import format_effect
 from tests.rig.rigs import campaign, mechanism, recorded
 
 true = {"stiffness_N_m_rad": 2.0, "rest_angle_rad": 2.5}

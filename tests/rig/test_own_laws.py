@@ -8,8 +8,9 @@ import pytest
 import yaml
 
 from jointgap.campaign.analyse import analyse
+from jointgap.campaign.labels import format_detectable
 from jointgap.campaign.plan import preflight_tables
-from jointgap.campaign.sentences import answer, format_detectable
+from jointgap.campaign.sentences import answer
 from jointgap.config import Simulate, load_mechanism
 from jointgap.core.errors import InputError
 from jointgap.dynamics.simulation import simulate

@@ -6,7 +6,6 @@ from hashlib import sha256
 from pathlib import Path
 
 from jointgap.campaign.campaign_files import campaigns
-from jointgap.campaign.figures import FIGURES as CAMPAIGN_FIGURES
 from jointgap.campaign.stages import CAMPAIGN_STAGES
 from jointgap.core.code_digest import code_digest
 from jointgap.config import Constraints, check_all_sections, resolve
@@ -47,7 +46,7 @@ COMPARED = [name for name, scenario in SCENARIOS.items() if "compare" in stages_
 CAMPAIGNS_SHOWN = [text for name in CAMPAIGNS for text in ("--campaign", name)]
 
 # Names of the figures that a job draws, each as a picture, a drawing and a table; where there are networks it draws theirs too.
-FIGURES = {"figures": drawn(False), "conclude": CAMPAIGN_FIGURES}
+FIGURES = {"figures": drawn(False)}
 
 
 # Names of logs and measured costs of jobs of which there are several, or that would be mixed up.
@@ -187,10 +186,10 @@ def command_of_campaign(stages):
 
     def command(wildcards):
         campaign = CAMPAIGNS[wildcards.campaign]
-        more = ["--go-on"] if name in ("preflight", "decide", "reoptimise", "conclude") else []
+        more = ["--go-on"] if name in ("preflight", "decide", "conclude") else []
         more += ["--part", wildcards.part] if name in ("fit", "pair") else []
         more += ["--parts", campaign.parts] if name in ("fit", "pair", "decide") else []
-        more += ["--anyway"] if name == "noise" and config.get("anyway") else []
+        more += ["--anyway"] if name == "recalibrate" and config.get("anyway") else []
         more += [text for one in further for text in ("--then", one)]
         return [
             name,

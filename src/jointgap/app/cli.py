@@ -145,6 +145,8 @@ cli.removed = {
     "ensemble": "use `jointgap sweep` with sweep.starts: 15, and sweep.trajectories",
     "growth": "the page of a simulated scenario (`make run`) says up to which crank angle samples"
     " repeat",
+    "noise": "use `jointgap recalibrate`, which estimates the noise first",
+    **dict.fromkeys(("regress", "confirm"), "use `jointgap decide`, which includes it"),
     "rechain": "use `jointgap reoptimise` with the same arguments",
 }
 OF_SCENARIO, OF_CAMPAIGN = (f"Workflow: stages of a {part}" for part in ("scenario", "campaign"))
@@ -184,7 +186,7 @@ def analyse(campaign: Path, folder: Path | None, anyway: bool) -> None:
     from jointgap.app.run_summary import verdict_lines
     from jointgap.campaign.analyse import analyse as analyse_campaign
     from jointgap.campaign.campaign_files import end_after_failures
-    from jointgap.campaign.page import show
+    from jointgap.campaign.conclude import show
     from jointgap.campaign.state import CampaignState
 
     state = CampaignState(campaign, folder)

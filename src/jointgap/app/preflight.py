@@ -8,8 +8,7 @@ import pandas as pd
 
 from jointgap.app.result import Result
 from jointgap.app.verdict import campaign_file
-from jointgap.campaign import plan
-from jointgap.campaign import sentences as say
+from jointgap.campaign import labels, plan
 from jointgap.campaign.figures import FIGURES
 from jointgap.campaign.state import FALSE_ALARM_RATE
 from jointgap.config import load
@@ -47,9 +46,8 @@ class Preflight(Result):
     @property
     def remarks(self) -> tuple[str, ...]:
         """Assumed noise, where the campaign states none."""
-        return tuple(
-            f"assumed noise: {say.names_to_labels(text)}" for text in plan.assumed(self.detectable)
-        )
+        texts = map(labels.names_to_labels, plan.assumed(self.detectable))
+        return tuple(f"assumed noise: {text}" for text in texts)
 
     @property
     def merged(self) -> list[list[str]]:
@@ -75,13 +73,13 @@ class Preflight(Result):
         """Smallest detectable sizes, undetectable effects, effects that cannot be distinguished."""
         facts = []
         for row in self.detectable[self.detectable["detectable"]].itertuples():
-            size = ("shows " if row.falls else "shows from ") + say.format_detectable(row)
-            facts.append(Fact(f"detectable/{row.label}", size, "", say.format_label(row.label)))
+            size = ("shows " if row.falls else "shows from ") + labels.format_detectable(row)
+            facts.append(Fact(f"detectable/{row.label}", size, "", labels.format_label(row.label)))
         for label in plan.undetectable(self.detectable):
             name = f"detectable/{label}"
-            facts.append(Fact(name, "not detectable", "", say.format_label(label)))
+            facts.append(Fact(name, "not detectable", "", labels.format_label(label)))
         for number, group in enumerate(self.merged, 1):
-            words = joined(map(say.format_label, group))
+            words = joined(map(labels.format_label, group))
             facts.append(Fact(f"confusable/{number}", words, "", "cannot be distinguished"))
         return facts
 

@@ -9,7 +9,6 @@ from datetime import date
 from pathlib import Path
 
 from jointgap.app.run_summary import Summary, has_optimum, other_objective
-from jointgap.campaign import page as verdict_page
 from jointgap.campaign import sentences as say
 from jointgap.campaign import verdict_json
 from jointgap.campaign.campaign_files import SUMMARIES, VERDICT
@@ -240,7 +239,7 @@ def _scenario(results: ScenarioResults, summary: Summary | None) -> _Part:
 def _campaign(folder: Path, name: str) -> _Part:
     path = f"campaigns/{name}/"
     verdict = verdict_json.read(folder / path / VERDICT)
-    result = verdict_page.title(verdict)
+    result = say.title(verdict)
     figures = {
         key: spec
         for key, spec in CAMPAIGN_FIGURES.items()

@@ -7,8 +7,8 @@ from typing import Any
 
 import pandas as pd
 
+from jointgap.campaign import labels, verdict_json
 from jointgap.campaign import sentences as say
-from jointgap.campaign import verdict_json
 from jointgap.campaign.campaign_files import SUMMARIES, VERDICT
 from jointgap.core.words import format_range
 
@@ -45,8 +45,9 @@ def verdict_lines(folder: Path) -> list[str]:
     lines = [f"campaign {verdict['campaign']}: {say.answer(verdict)}"]
     lines += say.left_out_summary(verdict)
     for effect in verdict["effects"]:
-        for words, *estimate in say.parameter_rows([effect]):
-            lines.append(f"{say.format_effect(effect)}: {words} {say.format_estimate(*estimate)}")
+        for estimate in labels.estimates([effect]):
+            label = labels.format_effect(effect)
+            lines.append(f"{label}: {estimate.label} {estimate.text}")
     gap = say.held_out_summary(verdict)
     lines.append(f"{gap} (1 is noise; {_BASIS[verdict['basis']]})")
     lines.append(f"page: {folder / SUMMARIES[1]}")

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from jointgap.app.result import Result
+from jointgap.campaign import labels, verdict_json
 from jointgap.campaign import sentences as say
-from jointgap.campaign import verdict_json
 from jointgap.campaign.campaign_files import MECHANISM, VERDICT
 from jointgap.campaign.figures import FIGURES
 from jointgap.config import Mechanism, load, read_yaml
@@ -85,18 +85,18 @@ class Verdict(Result):
         """The named effects, one entry per parameter."""
         findings = []
         for effect in self.document["effects"]:
-            for parameter, estimate in effect["parameters"].items():
-                interval = estimate.get("interval_90")
+            for estimate in labels.estimates([effect]):
+                interval = (estimate.low, estimate.high)
                 findings.append(
                     Finding(
-                        effect=say.format_effect(effect),
+                        effect=labels.format_effect(effect),
                         name=effect["name"],
                         site=effect["site"],
-                        parameter=parameter,
-                        size=estimate["value"],
-                        unit=say.estimate_unit(effect, parameter),
-                        sd=estimate.get("sd"),
-                        interval=interval and tuple(interval),
+                        parameter=estimate.name,
+                        size=estimate.value,
+                        unit=estimate.unit,
+                        sd=estimate.sd,
+                        interval=interval if estimate.has_interval else None,
                     )
                 )
         return tuple(findings)
@@ -137,7 +137,7 @@ class Verdict(Result):
         return {name: spec.title for name, spec in FIGURES.items()}
 
     def _draw(self, name: str):
-        from jointgap.campaign.page import figure_tables
+        from jointgap.campaign.conclude import figure_tables
 
         frames = figure_tables(ResultsFolder(self.folder), FIGURES[name].tables)
         return FIGURES.draw(name, frames, self.document)
@@ -147,10 +147,11 @@ class Verdict(Result):
         """Kind of verdict, named effects with sizes, equivalent explanations, gaps."""
         document = self.document
         facts = [Fact("verdict", format_name(self.kind))]
-        for label, *estimate in say.parameter_rows(document["effects"]):
-            facts.append(Fact(f"effects/{label}", say.format_estimate(*estimate), "", label))
+        for estimate in labels.estimates(document["effects"]):
+            label = estimate.label
+            facts.append(Fact(f"effects/{label}", estimate.text, "", label))
         for place, effects in enumerate(document["equivalent"], 1):
-            words = joined(map(say.format_effect, effects))
+            words = joined(map(labels.format_effect, effects))
             facts.append(Fact(f"equivalent/{place}", words, "", f"explanation {place}"))
         proposed = document["effects"] or document["best_known"] or document["equivalent"]
         data = {"identify": "data used for fitting", "confirm": "held-out data"}

@@ -9,14 +9,9 @@ from typing import Any
 import pandas as pd
 import yaml
 
-from jointgap.campaign.fits_on_disk import Outcome, clockwise, nuisances_as_read
-from jointgap.campaign.sentences import (
-    estimate_row,
-    format_effect,
-    format_estimate,
-    is_fault,
-    parameter_rows,
-)
+from jointgap.campaign.fits_on_disk import clockwise, nuisances_in_file_convention
+from jointgap.campaign.labels import Estimate, estimates, format_effect, is_fault
+from jointgap.campaign.outcome import Outcome
 from jointgap.config import Effect, Mechanism, Simulate
 from jointgap.config.campaign import Campaign
 from jointgap.config.load import validate
@@ -38,145 +33,136 @@ _SAMPLES = 360  # per revolution
 _SETTLES = 2  # revolutions
 
 
-def in_file_convention(new: Any, old: Any, text: Any = None, digits: int = DIGITS) -> Any:
-    """`new` content of a file with the keys and units of the `text` that contained the `old`
+def in_file_convention(value: Any, old: Any, text: Any = None, digits: int = DIGITS) -> Any:
+    """The content `value` of a file with the keys and units of the `text` that contained the `old`
     content."""
-    if new == old and text is not None:
+    if value == old and text is not None:
         return text
-    if isinstance(new, Mapping):
-        before, written = (part if isinstance(part, Mapping) else {} for part in (old, text))
+    if isinstance(value, Mapping):
+        has_text = isinstance(text, Mapping)
+        old, text = (part if isinstance(part, Mapping) else {} for part in (old, text))
         return {
-            key: in_file_convention(value, before.get(key), written.get(key), digits)
-            for key, value in new.items()
-            if key in written or not isinstance(text, Mapping) or before.get(key) != value
+            key: in_file_convention(item, old.get(key), text.get(key), digits)
+            for key, item in value.items()
+            if key in text or not has_text or old.get(key) != item
         }
-    if isinstance(new, list | tuple):
-        before, written = (part if isinstance(part, list | tuple) else () for part in (old, text))
-        parts = zip_longest(new, before[: len(new)], written[: len(new)])
+    if isinstance(value, list | tuple):
+        old, text = (part if isinstance(part, list | tuple) else () for part in (old, text))
+        parts = zip_longest(value, old[: len(value)], text[: len(value)])
         return [in_file_convention(*part, digits) for part in parts]
-    if not isinstance(new, float) or new == old:
-        return new
+    if not isinstance(value, float) or value == old:
+        return value
     if isinstance(text, str) and isinstance(old, float) and old:
-        number, unit = split_quantity(text)
-        own = re.sub(r"^[-+\N{MINUS SIGN}0-9.eE]+\s*", "", text.strip())
-        if unit and own:
-            return f"{new / (old / float(number)):.{digits}g} {own}"
-    return float(f"{new:.{digits}g}")
-
-
-def missing_force(
-    base: Mechanism,
-    augmented: Mechanism,
-    speeds: Mapping[str, float],
-    clockwise: Collection[str] = (),
-    loads: Mapping[str, Sequence[Effect]] | None = None,
-) -> pd.DataFrame:
-    """Slider force and crank torque of the augmented model minus those of the base, at the same
-    motion; `loads` are those of single runs.
-
-    Both are zero for masses, lengths, clearances and sensor faults.
-    """
-    parts = []
-    for run, speed in speeds.items():
-        models = [
-            one.applied().mirrored() if run in clockwise else one for one in (base, augmented)
-        ]
-        models = [with_loads(one, (loads or {}).get(run, ())) for one in models]
-        if run in clockwise:
-            part = _along(run, *models, speed).iloc[::-1]
-            turned = {
-                "crank_angle": math.tau - part["crank_angle"],
-                "crank_torque": -part["crank_torque"],
-            }
-            parts.append(part.assign(**turned))
-        else:
-            parts.append(_along(run, *models, speed))
-    return pd.concat(parts, ignore_index=True)
-
-
-def _along(run: str, base: Mechanism, augmented: Mechanism, speed: float) -> pd.DataFrame:
-    steps = {"revolutions": _SETTLES + 1, "samples_per_revolution": _SAMPLES}
-    options = Simulate(speed=speed, tolerance=tolerance_for(augmented.applied()), **steps)
-    samples = simulate(augmented, options).samples.tail(_SAMPLES + 1)
-    shown = samples[["crank_angle", "slider_position", "slider_velocity"]].reset_index(drop=True)
-    places = samples[
-        ["slider_position", "slider_velocity", "crank_speed", "crank_angle", "time"]
-    ].to_numpy()
-    after, before = parameters(augmented, options), parameters(base, options)
-    guide = samples["guide_force"]
-    pushes = [
-        slider_force(after, n, *at) - slider_force(before, n, *at)
-        for n, at in zip(guide, places, strict=True)
-    ]
-    turns = [crank_losses(after, *at) - crank_losses(before, *at) for at in places]
-    angle = shown["crank_angle"] - math.tau * _SETTLES
-    return shown.assign(run=run, crank_angle=angle, slider_force=pushes, crank_torque=turns)
+        number, has_unit = split_quantity(text)
+        unit = re.sub(r"^[-+\N{MINUS SIGN}0-9.eE]+\s*", "", text.strip())
+        if has_unit and unit:
+            return f"{value / (old / float(number)):.{digits}g} {unit}"
+    return float(f"{value:.{digits}g}")
 
 
 def mechanisms(campaign: Campaign, outcome: Outcome) -> tuple[Mechanism, Mechanism]:
     """The mechanism with re-fitted parameters, without and with the effects of the verdict;
     parameters that the data do not determine keep the stated values.
     """
-    chosen = outcome.chosen
-    augmented = augmented_mechanism(
-        campaign.mechanism, chosen.hypothesis, determined_values(chosen)
-    )
+    stated, chosen = campaign.mechanism, outcome.chosen
     plain = outcome.base if chosen.hypothesis else chosen
-    return augmented_mechanism(campaign.mechanism, (), determined_values(plain)), augmented
+    base = augmented_mechanism(stated, (), determined_values(plain))
+    return base, augmented_mechanism(stated, chosen.hypothesis, determined_values(chosen))
 
 
-def augment(
-    campaign: Campaign,
-    outcome: Outcome,
-    text: Mapping[str, Any] | None = None,
-    loads: Mapping[str, Sequence[Effect]] | None = None,
-) -> tuple[str, pd.DataFrame]:
-    """The augmented mechanism as YAML with the user's keys and units, and table `MISSING_FORCE`,
-    under the `loads` of single runs.
-    """
-    plain, augmented = mechanisms(campaign, outcome)
-    new, old = (mechanism.model_dump(mode="json") for mechanism in (augmented, campaign.mechanism))
-    content = in_file_convention(new, old, text)
+def augmented_file(
+    campaign: Campaign, outcome: Outcome, text: Mapping[str, Any] | None = None
+) -> str:
+    """The augmented mechanism as YAML with the user's keys and units."""
+    _, augmented = mechanisms(campaign, outcome)
+    value, old = (part.model_dump(mode="json") for part in (augmented, campaign.mechanism))
+    content = in_file_convention(value, old, text)
     try:
         validate(Mechanism, content, "the augmented mechanism")
     except InputError:  # rounding moved a value beyond its bound
-        content = in_file_convention(new, old, text, EXACT)
+        content = in_file_convention(value, old, text, EXACT)
     body = yaml.safe_dump(content, sort_keys=False, width=_WIDTH, allow_unicode=True)
-    speeds = {run.id: run.speed for run in campaign.runs if run.role != "confirm"}
-    force = pd.DataFrame(columns=MISSING_FORCE.names)
-    if any(not candidate.sensor for candidate in outcome.chosen.hypothesis):
-        force = missing_force(plain, augmented, speeds, clockwise(campaign), loads)
-    return "\n".join([*(f"# {line}" for line in _header(campaign, outcome)), body]), force
+    return "\n".join([*(f"# {line}" for line in _header(campaign, outcome)), body])
 
 
 def _header(campaign: Campaign, outcome: Outcome) -> list[str]:
-    chosen = outcome.chosen
-    lines = [
-        f"Augmented mechanism of campaign {campaign.name}. Verdict:"
-        f" {outcome.verdict.replace('_', ' ')}."
-    ]
-    for p, estimate in nuisances_as_read(chosen, clockwise(campaign)):
-        kept = "" if p.run or is_taken_over(estimate) else ": stated value kept"
-        name, *row = estimate_row(format_nuisance(p.key), estimate, p.unit)
-        lines.append(f"{name}: {format_estimate(*row)}{kept}")
+    chosen, verdict = outcome.chosen, outcome.verdict.replace("_", " ")
+    lines = [f"Augmented mechanism of campaign {campaign.name}. Verdict: {verdict}."]
+    for parameter, estimate in nuisances_in_file_convention(chosen, clockwise(campaign)):
+        note = "" if parameter.run or is_taken_over(estimate) else ": stated value kept"
+        shown = Estimate.of(format_nuisance(parameter.key), estimate, parameter.unit)
+        lines.append(f"{shown.label}: {shown.text}{note}")
     for candidate in chosen.hypothesis:
-        effect = {
-            "name": candidate.name,
-            "site": candidate.site,
-            "parameters": effect_estimates(chosen, candidate),
-        }
+        effect = {"name": candidate.name, "site": candidate.site}
+        effect["parameters"] = effect_estimates(chosen, candidate)
         note = " (a sensor fault, not part of the mechanism)" if is_fault(effect) else ""
-        for name, *row in parameter_rows([effect]):
-            lines.append(f"{format_effect(effect)}: {name}: {format_estimate(*row)}{note}")
+        for shown in estimates([effect]):
+            lines.append(f"{format_effect(effect)}: {shown.label}: {shown.text}{note}")
     if campaign.own_loads:
         lines.append(
             "Known loads of runs, which the analysis used and which this file does not contain:"
         )
         lines += [f"  {load}" for load in campaign.own_loads]
-    return [
-        *lines,
-        (
-            "Run-specific values and intervals are for information only. Numbers without a unit are"
-            " in SI."
-        ),
+    lines.append(
+        "Run-specific values and intervals are for information only. Numbers without a unit are"
+        " in SI."
+    )
+    return lines
+
+
+def missing_force(
+    campaign: Campaign, outcome: Outcome, loads_of_runs: Mapping[str, Sequence[Effect]]
+) -> pd.DataFrame:
+    """Table `MISSING_FORCE` of the fitted runs; empty if no effect was added to the mechanism."""
+    if all(candidate.sensor for candidate in outcome.chosen.hypothesis):
+        return pd.DataFrame(columns=MISSING_FORCE.names)
+    speeds = {run.id: run.speed for run in campaign.runs if run.role != "confirm"}
+    base, augmented = mechanisms(campaign, outcome)
+    return force_difference(base, augmented, speeds, clockwise(campaign), loads_of_runs)
+
+
+def force_difference(
+    base: Mechanism,
+    augmented: Mechanism,
+    speeds: Mapping[str, float],
+    clockwise_runs: Collection[str] = (),
+    loads_of_runs: Mapping[str, Sequence[Effect]] | None = None,
+) -> pd.DataFrame:
+    """Slider force and crank torque of the augmented model minus those of the base, at the same
+    motion.
+
+    Both are zero for masses, lengths, clearances and sensor faults.
+    """
+    parts = []
+    for run, speed in speeds.items():
+        is_clockwise, loads = run in clockwise_runs, (loads_of_runs or {}).get(run, ())
+        models = [
+            with_loads(model.applied().mirrored() if is_clockwise else model, loads)
+            for model in (base, augmented)
+        ]
+        samples = _forces_over_revolution(*models, speed).assign(run=run)
+        if is_clockwise:
+            samples = samples.iloc[::-1]
+            angle, torque = math.tau - samples["crank_angle"], -samples["crank_torque"]
+            samples = samples.assign(crank_angle=angle, crank_torque=torque)
+        parts.append(samples)
+    return pd.concat(parts, ignore_index=True)
+
+
+def _forces_over_revolution(base: Mechanism, augmented: Mechanism, speed: float) -> pd.DataFrame:
+    steps = {"revolutions": _SETTLES + 1, "samples_per_revolution": _SAMPLES}
+    options = Simulate(speed=speed, tolerance=tolerance_for(augmented.applied()), **steps)
+    samples = simulate(augmented, options).samples.tail(_SAMPLES + 1).reset_index(drop=True)
+    names = ["slider_position", "slider_velocity", "crank_speed", "crank_angle", "time"]
+    states = samples[names].to_numpy()
+    with_effects, without = parameters(augmented, options), parameters(base, options)
+    force = [
+        slider_force(with_effects, guide, *state) - slider_force(without, guide, *state)
+        for guide, state in zip(samples["guide_force"], states, strict=True)
     ]
+    torque = [
+        crank_losses(with_effects, *state) - crank_losses(without, *state) for state in states
+    ]
+    motion = samples[["crank_angle", "slider_position", "slider_velocity"]]
+    angle = motion["crank_angle"] - math.tau * _SETTLES
+    return motion.assign(crank_angle=angle, slider_force=force, crank_torque=torque)

@@ -22,23 +22,15 @@ if TYPE_CHECKING:  # slow to load
     from jointgap.config.campaign import Campaign
     from jointgap.core.results_folder import ResultsFolder
 
-FIT_TABLES = (
-    schema.FITS,
-    schema.FIT_VALUES,
-    schema.FIT_CURVATURE,
-    schema.FIT_RESIDUALS,
-    schema.FIT_SHIFTS,
-    schema.FIT_DRAWS,
-    schema.FIT_STATES,
-)
+FIT_TABLES = (schema.FITS, schema.FIT_ARRAYS)
 NOISE_TABLES = (schema.NOISE, schema.NOISE_MEMORY, schema.NOISE_DRIVE)
-OUTCOME_TABLES = (*FIT_TABLES, schema.RANKING, schema.DECISION, schema.FIT_PARAMETERS)
-"""Tables of fits, noise and outcomes of stages."""
+OUTCOME_TABLES = (*(table.at("verdict") for table in FIT_TABLES), schema.RANKING, schema.DECISION)
+"""Tables of fits, noise and the outcome."""
 
 MECHANISM, VERDICT = "mechanism.yaml", "verdict.json"
 SUMMARIES = ("summary.md", "summary.html")
-COSTS = "costs"
-"""Result files of a campaign, and the folder of the costs of its jobs."""
+COSTS = "costs.jsonl"
+"""Result files of a campaign; the last one has a line for each job."""
 
 
 @dataclass(frozen=True)
@@ -151,43 +143,55 @@ def _digest(file: Path) -> str:
 
 
 @contextmanager
-def noted(folder: "ResultsFolder", what: str) -> Iterator[None]:
-    """Context of an optional step `what`: an error is noted in the results `folder`, and the
-    analysis continues."""
-    place = folder.path / "failed" / f"{what}.txt"
-    place.unlink(missing_ok=True)
+def recorded_failure(folder: "ResultsFolder", step: str) -> Iterator[None]:
+    """Context of an optional step: an error is written to the results `folder`, and the analysis
+    continues."""
+    path = folder.path / "failed" / f"{step}.txt"
+    path.unlink(missing_ok=True)
     try:
         yield
     except OSError:  # such as a full disk
         raise
     except Exception as error:
-        kind = (
-            "" if isinstance(error, InputError | SimulationError) else f"{type(error).__name__}: "
-        )
-        write_text(place, f"{kind}{' '.join(str(error).split())}\n\n{traceback.format_exc()}")
-
-
-@contextmanager
-def costs_noted(folder: "ResultsFolder", job: str) -> Iterator[None]:
-    """Context of a `job`: its costs are noted in the results `folder`."""
-    begin = costs_so_far()
-    yield
-    own = {name: round(spent - begin[name], 3) for name, spent in costs_so_far().items()}
-    write_text(folder.path / COSTS / f"{job}.json", json.dumps(own) + "\n")
-
-
-def costs(folder: "ResultsFolder") -> dict[str, Any]:
-    """The costs of each job, by its name, and their sum."""
-    places = sorted((folder.path / COSTS).glob("*.json"), key=os.path.getmtime)
-    jobs = {place.stem: json.loads(place.read_text(encoding="utf-8")) for place in places}
-    total = {name: round(sum(own[name] for own in jobs.values()), 3) for name in costs_so_far()}
-    return {"jobs": jobs, "total": total}
+        is_expected = isinstance(error, InputError | SimulationError)
+        kind = "" if is_expected else f"{type(error).__name__}: "
+        write_text(path, f"{kind}{' '.join(str(error).split())}\n\n{traceback.format_exc()}")
 
 
 def failures(folder: "ResultsFolder") -> dict[str, str]:
     """The error of each optional step that failed, in a line, by step."""
-    places = sorted((folder.path / "failed").glob("*.txt"))
-    return {place.stem: place.read_text(encoding="utf-8").partition("\n")[0] for place in places}
+    paths = sorted((folder.path / "failed").glob("*.txt"))
+    return {path.stem: path.read_text(encoding="utf-8").partition("\n")[0] for path in paths}
+
+
+@contextmanager
+def recorded_costs(
+    folder: "ResultsFolder", stage: str, part: int = 0, parts: int = 1
+) -> Iterator[None]:
+    """Context of a stage, or of one of its `parts`: its costs are added to the results `folder`."""
+    begin = costs_so_far()
+    yield
+    spent = {name: round(end - begin[name], 3) for name, end in costs_so_far().items()}
+    job = f"{stage}-{part}" if parts > 1 else stage
+    line = json.dumps({"stage": stage, "job": job, "parts": parts} | spent)
+    folder.path.mkdir(parents=True, exist_ok=True)
+    with (folder.path / COSTS).open("a", encoding="utf-8") as file:  # of several processes
+        file.write(line + "\n")
+
+
+def costs(folder: "ResultsFolder") -> dict[str, Any]:
+    """The costs of each job, by its name, and their sum; repeated jobs count once."""
+    path, jobs = folder.path / COSTS, {}
+    lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+    entries = [json.loads(line) for line in lines]
+    parts = {entry["stage"]: entry["parts"] for entry in entries}
+    names = costs_so_far()
+    for entry in entries:
+        if entry["parts"] == parts[entry["stage"]]:
+            jobs.pop(entry["job"], None)  # in the order of the latest repetitions
+            jobs[entry["job"]] = {name: entry[name] for name in names}
+    total = {name: round(sum(job[name] for job in jobs.values()), 3) for name in names}
+    return {"jobs": jobs, "total": total}
 
 
 def end_after_failures(folder: "ResultsFolder") -> None:

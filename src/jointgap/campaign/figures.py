@@ -9,19 +9,19 @@ import pandas as pd
 
 from jointgap.core import plot
 from jointgap.core.plot import CRANK_ANGLE, WIDTH, Drawing, Panel, Quantity, Sheet
-from jointgap.core.words import format_name, format_size, format_unit, number, percent
+from jointgap.core.words import format_name, format_size, format_unit, number
 from jointgap.identification.settings import DEFAULT_SETTINGS
 
 FIGURES = plot.Figures()
 figure = FIGURES.figure
 Tables, Verdict = Mapping[str, pd.DataFrame], Mapping[str, Any]
-_FIRST, _WHERE, _WHAT = "Measured and predicted", "Location of the residual", "Missing effects"
-_BETTER, _PLAN = "Improvement", "Detectability"
 
 SPREADS = "standard deviations of the noise"
 MEAN = Quantity("mean residual", SPREADS)
 GAP = Quantity("gap: root mean square residual", SPREADS)
 COSINE = Quantity("cosine of the sensitivities", "1")
+POSITION = Quantity("slider position", "mm", "$x$")
+SPEED = Quantity("slider velocity", "m/s", "$v$")
 _SAMPLE, _RUN, _EFFECT = Quantity("sample", "1"), Quantity("run", ""), Quantity("effect", "")
 
 BAND = 2.0
@@ -34,6 +34,7 @@ MODELS = {"before": "base", "after": "augmented"}
 
 MOST_RUNS = 3  # columns that are readable on a page
 RANKED = 8  # explanations shown with one effect, and with several
+_DOTS = 1500  # samples shown as dots
 
 
 def list_rows(panel: Panel, names: Sequence[str]) -> None:
@@ -48,7 +49,7 @@ def _moments(before: pd.Series, after: pd.Series) -> list[str]:
     return ["before", "after"] if (before != after).any() else ["before"]
 
 
-def _no_scale(panel: Panel) -> None:
+def _hide_scale(panel: Panel) -> None:
     panel.axes.set_xlabel("")
     panel.axes.tick_params(labelbottom=False)
 
@@ -61,7 +62,7 @@ def _band(panel: Panel, x: np.ndarray, half: np.ndarray, label: str) -> None:
 @figure(
     "measured_against_model",
     "Measured against the model",
-    _FIRST,
+    "Measured and predicted",
     ("residuals", "channel_errors"),
     nothing="no sample to compare with the model",
 )
@@ -73,105 +74,96 @@ def measured_against_model(tables: Tables, verdict: Verdict) -> Drawing:
     crank angle is shown as deviation from steady rotation. If nothing was identified, "after" shows
     the best candidate, if any.
     """
-    return _runs_against_model(tables, MOST_RUNS, WIDTH)
-
-
-ONE_RUN = "measured_against_model_one_run"
-"""Stem of the variant of that figure for narrow screens."""
-
-
-def one_run_against_model(tables: Tables) -> Drawing:
-    """`measured_against_model` with its first run alone."""
-    return _runs_against_model(tables, 1, 4.2)
-
-
-def _runs_against_model(tables: Tables, most_runs: int, least_width: float) -> Drawing:
     samples, errors = tables["residuals"], tables["channel_errors"]
     moments = _moments(samples["base"], samples["augmented"])
-    runs = (
-        errors.sort_values("held_out", ascending=False, kind="stable")
-        .drop_duplicates("run")
-        .head(most_runs)
-    )
-    runs = runs.sort_values("speed", kind="stable")
-    missed = (errors["before"] / errors["noise"]).groupby(errors["channel"]).max()
-    channels = list(missed.sort_values(ascending=False, kind="stable").index)
-    shares, width = [1.7, 1.0] * len(channels), max(least_width, 3.1 * len(runs))
+    by_priority = errors.sort_values("held_out", ascending=False, kind="stable")
+    runs = by_priority.drop_duplicates("run").head(MOST_RUNS).sort_values("speed", kind="stable")
+    misfit = (errors["before"] / errors["noise"]).groupby(errors["channel"]).max()
+    channels = list(misfit.sort_values(ascending=False, kind="stable").index)
     sheet = Sheet(
-        0.7 + 2.9 * len(channels), len(shares), len(runs), width=width, height_ratios=shares
+        0.7 + 2.9 * len(channels),
+        2 * len(channels),
+        len(runs),
+        width=max(WIDTH, 3.1 * len(runs)),
+        height_ratios=[1.7, 1.0] * len(channels),
     )
-    series = dict(list(samples.groupby(["run", "channel", "held_out"], sort=False)))
-    errors = errors.set_index(["run", "channel", "held_out"])
+    keys = ["run", "channel", "held_out"]
+    series = dict(list(samples.groupby(keys, sort=False)))
+    errors = errors.set_index(keys)
     for column, run in enumerate(runs.itertuples()):
         lowest = None
         for row, channel in enumerate(channels):
-            if (key := (run.run, channel, run.held_out)) in series:
-                if lowest is not None:  # only the lowest panel has a scale
-                    _no_scale(lowest)
-                lowest = _pair(sheet, 2 * row, column, series[key], errors.loc[key], moments)
+            key = (run.run, channel, run.held_out)
+            if key in series:
+                if lowest is not None:
+                    _hide_scale(lowest)
+                lowest = _compare(sheet, (2 * row, column), series[key], errors.loc[key], moments)
     sheet.legend()
     return sheet.drawing()
 
 
-def _pair(
-    sheet: Sheet, row: int, column: int, samples: pd.DataFrame, error: pd.Series, moments: list[str]
+def _compare(
+    sheet: Sheet,
+    place: tuple[int, int],
+    samples: pd.DataFrame,
+    error: pd.Series,
+    moments: Sequence[str],
 ) -> Panel:
     """Draw measured and predicted values of a channel above their difference; return the lower
     panel."""
     run, channel, held_out = error.name
-    angular = samples["crank_angle"].notna().any()
-    shown = _one_revolution(samples) if angular else samples
-    angle = shown["crank_angle"].to_numpy(dtype=float)
-    x = np.degrees(angle % tau) if angular else shown["sample"].to_numpy(dtype=float)
-    words, unit = format_name(channel), format_unit(error["unit"])
-    less = angle if channel == "crank_angle" else 0.0
-    name = "deviation" if channel == "crank_angle" else words.split()[-1]
+    is_angular = samples["crank_angle"].notna().any()
+    if is_angular:
+        samples = _latest_revolution(samples)
+    angle, unit = samples["crank_angle"].to_numpy(dtype=float), format_unit(error["unit"])
+    x, abscissa = np.degrees(angle % tau), CRANK_ANGLE
+    if not is_angular:
+        x, abscissa = samples["sample"].to_numpy(dtype=float), _SAMPLE
     names = ["measured", *(MODELS[moment] for moment in moments), "spread"]
-    measured, *predicted, spread = (
-        shown[each].to_numpy(dtype=float) / error["si_per_unit"] for each in names
-    )
-    title = (
-        f"{words}\n{run}, {number(error['speed'] * 30.0 / pi)}"
-        f" rpm{', held out' if held_out else ''}"
-    )
-    abscissa = CRANK_ANGLE if angular else _SAMPLE
-    above = sheet.panel((row, column), title, abscissa, Quantity(name, unit))
-    below = sheet.panel(
-        (row + 1, column), f"{title}: residual", abscissa, Quantity("residual", unit), below=above
-    )
-    rms = (
+    measured, *predicted, spread = samples[names].to_numpy(dtype=float).T / error["si_per_unit"]
+    label = format_name(channel)
+    quantity, steady = Quantity(label.split()[-1], unit), 0.0
+    if channel == "crank_angle":
+        quantity, steady = Quantity("deviation", unit), angle / error["si_per_unit"]
+
+    title = f"{label}\n{run}, {number(error['speed'] * 30.0 / pi)} rpm"
+    title += ", held out" if held_out else ""
+    row, column = place
+    upper = sheet.panel(place, title, abscissa, quantity)
+    residual = Quantity("residual", unit)
+    lower = sheet.panel((row + 1, column), f"{title}: residual", abscissa, residual, below=upper)
+    rms = [
         "unknown" if np.isnan(error[moment]) else f"{error[moment]:#.3g}".rstrip(".")
         for moment in moments
-    )
-    below.axes.set_title(f"RMS {' → '.join(rms)} {unit}")
-    less = less / error["si_per_unit"]
-    above.marks(
-        "measured", x, measured - less, "limit", markersize=3.2, markeredgewidth=0.0, zorder=1.8
-    )
-    for moment, model in zip(moments, predicted, strict=True):
+    ]
+    lower.axes.set_title(f"RMS {' → '.join(rms)} {unit}")
+    style = {"markersize": 3.2, "markeredgewidth": 0.0, "zorder": 1.8}
+    upper.marks("measured", x, measured - steady, "limit", **style)
+    for moment, values in zip(moments, predicted, strict=True):
         style = {"linestyle": (0, (5, 1.5))} if moment == "before" else {}
-        above.line(f"model {moment}", x, model - less, moment, linewidth=1.4, **style)
-        below.line(f"measured − model {moment}", x, measured - model, moment, linewidth=0.9)
-        below.axes.lines[-1].set_label("")  # same colour as above
-    _band(below, x, BAND * spread, "95 % of the noise")
-    if angular:
-        below.over_crank_angle(0.0, 360.0, step=90.0)
-    return below
+        upper.line(f"model {moment}", x, values - steady, moment, linewidth=1.4, **style)
+        lower.line(f"measured − model {moment}", x, measured - values, moment, linewidth=0.9)
+        lower.axes.lines[-1].set_label("")  # same colour as above
+    _band(lower, x, BAND * spread, "95 % of the noise")
+    if is_angular:
+        lower.over_crank_angle(0.0, 360.0, step=90.0)
+    return lower
 
 
-def _one_revolution(samples: pd.DataFrame) -> pd.DataFrame:
+def _latest_revolution(samples: pd.DataFrame) -> pd.DataFrame:
     """The last full revolution, sorted by angle."""
-    known = samples[samples["crank_angle"].notna()]
-    turn = np.floor(known["crank_angle"] / tau)
+    samples = samples.dropna(subset=["crank_angle"])
+    turn = np.floor(samples["crank_angle"] / tau)
     count = turn.value_counts()
-    shown = known[turn == count.index[count >= 0.95 * count.max()].max()]
-    return shown.iloc[np.argsort(shown["crank_angle"].to_numpy() % tau, kind="stable")]
+    samples = samples[turn == count.index[count >= 0.95 * count.max()].max()]
+    order = np.argsort(samples["crank_angle"].to_numpy() % tau, kind="stable")
+    return samples.iloc[order]
 
 
 @figure(
     "disagreement",
     "Map of disagreement",
-    _WHERE,
+    "Location of the residual",
     ("map_bins", "map_windows"),
     nothing="no sample to compare with the model",
 )
@@ -184,28 +176,26 @@ def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import SymLogNorm
 
-    bins = tables["map_bins"].dropna(subset=["mean"])
+    bins, windows = tables["map_bins"].dropna(subset=["mean"]), tables["map_windows"]
     most = plot.round_up(max(1.0, bins["mean"].abs().max()))
     colours = ScalarMappable(SymLogNorm(1.0, vmin=-most, vmax=most), "RdBu_r")
-    runs_of = {
-        channel: list(own["run"].unique()) for channel, own in bins.groupby("channel", sort=False)
-    }
-    shares = [0.75 + len(runs) for runs in runs_of.values()]
-    sheet, above = Sheet(1.25 + 0.32 * sum(shares), len(shares), 1, height_ratios=shares), None
-    for row, (channel, runs) in enumerate(runs_of.items()):
-        above = panel = sheet.panel((row, 0), format_name(channel), CRANK_ANGLE, _RUN, below=above)
-        for place, run in enumerate(runs):
-            own, windows = (
-                table[(table["channel"] == channel) & (table["run"] == run)]
-                for table in (bins, tables["map_windows"])
-            )
-            spans = list(zip(own["start_deg"], own["end_deg"] - own["start_deg"], strict=True))
+    channels = dict(list(bins.groupby("channel", sort=False)))
+    heights = [0.75 + part["run"].nunique() for part in channels.values()]
+    sheet = Sheet(1.25 + 0.32 * sum(heights), len(heights), 1, height_ratios=heights)
+    panel = None
+    for row, (channel, part) in enumerate(channels.items()):
+        panel = sheet.panel((row, 0), format_name(channel), CRANK_ANGLE, _RUN, below=panel)
+        for place, (run, spans) in enumerate(part.groupby("run", sort=False)):
+            ranges = spans.assign(width=spans["end_deg"] - spans["start_deg"])
             panel.axes.broken_barh(
-                spans, (place - 0.4, 0.8), facecolors=colours.to_rgba(own["mean"].to_numpy())
+                ranges[["start_deg", "width"]].to_numpy(),
+                (place - 0.4, 0.8),
+                facecolors=colours.to_rgba(spans["mean"].to_numpy()),
             )
-            _record_spans(panel, MEAN.name, place, run, own)
-            _outline(panel, place, run, windows)
-        list_rows(panel, runs)
+            _record_spans(panel, MEAN.name, place, run, spans)
+            is_shown = (windows["channel"] == channel) & (windows["run"] == run)
+            _outline(panel, place, run, windows[is_shown])
+        list_rows(panel, list(part["run"].unique()))
         panel.axes.grid(False)
         panel.over_crank_angle(0.0, 360.0)
     axes = [panel.axes for panel in sheet.panels]
@@ -214,47 +204,46 @@ def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
     )
     bar.ax.minorticks_off()
     bar.ax.xaxis.set_major_formatter(plot.tick_label)
-    if len(tables["map_windows"]):
+    if len(windows):
         sheet.legend()
     return sheet.drawing()
 
 
 def _record_spans(panel: Panel, series: str, place: int, run: str, spans: pd.DataFrame) -> None:
     low, high = spans["start_deg"], spans["end_deg"]
-    shown = {
-        "value": spans["mean"],
-        "value_quantity": MEAN.name,
-        "value_unit": MEAN.unit,
-        "label": [run] * len(spans),
-    }
     panel.record(
-        series, (low + high) / 2.0, np.full(len(spans), float(place)), low=low, high=high, **shown
+        series,
+        (low + high) / 2.0,
+        np.full(len(spans), float(place)),
+        low=low,
+        high=high,
+        value=spans["mean"],
+        value_quantity=MEAN.name,
+        value_unit=MEAN.unit,
+        label=[run] * len(spans),
     )
 
 
 def _outline(panel: Panel, place: int, run: str, windows: pd.DataFrame) -> None:
     from matplotlib.patches import Rectangle
 
-    across = windows["start_deg"] >= windows["end_deg"]  # across dead centre: outlined at both ends
-    ends = (
-        windows.assign(end_deg=windows["end_deg"].where(~across, 360.0)),
-        windows[across].assign(start_deg=0.0),
-    )
     series = "window with a significant residual"
-    for spans in ends:
+    crosses = windows["start_deg"] >= windows["end_deg"]  # across 0: outlined at both ends
+    for spans in (
+        windows.assign(end_deg=windows["end_deg"].where(~crosses, 360.0)),
+        windows[crosses].assign(start_deg=0.0),
+    ):
         for low, high in zip(spans["start_deg"], spans["end_deg"], strict=True):
-            frame = Rectangle(
-                (low, place - 0.43), high - low, 0.86, fill=False, edgecolor=plot.INK, linewidth=1.3
-            )
-            frame.set(label=series, zorder=3)
-            panel.axes.add_patch(frame)
+            style = {"fill": False, "edgecolor": plot.INK, "linewidth": 1.3, "zorder": 3}
+            corner = (low, place - 0.43)
+            panel.axes.add_patch(Rectangle(corner, high - low, 0.86, label=series, **style))
         _record_spans(panel, series, place, run, spans)
 
 
 @figure(
     "residuals",
     "Residuals before and after",
-    _WHERE,
+    "Location of the residual",
     ("residuals", "channel_errors"),
     nothing="no sample to compare with the model",
 )
@@ -271,73 +260,58 @@ def residuals(tables: Tables, verdict: Verdict) -> Drawing:
         for moment, model in MODELS.items()
     }
     moments, samples = _moments(*whitened.values()), samples.assign(**whitened)
-    runs, channels = (
-        list(tables["channel_errors"]["run"].unique()),
-        list(samples["channel"].unique()),
-    )
-    sheet = Sheet(
-        0.8 + 1.75 * len(channels), len(channels), len(runs), width=max(WIDTH, 2.9 * len(runs))
-    )
+    runs = list(tables["channel_errors"]["run"].unique())
+    channels = list(samples["channel"].unique())
+    width = max(WIDTH, 2.9 * len(runs))
+    sheet = Sheet(0.8 + 1.75 * len(channels), len(channels), len(runs), width=width)
     largest = samples[moments].abs().max(axis=1).groupby(samples["channel"]).max()
-    last = samples.groupby("run")["channel"].last()
-    for (run, channel), own in samples.groupby(["run", "channel"], sort=False):
-        angular = own["crank_angle"].notna().any()
-        title = f"{run}{', held out' if own['held_out'].all() else ''}: {format_name(channel)}"
-        place, x = (channels.index(channel), runs.index(run)), CRANK_ANGLE if angular else _SAMPLE
-        panel = sheet.panel(place, title, x, Quantity("residual", "noise sd"))
-        _dots(panel, own.dropna(subset=["crank_angle"]) if angular else own, moments, angular)
-        panel.axes.set_ylim(-1.08 * largest[channel], 1.08 * largest[channel])
+    lowest = samples.groupby("run")["channel"].last()
+    for (run, channel), series in samples.groupby(["run", "channel"], sort=False):
+        is_angular = series["crank_angle"].notna().any()
+        title = f"{run}{', held out' if series['held_out'].all() else ''}: {format_name(channel)}"
+        row, column = channels.index(channel), runs.index(run)
+        abscissa, ordinate = (
+            CRANK_ANGLE if is_angular else _SAMPLE,
+            Quantity("residual", "noise sd"),
+        )
+        panel = sheet.panel((row, column), title, abscissa, ordinate)
+        if is_angular:
+            series = series.dropna(subset=["crank_angle"])
+        _dots(panel, series, moments, is_angular)
+        limit = 1.08 * largest[channel]
         if largest[channel] > 12.0:
             panel.linear_then_logarithmic(BAND, named=False)
             panel.axes.set_ylabel(f"logarithmic beyond {BAND:g}\n{panel.y.label}")
-            panel.axes.set_ylim(-1.5 * largest[channel], 1.5 * largest[channel])
-        if channel != last[run]:
-            _no_scale(panel)
-        if place[1]:
+            limit = 1.5 * largest[channel]
+        panel.axes.set_ylim(-limit, limit)
+        if channel != lowest[run]:
+            _hide_scale(panel)
+        if column:
             panel.axes.set_ylabel("")
             panel.axes.tick_params(labelleft=False)
     sheet.legend()
     return sheet.drawing()
 
 
-def _dots(
-    panel: Panel, samples: pd.DataFrame, moments: list[str], angular: bool, most: int = 1500
-) -> None:
+def _dots(panel: Panel, samples: pd.DataFrame, moments: Sequence[str], is_angular: bool) -> None:
     """Some of the samples, and means of all samples in 72 equal intervals (5 deg)."""
-    x = (np.degrees(samples["crank_angle"]) % 360.0 if angular else samples["sample"]).to_numpy(
-        dtype=float
-    )
-    few = np.unique(np.linspace(0, len(x) - 1, min(most, len(x))).astype(int))
+    x = np.degrees(samples["crank_angle"]) % 360.0 if is_angular else samples["sample"]
+    x = x.to_numpy(dtype=float)
+    few = np.unique(np.linspace(0, len(x) - 1, min(_DOTS, len(x))).astype(int))
     edges = np.linspace(x.min(), x.max(), 73)
-    place = pd.cut(x, edges, labels=False, include_lowest=True)
-    style = {
-        "marker": ".",
-        "markersize": 2.0,
-        "alpha": 0.3,
-        "markeredgewidth": 0.0,
-        "rasterized": True,
-    }
+    centres = (edges[1:] + edges[:-1]) / 2.0
+    interval = pd.cut(x, edges, labels=False, include_lowest=True)
+    dots = {"marker": ".", "markersize": 2.0, "markeredgewidth": 0.0}
+    dots |= {"alpha": 0.3, "rasterized": True}
     for moment in moments:
-        panel.marks(f"{moment}, samples", x[few], samples[moment].to_numpy()[few], moment, **style)
+        panel.marks(f"{moment}, samples", x[few], samples[moment].to_numpy()[few], moment, **dots)
         panel.axes.lines[-1].set_label("")  # too small for the legend
-        means = (
-            samples[moment].groupby(place).mean().reindex(range(72))
-        )  # NaN of an empty interval breaks the curve
-        panel.line(
-            f"{moment}, mean",
-            (edges[1:] + edges[:-1]) / 2.0,
-            means,
-            moment,
-            linewidth=1.3,
-            zorder=3,
-        )
-    _band(
-        panel,
-        np.array([x.min(), x.max()]),
-        np.full(2, BAND),
-        f"noise: {BAND:g} standard deviations",
-    )
-    if angular:
+        # NaN of an empty interval breaks the curve
+        means = samples[moment].groupby(interval).mean().reindex(range(72))
+        panel.line(f"{moment}, mean", centres, means, moment, linewidth=1.3, zorder=3)
+    label = f"noise: {BAND:g} standard deviations"
+    _band(panel, np.array([x.min(), x.max()]), np.full(2, BAND), label)
+    if is_angular:
         panel.over_crank_angle(0.0, 360.0, step=90.0)
 
 
@@ -359,20 +333,20 @@ _APART = DEFAULT_SETTINGS.decision.min_delta_bic
 def _short_name(label: str) -> str:
     """Label of an explanation: ``slider Coulomb friction + gravity``, ``slider force v^3 + 1`` of a
     force law."""
-    parts = label.split(" + ")
-    law = [one for one in parts if one.startswith("discovered_")]
-    terms = [one.partition("[")[2].removesuffix("]") for one in law]
-    named = [format_name(one) for one in parts if one not in law]
+    labels = label.split(" + ")
+    names = [format_name(effect) for effect in labels if not effect.startswith("discovered_")]
+    law = [effect.partition("[") for effect in labels if effect.startswith("discovered_")]
     if law:
-        effect = law[0].partition("[")[0].removeprefix("discovered_")
-        named.append(f"{format_name(effect)}: {', '.join(terms)}")
-    return " + ".join(named)
+        effect = law[0][0].removeprefix("discovered_")
+        terms = ", ".join(term.removesuffix("]") for _, _, term in law)
+        names.append(f"{format_name(effect)}: {terms}")
+    return " + ".join(names)
 
 
 @figure(
     "ranking",
     "Candidates ranked",
-    _WHAT,
+    "Missing effects",
     ("ranking",),
     nothing="no candidate was fitted, as there is no significant residual",
 )
@@ -386,53 +360,40 @@ def ranking(tables: Tables, verdict: Verdict) -> Drawing:
     """
     from matplotlib.ticker import FixedLocator
 
-    base = {
-        "explanation": BASE,
-        "kind": "base",
-        "delta_bic": 0.0,
-        "explained_share": 0.0,
-        "place": "",
+    base = {"explanation": BASE, "kind": "base", "delta_bic": 0.0}
+    base |= {"explained_share": 0.0, "place": ""}
+    fits = tables["ranking"].query("kind != 'base'").dropna(subset=["delta_bic"])
+    fits = fits.sort_values("delta_bic")[list(base)]
+    fits = fits.groupby(fits["kind"] == "single").tail(RANKED)
+    fits = pd.concat([fits, pd.DataFrame([base])])
+    fits = fits.sort_values("delta_bic", ascending=False, kind="stable", ignore_index=True)
+    distance = fits["delta_bic"].max() - fits["delta_bic"]
+    series = {
+        label: (colour, (fits["kind"] == kind) & (fits["place"] == ""), {})
+        for kind, (label, colour) in _KINDS.items()
     }
-    fits = (
-        tables["ranking"]
-        .query("kind != 'base'")
-        .dropna(subset=["delta_bic"])
-        .sort_values("delta_bic")[list(base)]
-    )
-    best = fits.groupby(fits["kind"] == "single").tail(RANKED)
-    best = pd.concat([best, pd.DataFrame([base])]).sort_values(
-        "delta_bic", ascending=False, kind="stable"
-    )
-    names = [_short_name(label).replace(" + ", " +\n") for label in best["explanation"]]
-    sheet = Sheet(1.35 + 0.31 * max(3, len(best)), 1, 2, width_ratios=(1.25, 1.0))
-    shown = {
-        Quantity("BIC minus that of the best", "1"): best["delta_bic"].max() - best["delta_bic"],
-        Quantity("explained share", "1"): best["explained_share"].clip(-0.1, 1.1),
+    diamond = {"marker": "D", "markersize": 6.0}
+    for place, label in _PLACES.items():
+        series[label] = ("named", fits["place"] == place, diamond)
+    names = [_short_name(label).replace(" + ", " +\n") for label in fits["explanation"]]
+    sheet = Sheet(1.35 + 0.31 * max(3, len(fits)), 1, 2, width_ratios=(1.25, 1.0))
+    columns = {
+        "distance to the best": (Quantity("BIC minus that of the best", "1"), distance),
+        "explained misfit": (
+            Quantity("explained share", "1"),
+            fits["explained_share"].clip(-0.1, 1.1),
+        ),
     }
-    titles, place = ("distance to the best", "explained misfit"), np.arange(len(best))
-    for column, (quantity, values) in enumerate(shown.items()):
-        panel = sheet.panel((0, column), titles[column], quantity, Quantity("explanation", ""))
-        series = {
-            words: (colour, best["kind"].eq(kind) & best["place"].eq(""), {})
-            for kind, (words, colour) in _KINDS.items()
-        }
-        diamond = {"marker": "D", "markersize": 6.0}
-        series |= {
-            words: ("named", best["place"] == name, diamond) for name, words in _PLACES.items()
-        }
-        for words, (colour, own, style) in series.items():
-            if own.any():
-                panel.marks(
-                    words,
-                    values[own],
-                    place[own],
-                    colour,
-                    labels=list(best["explanation"][own]),
-                    **style,
-                )
+    for column, (title, (quantity, values)) in enumerate(columns.items()):
+        panel = sheet.panel((0, column), title, quantity, Quantity("explanation", ""))
+        for label, (colour, rows, style) in series.items():
+            if rows.any():
+                explanations = list(fits["explanation"][rows])
+                x, y = values[rows], fits.index[rows]
+                panel.marks(label, x, y, colour, labels=explanations, **style)
         list_rows(panel, names)
     behind, share = sheet.panels
-    farthest = max(float(best["delta_bic"].max() - best["delta_bic"].min()), _APART)
+    farthest = max(float(distance.max()), _APART)
     behind.vertical_line("very strong evidence from here", _APART)
     behind.axes.set_xscale("symlog", linthresh=_APART, linscale=0.7)
     decades = 10.0 ** np.arange(1, 12)
@@ -445,21 +406,19 @@ def ranking(tables: Tables, verdict: Verdict) -> Drawing:
     return sheet.drawing()
 
 
-POSITION, SPEED = (
-    Quantity("slider position", "mm", "$x$"),
-    Quantity("slider velocity", "m/s", "$v$"),
-)
 FORCES = {
-    "slider_force": Quantity("force on the slider", "N"),
-    "crank_torque": Quantity("torque on the crank", "N m"),
+    "slider_force": (Quantity("force on the slider", "N"), POSITION),
+    "crank_torque": (Quantity("torque on the crank", "N m"), CRANK_ANGLE),
 }
+"""Quantity and its second abscissa."""
+
 _COLOURS = ("paper", "after", "network", "optimised", "spline", "other", "ideal")
 
 
 @figure(
     "missing_force",
     "The missing force",
-    _WHAT,
+    "Missing effects",
     ("missing_force",),
     nothing="no force or torque was identified",
 )
@@ -469,41 +428,45 @@ def missing_force(tables: Tables, verdict: Verdict) -> Drawing:
     colour over both. A mass, a length, a clearance or a sensor fault exerts no force.
     """
     samples = tables["missing_force"]
-    shown = {name: force for name, force in FORCES.items() if samples[name].abs().max() > 0.0}
-    if not shown:
-        return plot.message_sheet(FIGURES["missing_force"].title, FIGURES["missing_force"].nothing)
-    values = {SPEED: samples["slider_velocity"], POSITION: 1e3 * samples["slider_position"]}
-    values[CRANK_ANGLE] = np.degrees(samples["crank_angle"])
-    sheet = Sheet(0.5 + 2.7 * len(shown), len(shown), 3, width=10.5)
-    for row, (name, force) in enumerate(shown.items()):
-        for column, quantity in enumerate(
-            (SPEED, POSITION if name == "slider_force" else CRANK_ANGLE)
-        ):
-            panel = sheet.panel(
-                (row, column), f"{force.name} over {quantity.name}", quantity, force
-            )
+    forces = {name: force for name, force in FORCES.items() if samples[name].abs().max() > 0.0}
+    if not forces:
+        spec = FIGURES["missing_force"]
+        return plot.message_sheet(spec.title, spec.nothing)
+    values = {
+        SPEED: samples["slider_velocity"],
+        POSITION: 1e3 * samples["slider_position"],
+        CRANK_ANGLE: np.degrees(samples["crank_angle"]),
+    }
+    sheet = Sheet(0.5 + 2.7 * len(forces), len(forces), 3, width=10.5)
+    for row, (name, (force, abscissa)) in enumerate(forces.items()):
+        for column, quantity in enumerate((SPEED, abscissa)):
+            title = f"{force.name} over {quantity.name}"
+            panel = sheet.panel((row, column), title, quantity, force)
             for place, run in enumerate(samples["run"].unique()):
-                own = samples["run"] == run
-                style = {"linewidth": 5.0 * 0.5**place + 0.7}  # curves may coincide
+                rows = samples["run"] == run
+                width = 5.0 * 0.5**place + 0.7  # curves may coincide
                 colour = _COLOURS[place % len(_COLOURS)]
-                panel.line(f"run {run}", values[quantity][own], samples[name][own], colour, **style)
+                x, y = values[quantity][rows], samples[name][rows]
+                panel.line(f"run {run}", x, y, colour, linewidth=width)
             panel.axes.axhline(0.0, color="#777777", linewidth=0.8)
             if quantity is CRANK_ANGLE:
                 panel.over_crank_angle(0.0, 360.0)
         panel = sheet.panel((row, 2), f"{force.name} as colour", POSITION, SPEED)
         most = samples[name].abs().max()
-        style = {
-            "cmap": "RdBu_r",
-            "vmin": -most,
-            "vmax": most,
-            "s": 9.0,
-            "linewidths": 0.0,
-            "rasterized": True,
-        }
-        drawn = panel.axes.scatter(values[POSITION], values[SPEED], c=samples[name], **style)
-        recorded = {"value": samples[name], "value_quantity": force.name, "value_unit": force.unit}
-        panel.record(force.name, values[POSITION], values[SPEED], **recorded)
-        sheet.figure.colorbar(drawn, ax=panel.axes, label=force.label)
+        colours = panel.axes.scatter(
+            values[POSITION],
+            values[SPEED],
+            c=samples[name],
+            cmap="RdBu_r",
+            vmin=-most,
+            vmax=most,
+            s=9.0,
+            linewidths=0.0,
+            rasterized=True,
+        )
+        shown = {"value": samples[name], "value_quantity": force.name, "value_unit": force.unit}
+        panel.record(force.name, values[POSITION], values[SPEED], **shown)
+        sheet.figure.colorbar(colours, ax=panel.axes, label=force.label)
     sheet.legend()
     return sheet.drawing()
 
@@ -511,7 +474,7 @@ def missing_force(tables: Tables, verdict: Verdict) -> Drawing:
 ROLES = {"confirm": "held-out data", "identify": "fitted data"}
 
 
-@figure("gaps", "Gap before and after", _BETTER, ("gaps",), nothing="no gap was computed")
+@figure("gaps", "Gap before and after", "Improvement", ("gaps",), nothing="no gap was computed")
 def gaps(tables: Tables, verdict: Verdict) -> Drawing:
     """Root mean square residual in standard deviations of the noise by run and channel, with 90 %
     bootstrap intervals; 1 is noise. Held-out data were used neither for fitting nor for selection.
@@ -519,40 +482,35 @@ def gaps(tables: Tables, verdict: Verdict) -> Drawing:
     """
     table = tables["gaps"]
     moments = _moments(table["before"], table["after"])
-    by_role = {
-        role: table[table["role"] == role] for role in ROLES if (table["role"] == role).any()
-    }
-    counts = [len(own) for own in by_role.values()]
-    height = 1.2 + sum(0.55 + 0.2 * count for count in counts)
-    sheet, above = (
-        Sheet(height, len(counts), 1, height_ratios=[2 + count for count in counts]),
-        None,
-    )
+    by_role = {role: table[table["role"] == role] for role in ROLES}
+    by_role = {role: rows for role, rows in by_role.items() if len(rows)}
+    counts = [len(rows) for rows in by_role.values()]
+    height, ratios = 1.2 + sum(0.55 + 0.2 * count for count in counts), [2 + n for n in counts]
+    sheet, panel = Sheet(height, len(counts), 1, height_ratios=ratios), None
     ends = table[[f"{moment}{end}" for moment in moments for end in ("", "_low", "_high")]]
     limits = 0.85 * min(ends.min().min(), 0.9), 1.2 * max(ends.max().max(), 1.5)
-    for row, (role, own) in enumerate(by_role.items()):
+    offsets = {"before": -0.14, "after": 0.14} if len(moments) == 2 else {"before": 0.0}
+    for row, (role, rows) in enumerate(by_role.items()):
+        # all runs first, and of each run all channels first
         order = pd.DataFrame(
             {
-                "alone": own["run"] != "all",
-                "run": pd.factorize(own["run"])[0],
-                "one": own["channel"] != "all",
+                "single_run": rows["run"] != "all",
+                "run": pd.factorize(rows["run"])[0],
+                "single_channel": rows["channel"] != "all",
             }
         )
-        own = own.loc[order.sort_values(["alone", "run", "one"], kind="stable").index]
-        labels = [
-            ("all runs" if one.run == "all" else f"run {one.run}")
-            + ("" if one.channel == "all" else f", {format_name(one.channel)}")
-            for one in own.itertuples()
-        ]
-        above = panel = sheet.panel((row, 0), ROLES[role], GAP, _RUN, below=above)
+        rows = rows.loc[order.sort_values(list(order), kind="stable").index]
+        names = []
+        for gap in rows.itertuples():
+            name = "all runs" if gap.run == "all" else f"run {gap.run}"
+            names.append(name + ("" if gap.channel == "all" else f", {format_name(gap.channel)}"))
+        panel = sheet.panel((row, 0), ROLES[role], GAP, _RUN, below=panel)
         for moment in moments:
-            place = np.arange(len(own)) + (
-                0.0 if len(moments) == 1 else -0.14 if moment == "before" else 0.14
-            )
-            value, low, high = (own[f"{moment}{end}"] for end in ("", "_low", "_high"))
+            place = np.arange(len(rows)) + offsets[moment]
+            value, low, high = (rows[f"{moment}{end}"] for end in ("", "_low", "_high"))
             marker = "D" if moment == "after" else "o"
-            panel.marks(moment, value, place, moment, low, high, labels, along="x", marker=marker)
-        list_rows(panel, labels)
+            panel.marks(moment, value, place, moment, low, high, names, along="x", marker=marker)
+        list_rows(panel, names)
         panel.vertical_line("noise alone", 1.0)
         panel.axes.set_xscale("log")
         panel.axes.set_xlim(*limits)
@@ -562,100 +520,9 @@ def gaps(tables: Tables, verdict: Verdict) -> Drawing:
 
 
 @figure(
-    "optimum",
-    "Optimum before and after",
-    _BETTER,
-    ("campaign_optimum",),
-    nothing="no optimum: no effect was added to the mechanism, or all joints are ideal",
-)
-def optimum(tables: Tables, verdict: Verdict) -> Drawing:
-    """Link lengths with the smallest error of the transmission angle, for the current model
-    (before) and with the effects of the verdict (after). Right: RMS error at the original and the
-    optimal lengths, with the reduction. Frozen: estimate with unchanged joint motion. Re-simulated:
-    the result that counts. A model without loose joints has no optimum.
-    """
-    optima = tables["campaign_optimum"].dropna(subset=["crank_length"])
-    if optima.empty:
-        return plot.message_sheet(
-            "Optimum before and after", "the optimisation failed: see the summary"
-        )
-    series = {model: moment for moment, model in MODELS.items()}
-    optima = optima.assign(series=optima["model"].map(series)).sort_values(
-        ["source", "model"], ascending=[True, False]
-    )
-    rows = list(optima.itertuples())
-    sheet = Sheet(1.0 + 0.32 * max(3, len(rows)), 1, 3, width=9.0, width_ratios=[1.0, 1.0, 1.3])
-    titles = {"crank length": "optimal crank length", "rod length": "optimal rod length"}
-    titles["RMS error"] = "RMS error of the transmission angle"
-    panels = [
-        sheet.panel(
-            (0, column),
-            title,
-            Quantity(name, "mdeg" if "RMS" in name else "mm"),
-            Quantity("model", ""),
-        )
-        for column, (name, title) in enumerate(titles.items())
-    ]
-    error = panels[2]
-    for place, row in enumerate(rows):
-        diamond = {"labels": [row.source], "marker": "D"}
-        for panel, length in zip(panels, (row.crank_length, row.rod_length), strict=False):
-            panel.marks(row.series, [1e3 * length], [place], row.series, **diamond)
-            _annotate(
-                panel,
-                1e3 * length,
-                place,
-                f"{1e3 * length:.2f} mm{', at a bound' if row.at_edge else ''}",
-            )
-        original, optimal = (1e3 * np.degrees(value) for value in (row.rms_before, row.rms_after))
-        error.line("reduction", [original, optimal], [place, place], "limit", linewidth=1.0)
-        error.axes.lines[-1].set_label("")
-        error.marks(
-            "original lengths",
-            [original],
-            [place],
-            "other",
-            labels=[row.source],
-            markerfacecolor="white",
-        )
-        error.marks("optimal lengths", [optimal], [place], row.series, **diamond)
-        changes = {"frozen": -row.reduction, "re-simulated": -row.resimulated}
-        texts = [
-            f"{name} {percent(change).replace('-', '−')}"
-            for name, change in changes.items()
-            if pd.notna(change)
-        ]
-        _annotate(error, 0.0, place, ", ".join(texts))
-    for panel, length in zip(panels, ("crank_length", "rod_length"), strict=False):
-        low, high = 1e3 * optima[length].min(), 1e3 * optima[length].max()
-        half = max(
-            0.75 * (high - low), 1e-3 * (low + high)
-        )  # so that a change of 0.1 % looks small
-        panel.axes.set_xlim((low + high) / 2.0 - half, (low + high) / 2.0 + half)
-        panel.axes.locator_params(axis="x", nbins=4)
-    error.axes.set_xlim(0.0, 1.08e3 * np.degrees(optima["rms_before"].max()))
-    for panel in panels:
-        list_rows(
-            panel,
-            [
-                f"{row.series}, {format_name(row.source)}" if panel is panels[0] else ""
-                for row in rows
-            ],
-        )
-        panel.axes.set_ylim(len(rows) - 0.4, -0.75)
-    sheet.legend([error])
-    return sheet.drawing()
-
-
-def _annotate(panel: Panel, x: float, place: float, text: str) -> None:
-    style = {"ha": "center" if x else "left", "va": "bottom", "fontsize": 8.0}
-    panel.axes.annotate(text, (x, place), (0, 5), textcoords="offset points", **style)
-
-
-@figure(
     "confusability",
     "Confusable effects",
-    _PLAN,
+    "Detectability",
     ("confusability",),
     nothing="there are no candidates to compare",
 )
@@ -669,66 +536,54 @@ def confusability(tables: Tables, verdict: Verdict) -> Drawing:
     pairs = tables["confusability"].assign(cosine=lambda table: table["cosine"].abs())
     matrix = pairs.pivot_table(index="first", columns="second", values="cosine", dropna=False)
     matrix = matrix.combine_first(matrix.T).fillna(0.0)
-    groups = [
-        own
-        for group in verdict.get("preflight", {}).get("merged", ())
-        if len(own := [label for label in group if label in matrix.index]) > 1
-    ]
-    labels = _order_by_likeness(matrix, groups)
+    merged = verdict.get("preflight", {}).get("merged", ())
+    groups = [[label for label in group if label in matrix.index] for group in merged]
+    groups = [group for group in groups if len(group) > 1]
+    grouped = [label for group in groups for label in group]
+    labels = [*grouped, *(label for label in matrix.index if label not in grouped)]
     cosine, count = matrix.loc[labels, labels].to_numpy(), len(labels)
     size = 3.6 + 0.25 * count
     sheet = Sheet(size * 0.95, 1, 1, width=size)
     panel = sheet.panel((0, 0), "similarity of effects", _EFFECT, _EFFECT)
-    drawn = panel.axes.imshow(cosine, cmap="Blues", vmin=0, vmax=1)
-    y, x = (place.ravel().astype(float) for place in np.indices(cosine.shape))
-    shown = {
-        "label": [f"{first} / {second}" for first in labels for second in labels],
-        "value": cosine.ravel(),
-    }
-    panel.record(COSINE.name, x, y, value_quantity=COSINE.name, value_unit=COSINE.unit, **shown)
+    image = panel.axes.imshow(cosine, cmap="Blues", vmin=0, vmax=1)
+    y, x = (index.ravel().astype(float) for index in np.indices(cosine.shape))
+    panel.record(
+        COSINE.name,
+        x,
+        y,
+        value=cosine.ravel(),
+        value_quantity=COSINE.name,
+        value_unit=COSINE.unit,
+        label=[f"{first} / {second}" for first in labels for second in labels],
+    )
     for (row, column), value in np.ndenumerate(cosine):
         if row != column and value >= 0.5:
-            ink, text = "white" if value > 0.6 else "black", f"{value:.2f}".lstrip("0")
-            panel.axes.text(column, row, text, ha="center", va="center", color=ink, fontsize=6.0)
+            style = {"ha": "center", "va": "center", "fontsize": 6.0}
+            style["color"] = "white" if value > 0.6 else "black"
+            panel.axes.text(column, row, f"{value:.2f}".lstrip("0"), **style)
+    series = "indistinguishable in these runs"
     for group in groups:
-        places, series = sorted(map(labels.index, group)), "indistinguishable in these runs"
-        edge = Rectangle(
-            (places[0] - 0.5, places[0] - 0.5), len(places), len(places), fill=False, linewidth=1.8
-        )
-        edge.set(edgecolor=plot.COLOURS["before"], label=series, zorder=3)
-        panel.axes.add_patch(edge)
+        places = sorted(map(labels.index, group))
+        corner = (places[0] - 0.5, places[0] - 0.5)
+        style = {"fill": False, "linewidth": 1.8, "edgecolor": plot.COLOURS["before"], "zorder": 3}
+        square = Rectangle(corner, len(places), len(places), label=series, **style)
+        panel.axes.add_patch(square)
         panel.record(series, places, places, label=[labels[place] for place in places])
     names = [format_name(label) for label in labels]
     panel.axes.set_xticks(range(count), names, rotation=90, fontsize=7.0)
     panel.axes.set_yticks(range(count), names, fontsize=7.0)
     panel.axes.set(xlabel="", ylabel="")
     panel.axes.grid(False)
-    sheet.figure.colorbar(drawn, ax=panel.axes, label=COSINE.label, shrink=0.6)
+    sheet.figure.colorbar(image, ax=panel.axes, label=COSINE.label, shrink=0.6)
     if groups:
         sheet.legend()
     return sheet.drawing()
 
 
-def _order_by_likeness(matrix: pd.DataFrame, groups: list[list[str]]) -> list[str]:
-    """Labels sorted so that similar effects, and those of each group, are neighbours."""
-    from scipy.cluster.hierarchy import leaves_list, linkage
-    from scipy.spatial.distance import squareform
-
-    if len(matrix) < 3:
-        return list(matrix.index)
-    distance = 2.0 - matrix
-    for group in groups:
-        distance.loc[group, group] = 0.0  # less than any other distance
-    values = distance.to_numpy(copy=True)
-    np.fill_diagonal(values, 0.0)
-    tree = linkage(squareform(values, checks=False), "average", optimal_ordering=True)
-    return list(matrix.index[leaves_list(tree)])
-
-
 @figure(
     "detectable",
     "Smallest detectable sizes",
-    _PLAN,
+    "Detectability",
     ("detectable",),
     nothing="there are no candidates to detect",
 )
@@ -741,37 +596,32 @@ def detectable(tables: Tables, verdict: Verdict) -> Drawing:
     effects = tables["detectable"]
     ratio = (effects["smallest_detectable"] / effects["typical"]).abs()
     effects = effects.assign(ratio=ratio.where(~effects["falls"], 1.0 / ratio))
-    effects = effects.sort_values("ratio", na_position="last").reset_index(drop=True)
+    effects = effects.sort_values("ratio", na_position="last", ignore_index=True)
     sheet = Sheet(1.3 + 0.21 * len(effects), 1, 1)
     quantity = Quantity("smallest detectable size / size that causes a gap of 1.5", "1")
     panel = sheet.panel((0, 0), "smallest detectable size of each effect", quantity, _EFFECT)
-    seen = effects[effects["detectable"].astype(bool)]
-    panel.marks(
-        "smallest detectable size", seen["ratio"], seen.index, "after", labels=list(seen["label"])
-    )
+    rows = effects[effects["detectable"].astype(bool)]
+    series, labels = "smallest detectable size", list(rows["label"])
+    panel.marks(series, rows["ratio"], rows.index, "after", labels=labels)
     list_rows(panel, [format_name(label) for label in effects["label"]])
     panel.vertical_line("size that causes a gap of 1.5", 1.0)
+    low, high = np.fmin(rows["ratio"].min(), 0.2), np.fmax(rows["ratio"].max(), 1.0)
     panel.axes.set_xscale("log")
-    panel.axes.set_xlim(
-        0.7 * np.fmin(seen["ratio"].min(), 0.2), 2.0 * np.fmax(seen["ratio"].max(), 1.0)
-    )
+    panel.axes.set_xlim(0.7 * low, 2.0 * high)
     panel.axes.xaxis.set_major_formatter(plot.tick_label)
+    sizes = [_detectable_size(row) for row in effects.itertuples()]
     right_axis = panel.axes.secondary_yaxis("right")
-    right_axis.set_yticks(
-        range(len(effects)), [_detectable_size(row) for row in effects.itertuples()]
-    )
+    right_axis.set_yticks(range(len(effects)), sizes)
     right_axis.tick_params(length=0)
     right_axis.spines["right"].set_visible(False)
     sheet.legend()
     return sheet.drawing()
 
 
-def _detectable_size(effect) -> str:
+def _detectable_size(effect: Any) -> str:
     if pd.notna(effect.failed):
         return "not simulated"
-    size = (
-        format_size(effect.smallest_detectable, effect.unit)
-        if effect.detectable
-        else "not detectable"
-    )
-    return f"up to {size}" if effect.detectable and effect.falls else size
+    if not effect.detectable:
+        return "not detectable"
+    size = format_size(effect.smallest_detectable, effect.unit)
+    return f"up to {size}" if effect.falls else size

@@ -8,61 +8,40 @@ from typing import Any
 import pandas as pd
 
 from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT
-from jointgap.campaign.sentences import label_of
+from jointgap.campaign.facts import facts
 from jointgap.campaign.verdict_json import read
+from jointgap.core.facts import metrics
 from jointgap.core.publish import Dataset, Record
 from jointgap.core.results_folder import ResultsFolder
 
 DESCRIPTION = "Identification of missing effects"
 
-_MEASURES = ("chi2", "bic", "delta_bic", "explained_share", "parameters", "simulations", "seconds")
+_METRICS = ("chi2", "bic", "delta_bic", "explained_share", "parameters")
 _COSTS = ("simulations", "seconds")
 
 
 def records(folder: Path) -> list[Record]:
     """The campaign's run, then its nested ones."""
-    places, verdict = ResultsFolder(folder), read(folder / VERDICT)
-    metrics = {
-        f"gap/{role}_{when}": value
-        for role, gap in verdict["gap"].items()
-        for when, value in gap.items()
-    }
-    metrics |= {"windows": len(verdict["where"]), "equivalent": len(verdict["equivalent"])}
-    for effect in verdict["effects"]:
-        own = f"effect/{label_of(effect).replace(':', '_')}"  # some stores reject a colon
-        metrics[f"{own}_delta_bic"] = effect["delta_bic"]
-        for name, estimate in effect["parameters"].items():
-            if not isinstance(estimate["value"], str):
-                metrics[f"{own}_{name}"] = estimate["value"]
-    named = _labels(verdict["effects"])
-    pictures = sorted(
-        path for path in (folder / "figures").glob("*") if path.suffix in (".svg", ".png")
-    )
-    files = {
-        name: folder / name
-        for name in (VERDICT, MECHANISM, *SUMMARIES)
-        if (folder / name).is_file()
-    }
+    tables, verdict = ResultsFolder(folder), read(folder / VERDICT)
+    paths = [folder / name for name in (VERDICT, MECHANISM, *SUMMARIES)]
+    paths += sorted((folder / "figures").glob("*.png"))
+    best = verdict["best_known"] or {"effects": ()}
     campaign_run = Record(
         "campaign",
-        metrics={name: value for name, value in metrics.items() if value is not None},
+        metrics=metrics(fact for fact in facts(verdict) if not fact.name.startswith("nuisance/")),
         datasets=tuple(
-            Dataset(name, places.place(name, stage), "result")
-            for name, stage in (("ranking", "verdict"), ("gaps", ""), ("residuals", ""))
+            Dataset(name, tables.place(name), "result") for name in ("ranking", "gaps", "residuals")
         ),
-        files=files | {f"figures/{path.name}": path for path in pictures},
+        files={str(path.relative_to(folder)): path for path in paths if path.is_file()},
         notes={
             "verdict": verdict["verdict"],
-            "effects": named,
+            "effects": _labels(verdict["effects"]),
             "certain": _labels(verdict["certain"]),
-            "best_known": _labels((verdict["best_known"] or {}).get("effects", ())),
+            "best_known": _labels(best["effects"]),
             "because": verdict["because"],
         },
     )
-    return [
-        campaign_run,
-        *(_fit(row) for row in places.read("ranking", "verdict").to_dict("records")),
-    ]
+    return [campaign_run, *map(_fit, tables.read("ranking").to_dict("records"))]
 
 
 def _labels(effects: Sequence[Mapping[str, Any]]) -> str:
@@ -70,12 +49,11 @@ def _labels(effects: Sequence[Mapping[str, Any]]) -> str:
     return " + ".join(f"{effect['name']}:{effect['site']}" for effect in effects)
 
 
-def _fit(row: dict) -> Record:
-    numbers = {name: row[name] for name in _MEASURES if pd.notna(row[name])}
+def _fit(row: dict[str, Any]) -> Record:
     return Record(
         "campaign",
         row["explanation"],
-        metrics={name: value for name, value in numbers.items() if name not in _COSTS},
-        costs={name: float(value) for name, value in numbers.items() if name in _COSTS},
+        metrics={name: row[name] for name in _METRICS if pd.notna(row[name])},
+        costs={name: float(row[name]) for name in _COSTS if pd.notna(row[name])},
         notes={name: row[name] or "" for name in ("kind", "status", "place", "remark")},
     )

@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 
-from jointgap.campaign.sentences import format_detectable, format_label, names_to_labels, unit_of
+from jointgap.campaign.labels import format_detectable, format_label, names_to_labels, unit_of
 from jointgap.config.campaign import Campaign, Channel
 from jointgap.config.channels import CHANNELS, PRESSURES
 from jointgap.core.candidates import Model
@@ -27,7 +27,10 @@ from jointgap.rig.read_files import read_measurements
 from jointgap.rig.recording import Measurements, Recording
 
 _FASTER, _SLOWER = 1.5, 0.5
-"""Further speeds that are tried [1, of the fastest and of the slowest]."""
+"""Speeds of further runs [1, of the fastest and of the slowest run]."""
+
+_PRESCRIBED = ("time", "crank_angle", "crank_speed", *PRESSURES)
+"""Channels that the drive or known loads prescribe: no candidates for a further channel."""
 
 _SEPARATOR, _BETWEEN_TEXTS = " | ", "; "
 _MOST_ADVICE = 3  # lines
@@ -43,71 +46,76 @@ def preflight_tables(
     """Detectability and confusability of effects; with `advice` the gain of one further speed or
     channel."""
     campaign, recordings = recorded(campaign)
-    model, frames = _as_recorded(campaign, recordings), {}
+    model, frames = _model_of_recorded_motion(campaign, recordings), {}
     if advice:
-        more = extended(campaign)
-        if (
-            like := recordings.get(campaign.runs[0].id)
-        ) is not None:  # as long as the first run, all for fitting
-            for_fitting = replace(like, held_out=np.zeros_like(like.held_out))
-            recordings |= {run.id: for_fitting for run in more.runs[len(campaign.runs) :]}
-        lengths = revolutions(more, recordings)
-        plan, wider = (build_model(each, None, lengths) for each in (campaign, more))
-        wider.candidates = plan.candidates  # no faults of the additional sensors
-        planned = [series.key for series in plan.series]
-        found, changes = advise(wider, planned, None, rate, counts(wider, recordings), settings)
-        texts = {name: changes[name].map(", ".join) for name in ("newly_detectable", "separated")}
-        frames["advice"] = changes.assign(**texts)
+        result, changes = _advise(campaign, recordings, rate, settings)
+        lists = {name: changes[name].map(", ".join) for name in ("newly_detectable", "separated")}
+        frames["advice"] = changes.assign(**lists)
     if model is not None or not advice:
         model = model or build_model(campaign, None, revolutions(campaign, recordings))
-        found = preflight(model, None, rate, counts(model, recordings), settings)
-    effects = found.effects
-    # a stated parameter may differ from the fitted one; its unit is in the catalogue
-    units = [
-        row.unit or unit_of(*row.label.partition(":")[::2], row.parameter)
-        for row in effects.itertuples()
-    ]
-    failed = [found.failed.get(label) for label in effects["label"]]
+        result = preflight(model, None, rate, counts(model, recordings), settings)
+    effects, labels = result.effects, list(result.cosines.columns)
     frames["detectable"] = effects.assign(
-        unit=units, failed=failed, assumed=_BETWEEN_TEXTS.join(found.assumed)
+        # a stated parameter may differ from the fitted one; its unit is in the catalogue
+        unit=[
+            row.unit or unit_of(*row.label.partition(":")[::2], row.parameter)
+            for row in effects.itertuples()
+        ],
+        failed=[result.failed.get(label) for label in effects["label"]],
+        assumed=_BETWEEN_TEXTS.join(result.assumed),
     )
-    together = {frozenset(pair) for group in found.merged for pair in combinations(group, 2)}
-    labels = list(found.cosines.columns)
+    merged = {frozenset(pair) for group in result.merged for pair in combinations(group, 2)}
     rows = [
-        (a, b, found.cosines.loc[a, b], frozenset((a, b)) in together)
-        for a in labels
-        for b in labels
+        (first, second, result.cosines.loc[first, second], frozenset((first, second)) in merged)
+        for first in labels
+        for second in labels
     ]
     return frames | {"confusability": pd.DataFrame(rows, columns=CONFUSABILITY.names)}
+
+
+def _advise(
+    campaign: Campaign,
+    recordings: Mapping[str, Recording],
+    rate: float,
+    settings: IdentificationSettings,
+):
+    """The preflight of the campaign, and the gain of each further speed or channel."""
+    extension = extended(campaign)
+    if (recording := recordings.get(campaign.runs[0].id)) is not None:
+        # further runs are as long as the first one, all for fitting
+        fitted = replace(recording, held_out=np.zeros_like(recording.held_out))
+        further = extension.runs[len(campaign.runs) :]
+        recordings = {**recordings, **{run.id: fitted for run in further}}
+    lengths = revolutions(extension, recordings)
+    plan, wider = (build_model(model, None, lengths) for model in (campaign, extension))
+    wider.candidates = plan.candidates  # no faults of the additional sensors
+    planned = [series.key for series in plan.series]
+    return advise(wider, planned, None, rate, counts(wider, recordings), settings)
 
 
 def confusable_groups(confusability: pd.DataFrame) -> list[list[str]]:
     """Groups of indistinguishable effects, from table `CONFUSABILITY`."""
     merged = confusability[confusability["merged"]].groupby("first", sort=False)["second"]
-    return [
-        list(group)
-        for group in dict.fromkeys(tuple(sorted({first, *others})) for first, others in merged)
-    ]
+    groups = (tuple(sorted({label, *similar})) for label, similar in merged)
+    return [list(group) for group in dict.fromkeys(groups)]
 
 
 def undetectable(detectable: pd.DataFrame) -> list[str]:
     """Effects that are not detectable within their bounds or cannot be simulated, from table
     `DETECTABLE`."""
-    seen = detectable.groupby("label", sort=False)["detectable"].any()
-    return list(seen.index[~seen])
+    is_detectable = detectable.groupby("label", sort=False)["detectable"].any()
+    return list(is_detectable.index[~is_detectable])
 
 
 def assumed(detectable: pd.DataFrame) -> list[str]:
     """Assumed noise by run and channel, from table `DETECTABLE`."""
-    return [
-        text
-        for texts in detectable["assumed"].unique()
-        for text in texts.split(_BETWEEN_TEXTS)
-        if text
-    ]
+    texts = _BETWEEN_TEXTS.join(detectable["assumed"].unique()).split(_BETWEEN_TEXTS)
+    return [text for text in texts if text]
 
 
-def _as_recorded(campaign: Campaign, recordings: Mapping[str, Recording]) -> Model | None:
+def _model_of_recorded_motion(
+    campaign: Campaign, recordings: Mapping[str, Recording]
+) -> Model | None:
     """The model with the recorded crank motion; None if that is unknown or constant.
 
     Inertia at a varying speed separates effects that are indistinguishable at constant speed.
@@ -120,12 +128,12 @@ def _as_recorded(campaign: Campaign, recordings: Mapping[str, Recording]) -> Mod
 
 def recorded(campaign: Campaign) -> tuple[Campaign, dict[str, Recording]]:
     """The campaign without unusable runs, and the recordings whose files exist."""
-    there = tuple(
+    existing = tuple(
         run
         for run in campaign.runs
         if all(os.path.isfile(campaign.folder / file) for file in run.files)
     )
-    measured = read_measurements(campaign.model_copy(update={"runs": there}), compared=False)
+    measured = read_measurements(campaign.model_copy(update={"runs": existing}), compared=False)
     runs = tuple(run for run in campaign.runs if run.id not in measured.left_out)
     return campaign.model_copy(update={"runs": runs}), dict(measured.runs)
 
@@ -134,10 +142,11 @@ def revolutions(campaign: Campaign, recordings: Mapping[str, Recording]) -> dict
     """Revolutions in each recording; without angles from the run's speed."""
     speeds, turned = {run.id: run.speed for run in campaign.runs}, {}
     for run, recording in recordings.items():
-        angle = recording.crank_angle if recording.has_angle else speeds[run] * recording.time
-        turned[run] = (
-            float(np.ptp(angle[np.isfinite(angle)])) / math.tau * angle.size / (angle.size - 1)
-        )
+        angle = recording.crank_angle
+        if not recording.has_angle:
+            angle = speeds[run] * recording.time
+        span, samples = float(np.ptp(angle[np.isfinite(angle)])), angle.size
+        turned[run] = span / math.tau * samples / (samples - 1)
     return turned
 
 
@@ -155,41 +164,32 @@ def counts(model: Model, recordings: Mapping[str, Recording]) -> dict[tuple[str,
 
 def extended(campaign: Campaign) -> Campaign:
     """The campaign with a slower and a faster run and all possible channels."""
-    speeds = sorted(run.speed for run in campaign.runs)
-    runs = [  # ids of measured runs contain no blank, so these are new ones
-        campaign.runs[0].model_copy(
-            update={
-                "id": f"at {number(speed * 30 / math.pi)} rpm",
-                "file": "-",
-                "speed": speed,
-                "role": "identify",
-            }
-        )
-        for speed in (_SLOWER * speeds[0], _FASTER * speeds[-1])
-    ]
-    inputs = (
-        "time",
-        "crank_angle",
-        "crank_speed",
-        *PRESSURES,
-    )  # prescribed by the drive, and known loads
+    speeds = [run.speed for run in campaign.runs]
+    runs = list(campaign.runs)
+    for speed in (_SLOWER * min(speeds), _FASTER * max(speeds)):
+        # ids of measured runs contain no blank, so these are new ones
+        name = f"at {number(speed * 30 / math.pi)} rpm"
+        changes = {"id": name, "file": "-", "speed": speed, "role": "identify"}
+        runs.append(campaign.runs[0].model_copy(update=changes))
     channels = {
         name: Channel(column=f"({name})", unit=unit.replace("^", "**"))
         for name, unit in CHANNELS.items()
-        if name not in (*campaign.channels, *inputs)
+        if name not in (*campaign.channels, *_PRESCRIBED)
     }
-    return campaign.model_copy(
-        update={"runs": (*campaign.runs, *runs), "channels": campaign.channels | channels}
-    )
+    update = {"runs": tuple(runs), "channels": campaign.channels | channels}
+    return campaign.model_copy(update=update)
 
 
 def separated_by(
     advice: pd.DataFrame, explanations: list[set[str]], merged: Iterable[Iterable[str]]
 ) -> str:
     """A sentence: the further measurement that separates `explanations`."""
-    first, *others = explanations
+    best, *rivals = explanations
     differing = {
-        frozenset((a, b)) for other in others for a in first - other for b in other - first
+        frozenset((effect, alternative))
+        for rival in rivals
+        for effect in best - rival
+        for alternative in rival - best
     }
     if not any(pair <= set(group) for pair in differing for group in merged):
         return (
@@ -197,35 +197,36 @@ def separated_by(
             " them."
         )
     for row in advice.itertuples():
-        separated = {
-            frozenset(pair.split(_SEPARATOR)) for pair in row.separated.split(", ") if pair
-        }
-        if differing & separated:
+        if differing & {frozenset(pair) for pair in _pairs(row.separated)}:
             return f"{ADVICE} {row.change} would separate them."
     return "No single further speed or channel of those that were tested would separate them."
 
 
+def _pairs(separated: str) -> list[list[str]]:
+    """Pairs of effects, from a row of table `ADVICE`."""
+    return [pair.split(_SEPARATOR) for pair in separated.split(", ") if pair]
+
+
 def preflight_summary(
-    detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.DataFrame | None
+    detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.DataFrame | None = None
 ) -> str:
+    """The preflight for the terminal."""
     lines = ["Smallest detectable size of each effect:"]
     for row in detectable[detectable["detectable"]].itertuples():
         lines.append(f"  {format_label(row.label)}: {format_detectable(row)}")
-    failed = detectable[detectable["failed"].notna()]
+    failed = detectable.dropna(subset=["failed"])
     if absent := [label for label in undetectable(detectable) if label not in set(failed["label"])]:
         lines.append(f"Not detectable with these runs: {joined(map(format_label, absent))}")
     for row in failed.itertuples():
-        lines.append(
-            f"Detectability unknown, simulation failed: {format_label(row.label)} ({row.failed})"
-        )
+        label = format_label(row.label)
+        lines.append(f"Detectability unknown, simulation failed: {label} ({row.failed})")
     for group in confusable_groups(confusability):
         lines.append(f"Indistinguishable: {joined(map(format_label, group))}")
     for row in () if advice is None else advice.head(_MOST_ADVICE).itertuples():
-        shown = [format_label(label) for label in row.newly_detectable.split(", ") if label]
-        pairs = [pair.split(_SEPARATOR) for pair in row.separated.split(", ") if pair]
-        gains = [f"detects {joined(shown)}"] if shown else []
-        apart = ", ".join(" from ".join(map(format_label, pair)) for pair in pairs)
-        gains += [f"separates {apart}"] if pairs else []
+        labels = [format_label(label) for label in row.newly_detectable.split(", ") if label]
+        pairs = [" from ".join(map(format_label, pair)) for pair in _pairs(row.separated)]
+        gains = [f"detects {joined(labels)}"] if labels else []
+        gains += [f"separates {', '.join(pairs)}"] if pairs else []
         if gains:
             lines.append(f"A further {names_to_labels(row.change)} {' and '.join(gains)}")
     if noise := assumed(detectable):

@@ -1,15 +1,28 @@
 """Stage reoptimise: optimal link lengths with and without the identified effects."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
-from jointgap.config import Box, Ensemble, Genetic, Mechanism, Optimise, Simulate, Surrogate
+from jointgap.campaign.augment import mechanisms
+from jointgap.campaign.outcome import Outcome
+from jointgap.config import (
+    Box,
+    Effect,
+    Ensemble,
+    Genetic,
+    Mechanism,
+    Optimise,
+    Simulate,
+    Surrogate,
+)
+from jointgap.config.campaign import Campaign
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.joints import outputs
 from jointgap.core.schema import CAMPAIGN_OPTIMUM
 from jointgap.dynamics.simulation import simulate
 from jointgap.lengths.optimise import optimise
+from jointgap.rig.cylinder_pressure import with_loads
 from jointgap.rig.simulate_run import tolerance_for
 
 # [1] half width of the search box relative to the lengths: it shows whether the optimum moves
@@ -21,57 +34,75 @@ _SAMPLES_PER_REVOLUTION = 3600  # as in the shipped scenarios
 _TOLERANCE_M = 1e-10  # or less for small clearances
 
 
-def reoptimise(models: Mapping[str, Mechanism], speed: float) -> pd.DataFrame:
-    """Simulate each model, train networks of the clearance vectors and optimise the lengths within
-    2 %."""
+def models_to_optimise(
+    campaign: Campaign, outcome: Outcome, loads_of_runs: Mapping[str, Sequence[Effect]]
+) -> tuple[dict[str, Mechanism], float]:
+    """The models ``base`` and ``augmented`` under the known loads of the fastest fitted run, and
+    its speed [rad/s]; none if the effects do not change the optimum."""
+    runs = [run for run in campaign.runs if run.role != "confirm"]
+    fastest = max(runs, key=lambda run: run.speed)
+    models = dict(zip(("base", "augmented"), mechanisms(campaign, outcome), strict=True))
+    # with ideal joints the transmission angle depends on the lengths only
+    is_ideal = not any(mechanism.applied().loose for mechanism in models.values())
+    if is_ideal or all(candidate.sensor for candidate in outcome.chosen.hypothesis):
+        return {}, fastest.speed
+    if fastest.direction == "clockwise":
+        models = {name: mechanism.applied().mirrored() for name, mechanism in models.items()}
+    loads = loads_of_runs.get(fastest.id, ())
+    models = {name: with_loads(mechanism, loads) for name, mechanism in models.items()}
+    return models, fastest.speed
+
+
+def optimal_lengths(models: Mapping[str, Mechanism], speed: float) -> pd.DataFrame:
+    """Table `CAMPAIGN_OPTIMUM`: simulate each model, train networks of the clearance vectors and
+    optimise the lengths within 2 %."""
     rows = []
     for name, mechanism in models.items():
         if mechanism.applied().loose:
             try:
-                rows += [{"model": name} | row for row in _optima(mechanism.applied(), speed)]
+                optima = _optima(mechanism.applied(), speed)
             except (InputError, SimulationError) as error:
-                rows.append({"model": name, "failed": str(error)})
+                optima = [{"failed": str(error)}]
+            rows += [{"model": name} | row for row in optima]
     return pd.DataFrame(rows, columns=CAMPAIGN_OPTIMUM.names)
 
 
 def _optima(mechanism: Mechanism, speed: float) -> list[dict]:
-    """One row for each source of joint motion."""
+    """A row for each source of joint motion."""
     from jointgap.networks.train import train  # PyTorch takes seconds to start
 
-    steps = {"revolutions": _REVOLUTIONS, "samples_per_revolution": _SAMPLES_PER_REVOLUTION}
-    options = Simulate(speed=speed, tolerance=min(_TOLERANCE_M, tolerance_for(mechanism)), **steps)
+    options = Simulate(
+        speed=speed,
+        tolerance=min(_TOLERANCE_M, tolerance_for(mechanism)),
+        revolutions=_REVOLUTIONS,
+        samples_per_revolution=_SAMPLES_PER_REVOLUTION,
+    )
     trajectory = simulate(mechanism, options).samples
-    clearance = [name for name in outputs(mechanism.loose) if "_" not in name]
-    fits = {
-        name: train(trajectory, name, _SURROGATE)[0].network.values_and_slopes for name in clearance
+    networks = {
+        name: train(trajectory, name, _SURROGATE)[0].network.values_and_slopes
+        for name in outputs(mechanism.loose)
+        if "_" not in name  # the clearance vectors
     }
     crank, rod = mechanism.crank.length, mechanism.rod.length
-    sides = {"crank_length": crank, "rod_length": rod}
-    box = Box(
-        **{
-            key: (length * (1 - _BOX_SHARE), length * (1 + _BOX_SHARE))
-            for key, length in sides.items()
-        }
-    )
+    low, high = 1.0 - _BOX_SHARE, 1.0 + _BOX_SHARE
+    box = Box(crank_length=(low * crank, high * crank), rod_length=(low * rod, high * rod))
     search = Optimise(
         boxes={"near": box},
         ratio_limit=(1 + _RATIO_MARGIN) * crank / rod,
         genetic=Genetic(population=8, generations=10),
         ensemble=Ensemble(members=3, settled_revolution=_REVOLUTIONS),
     )
-    result = optimise(
-        mechanism, options, search, _SURROGATE.training_points, trajectory, {"network": fits}
-    )
+    points = _SURROGATE.training_points
+    result = optimise(mechanism, options, search, points, trajectory, {"network": networks})
     resimulated, optima = result["optimise_resimulated"], result["optimise_optima"]
-    settled = resimulated.query("stretch == 'settled' and measure == 'rms'").set_index("point")[
-        "reduction"
-    ]
+    steady = resimulated.query("stretch == 'settled' and measure == 'rms'")
     optima = optima[optima["point"] == optima["source"] + "_near_local"]
-    found = optima.assign(
+    optima = optima.assign(
         at_edge=optima["active_bounds"] != "none",
         reduction=optima["rms_reduction"],
-        resimulated=optima["point"].map(settled),
+        resimulated=optima["point"].map(steady.set_index("point")["reduction"]),
         rms_before=optima["rms"] / (1.0 - optima["rms_reduction"]),
         rms_after=optima["rms"],
     )
-    return found[CAMPAIGN_OPTIMUM.names[1:-1]].to_dict("records")
+    columns = [name for name in CAMPAIGN_OPTIMUM.names if name not in ("model", "failed")]
+    return optima[columns].to_dict("records")

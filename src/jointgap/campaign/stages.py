@@ -1,6 +1,7 @@
 """The stages of a campaign in order; each takes the state of the campaign and writes its tables.
 
-Imports are inside the stages, as compiled dynamics load slowly."""
+Imports are inside the stages, as compiled dynamics load slowly.
+"""
 
 import json
 from collections.abc import Sequence
@@ -9,15 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from jointgap.campaign.campaign_files import (
-    COSTS,
     FIT_TABLES,
     MECHANISM,
     NOISE_TABLES,
     OUTCOME_TABLES,
     SUMMARIES,
     VERDICT,
-    costs_noted,
-    noted,
+    recorded_costs,
+    recorded_failure,
 )
 from jointgap.core import schema
 from jointgap.core.files import write_text
@@ -83,7 +83,7 @@ def run_campaign_stages(
         raise InputError(f"--then {unknown[0]}: no such stage; {hint}")
     stages = {first: options} | {CAMPAIGN_STAGES[name]: {} for name in then}
     state.folder.check_writable(*(path for stage in stages for path in stage.outputs(part=part)))
-    required = {*CAMPAIGN_STAGES.needed_for("confirm"), "conclude"} if go_on else CAMPAIGN_STAGES
+    required = {*CAMPAIGN_STAGES.needed_for("decide"), "conclude"} if go_on else CAMPAIGN_STAGES
     texts = [
         run_stage(stage, state, stage.name not in required, **arguments)
         for stage, arguments in stages.items()
@@ -109,17 +109,22 @@ Part = Annotated[
 
 PUBLISHED = "track/published.json"
 
-_IN_DECIDE = {"does": "see decide", "job": "decide"}
+
+def _fits_of(stage: str) -> tuple[schema.Table, ...]:
+    return tuple(table.at(stage) for table in FIT_TABLES)
+
+
 _MEASURED = (schema.MEASURED, schema.REMARKS, schema.CONTRADICTIONS, schema.CONFIG_SNAPSHOT)
-
-
-def _of(place: str, written: tuple[schema.Table, ...]) -> tuple[schema.Table, ...]:
-    return tuple(table.at(place) for table in written)
-
-
-def _read(*stages: str) -> tuple[schema.Table, ...]:
-    """The tables of the measured data and of `stages`."""
-    return (*_MEASURED, *CAMPAIGN_STAGES.written_by(*stages))
+_RECALIBRATED = (*NOISE_TABLES, *_fits_of("recalibrate"))
+_SCREENED = (schema.SIGNATURES, schema.SIGNATURE_SHAPES, schema.SCREENED, schema.THRESHOLDS)
+_SINGLES = _fits_of("fit/{part}")
+_PAIRS = (*_fits_of("pair/{part}"), schema.NOT_SEARCHED)
+_MAP = (schema.MAP_BINS, schema.MAP_WINDOWS, schema.MAP_STANDOUT)
+_CONFIRMED = (schema.RESIDUALS, schema.CHANNEL_ERRORS, schema.GAPS)
+_DECIDED = (*_MEASURED, *_RECALIBRATED, *OUTCOME_TABLES)
+_PREFLIGHT = (schema.DETECTABLE, schema.CONFUSABILITY, schema.ADVICE)
+_IN_RECALIBRATE = {"does": "see recalibrate", "job": "recalibrate"}
+_IN_DECIDE = {"does": "see decide", "job": "decide"}
 
 
 @stage(writes=(*_MEASURED, schema.LOOK), does="read and check the data")
@@ -133,41 +138,33 @@ def measure(state: "CampaignState", pictures: bool = True) -> str:
     from jointgap.rig.read_files import read_measurements
     from jointgap.rig.recording import to_frame
 
-    folder = state.folder
+    folder, campaign = state.folder, state.campaign
     check_same_file(state.file, folder.path)
-    read = read_measurements(state.campaign)
-    odd = [f"mechanism, {remark}" for remark in odd_data(state.campaign.mechanism)] + plain_speeds(
-        state.file
-    )
-    state.measurements = replace(read, remarks=(*read.remarks, *odd))
-    if pictures:  # first, so that an error leaves no files
-        from jointgap.core import plot
+    measurements = read_measurements(campaign)
+    warnings = [f"mechanism, {warning}" for warning in odd_data(campaign.mechanism)]
+    remarks = (*measurements.remarks, *warnings, *plain_speeds(state.file))
+    state.measurements = replace(measurements, remarks=remarks)
+    drawings = {}
+    if pictures:  # before anything is written, so that an error leaves no files
         from jointgap.rig.inspection import inspect
 
-        numbers, drawings = inspect(state.campaign, state.measurements)
+        numbers, drawings = inspect(campaign, state.measurements)
+        folder.write(schema.LOOK, numbers)
     write_origin(state.file, folder.path)
-    folder.write(schema.CONFIG_SNAPSHOT, config_snapshot(state.campaign))
-    folder.write(
-        schema.REMARKS,
-        pd.DataFrame({"remark": pd.Series(state.measurements.remarks, dtype=object)}),
-    )
+    folder.write(schema.CONFIG_SNAPSHOT, config_snapshot(campaign))
+    folder.write(schema.REMARKS, pd.DataFrame({"remark": pd.Series(remarks, dtype=object)}))
     contradictions = pd.DataFrame(
         state.measurements.contradictions, columns=schema.CONTRADICTIONS.names
     )
     folder.write(schema.CONTRADICTIONS, contradictions)
     folder.write(schema.MEASURED, to_frame(state.measurements))
-    if pictures:
-        folder.write(schema.LOOK, numbers)
-        for run, drawing in drawings.items():
-            plot.save(drawing, folder.path / "measure" / run)
-    remarks = [f"Remark: {text}" for text in state.measurements.remarks]
-    return "\n".join([*remarks, f"figures and tables: {folder.path / 'measure'}"])
+    for run, drawing in drawings.items():
+        drawing.save(folder.path / f"measure/{run}.png")
+    lines = [f"Remark: {remark}" for remark in remarks]
+    return "\n".join([*lines, f"figures and tables: {folder.path / 'measure'}"])
 
 
-@stage(
-    writes=(schema.DETECTABLE, schema.CONFUSABILITY, schema.ADVICE),
-    does="identifiability of effects",
-)
+@stage(writes=_PREFLIGHT, does="identifiability of effects")
 def preflight(state: "CampaignState", advice: bool = True) -> str:
     """Analyse identifiability of the planned CAMPAIGN.
 
@@ -185,49 +182,24 @@ def preflight(state: "CampaignState", advice: bool = True) -> str:
     return preflight_summary(**frames) if advice else ""
 
 
-@stage(
-    reads=_MEASURED,
-    writes=_of("noise", NOISE_TABLES),
-    does="noise, uncertain parameters",
-    job="recalibrate",
-)
-def noise(state: "CampaignState", anyway: Anyway = False) -> None:
-    """Estimate channel noise from cycle-to-cycle variation."""
+@stage(reads=_MEASURED, writes=_RECALIBRATED, does="estimate noise, fit the model, screen effects")
+def recalibrate(state: "CampaignState", anyway: Anyway = False) -> None:
+    """Estimate channel noise from cycle-to-cycle variation, and fit the uncertain parameters within
+    their ranges."""
     from jointgap.campaign.fits_on_disk import noise_to_frames
+    from jointgap.identification import baseline
     from jointgap.identification.noise import noise_of_model
 
     if not anyway:
         state.check_agreement()
-    state.noise = noise_of_model(state.model, state.settings)
-    state.folder.write_all(noise_to_frames(state.noise), "noise")
+    noise = noise_of_model(state.model, state.settings)
+    state.baseline = baseline.recalibrate(state.model, noise, state.settings)
+    state.noise = state.baseline.problem.noise  # with solver error
+    state.folder.write_all(noise_to_frames(state.noise))
+    state.write_fits([state.baseline.nominal, state.baseline.base], "recalibrate")
 
 
-@stage(
-    reads=_read("noise"),
-    writes=(
-        *_of("recalibrate", NOISE_TABLES),
-        *_of("recalibrate/nominal", FIT_TABLES),
-        *_of("recalibrate/base", FIT_TABLES),
-    ),
-    does="see noise",
-)
-def recalibrate(state: "CampaignState") -> None:
-    """Fit the uncertain parameters within their ranges."""
-    from jointgap.campaign.fits_on_disk import noise_to_frames
-    from jointgap.identification.baseline import recalibrate as recalibrated
-
-    baseline = state.baseline = recalibrated(state.model, state.noise, state.settings)
-    state.noise_with_numerics = baseline.problem.noise
-    state.folder.write_all(noise_to_frames(state.noise_with_numerics), "recalibrate")
-    state.write_fits([baseline.nominal], "recalibrate/nominal")
-    state.write_fits([baseline.base], "recalibrate/base")
-
-
-@stage(
-    reads=_read("noise", "recalibrate"),
-    writes=(schema.SIGNATURES, schema.SIGNATURE_SHAPES, schema.SCREENED, schema.THRESHOLDS),
-    does="screen the candidates",
-)
+@stage(reads=(*_MEASURED, *_RECALIBRATED), writes=_SCREENED, **_IN_RECALIBRATE)
 def screen(state: "CampaignState") -> None:
     """Compute the sensitivity to each effect, and select candidates for the fits."""
     import pandas as pd
@@ -237,22 +209,18 @@ def screen(state: "CampaignState") -> None:
     from jointgap.identification.noise import degrees_of_freedom
     from jointgap.identification.thresholds import screen_candidates
 
-    dof = degrees_of_freedom(state.noise)
-    sensitivities, limits = state.screening = screen_candidates(
-        state.baseline, state.false_alarm_rate, dof, state.seed
-    )
-    state.folder.write_all(sensitivities_to_frames(sensitivities, state.baseline.base))
+    baseline, dof = state.baseline, degrees_of_freedom(state.noise)
+    state.screening = screen_candidates(baseline, state.false_alarm_rate, dof, state.seed)
+    sensitivities, limits = state.screening
+    state.folder.write_all(sensitivities_to_frames(sensitivities, baseline.base))
     state.folder.write(schema.THRESHOLDS, pd.DataFrame([vars(limits)]))
     shortlist = shortlist_singles(sensitivities, limits, state.settings)
     state.folder.write(schema.SCREENED, screened_frame(sensitivities, shortlist))
 
 
-_SCREENED = _read("noise", "recalibrate", "screen")
-
-
 @stage(
-    reads=_SCREENED,
-    writes=_of("fit/{part}", FIT_TABLES),
+    reads=(*_MEASURED, *_RECALIBRATED, *_SCREENED),
+    writes=_SINGLES,
     does="fit candidates, part {part}",
     minutes=120,
 )
@@ -264,12 +232,9 @@ def fit(state: "CampaignState", part: Part = 0, parts: Parts = 1) -> None:
     state.write_fits(fits, f"fit/{part}", seconds)
 
 
-_FITTED = _read("noise", "recalibrate", "screen", "fit")
-
-
 @stage(
-    reads=_FITTED,
-    writes=_of("pair/{part}", (*FIT_TABLES, schema.NOT_SEARCHED)),
+    reads=(*_MEASURED, *_RECALIBRATED, *_SCREENED, *_SINGLES),
+    writes=_PAIRS,
     does="fit pairs, part {part}",
     minutes=120,
 )
@@ -283,189 +248,128 @@ def pair(state: "CampaignState", part: Part = 0, parts: Parts = 1) -> None:
 
     from jointgap.identification.hypothesis_fits import fit_pairs
 
-    (alone, _), inconsistent = state.fits("fit", parts), bool(state.inconsistent_channels)
-    fits, seconds = fit_pairs(state.baseline, *state.screening, alone, part, parts, inconsistent)
+    (singles, _), inconsistent = state.fits("fit", parts), bool(state.inconsistent_channels)
+    fits, seconds = fit_pairs(state.baseline, *state.screening, singles, part, parts, inconsistent)
     state.write_fits(fits, f"pair/{part}", seconds)
     steps = pd.DataFrame({"step": pd.Series(state.baseline.problem.not_searched, dtype=object)})
-    state.folder.write(schema.NOT_SEARCHED, steps, f"pair/{part}")
+    state.folder.write(schema.NOT_SEARCHED, steps, str(part))
 
 
 @stage(
-    reads=_read("noise", "recalibrate", "screen", "fit", "pair"),
-    writes=(*_of("decide", OUTCOME_TABLES), *_of("decide/base", FIT_TABLES), schema.LAW_FAMILIES),
-    does="compare the fits, map the residual, predict held-out runs, write the augmented mechanism",
-    minutes=90,
+    reads=(*_MEASURED, *_RECALIBRATED, *_SCREENED, *_SINGLES, *_PAIRS),
+    writes=(*OUTCOME_TABLES, schema.LAW_FAMILIES, *_CONFIRMED),
+    does="compare the fits, predict held-out runs, write the augmented mechanism, optimise lengths",
+    minutes=120,
 )
 def decide(state: "CampaignState", parts: Parts = 1) -> None:
-    """Compare the fits and decide on the missing effects; fit the shapes of law families."""
-    from jointgap.campaign.fits_on_disk import family_frame, outcome_of
+    """Compare the fits, search a force law if no effect explains the residual, and decide on the
+    missing effects by the prediction of the held-out runs."""
+    from jointgap.campaign.fits_on_disk import channel_errors, residuals_in_file_convention
+    from jointgap.campaign.outcome import family_frame, outcome_of, with_force_law
+    from jointgap.identification import force_law
+    from jointgap.identification.confirmation import confirm
+    from jointgap.identification.evidence import final_verdict
     from jointgap.identification.law_family import with_families
     from jointgap.identification.model_selection import select_hypothesis
-
-    (singles, of_singles), (pairs, seconds) = (
-        state.fits(stage, parts) for stage in ("fit", "pair")
-    )
-    seconds = {
-        label: of_singles.get(label, 0.0) + seconds.get(label, 0.0)
-        for label in of_singles | seconds
-    }
-    sensitivities, limits = state.screening
-    decision = select_hypothesis(state.baseline, sensitivities, [*singles, *pairs], limits)
-    decision, families = with_families(state.baseline, decision, limits)
-    of_pairs = (state.folder.read("not_searched", f"pair/{part}")["step"] for part in range(parts))
-    steps = [step for of_part in of_pairs for step in of_part]
-    not_searched = tuple(dict.fromkeys([*steps, *state.baseline.problem.not_searched]))
-    decision = replace(decision, not_searched=not_searched)
-    state.folder.write(schema.LAW_FAMILIES, family_frame(families))
-    state.verdict_baseline = replace(state.baseline, base=decision.base)
-    state.write_fits([decision.base], "decide/base")
-    state.write_outcome(outcome_of(decision, seconds), "decide")
-
-
-_DECIDED = _read("noise", "recalibrate", "decide")
-_MAP = ("bins", "windows", "tests", "orders", "standout", "scaling")
-
-
-@stage(reads=_DECIDED, writes=tuple(schema.TABLES[f"map_{name}"] for name in _MAP), **_IN_DECIDE)
-def locate(state: "CampaignState") -> None:
-    """Map the residual of the re-fitted model by run, channel and crank angle."""
-    from jointgap.campaign.fits_on_disk import map_as_read
-    from jointgap.identification.disagreement import map_disagreement
-
-    baseline = state.verdict_baseline
-    disagreement = map_disagreement(
-        baseline.problem, baseline.base.residual, state.false_alarm_rate
-    )
-    for name in _MAP:
-        frame = getattr(disagreement, name)
-        state.folder.write(
-            f"map_{name}", map_as_read(frame, state.clockwise) if "start_deg" in frame else frame
-        )
-
-
-@stage(
-    reads=(*_DECIDED, *CAMPAIGN_STAGES.written_by("screen")),
-    writes=_of("regress", OUTCOME_TABLES),
-    **_IN_DECIDE,
-)
-def regress(state: "CampaignState") -> None:
-    """If no effect explains the residual, search a force law as a formula."""
-    from jointgap.campaign.fits_on_disk import outcome_with_law
-    from jointgap.identification import force_law
     from jointgap.identification.verdict import UNEXPLAINED
 
-    outcome = state.outcome("decide")
+    singles, seconds = state.fits("fit", parts)
+    pairs, seconds_of_pairs = state.fits("pair", parts)
+    for label, duration in seconds_of_pairs.items():
+        seconds[label] = seconds.get(label, 0.0) + duration
+    folder, (sensitivities, limits) = state.folder, state.screening
+    decision = select_hypothesis(state.baseline, sensitivities, [*singles, *pairs], limits)
+    decision, families = with_families(state.baseline, decision, limits)
+    outcome = outcome_of(decision, seconds)
     if outcome.verdict == UNEXPLAINED:
-        baseline, limits = state.verdict_baseline, state.screening.limits
-        found = force_law.find_force_law(
-            baseline.problem, baseline.base, state.library, limits, baseline.differences
+        law = force_law.find_force_law(
+            state.baseline.problem, outcome.base, state.library, limits, state.baseline.differences
         )
-        steps = (*outcome.not_searched, *baseline.problem.not_searched)
-        outcome = replace(
-            outcome_with_law(outcome, found), not_searched=tuple(dict.fromkeys(steps))
-        )
-    state.write_outcome(outcome, "regress")
+        outcome = with_force_law(outcome, law)
+    frames = [folder.read(schema.NOT_SEARCHED, str(part)) for part in range(parts)]
+    steps = [step for frame in frames for step in frame["step"]]
+    steps = dict.fromkeys([*steps, *state.baseline.problem.not_searched])
+    outcome = replace(outcome, not_searched=tuple(steps))
 
-
-@stage(
-    reads=_read("noise", "recalibrate", "decide", "regress"),
-    writes=(schema.RESIDUALS, schema.CHANNEL_ERRORS, schema.GAPS, *_of("verdict", OUTCOME_TABLES)),
-    **_IN_DECIDE,
-)
-def confirm(state: "CampaignState") -> None:
-    """Predict the held-out runs with and without the effects, and decide on the final verdict."""
-    from jointgap.campaign.fits_on_disk import channel_errors, residuals_as_read
-    from jointgap.identification.confirmation import confirm as confirmed_with
-    from jointgap.identification.evidence import final_verdict
-
-    outcome = state.outcome("regress")
-    proposed = outcome.proposed
-    plain = (
-        outcome.base if proposed else outcome.chosen
-    )  # the latter at nominal values if these suffice
-    prediction = confirmed_with(
-        state.model, state.noise_with_numerics, plain, proposed, state.seed, state.settings
+    # nominal values are kept if these suffice
+    plain = outcome.base if outcome.proposed else outcome.chosen
+    prediction = confirm(
+        state.model, state.noise, plain, outcome.proposed, state.seed, state.settings
     )
     inconsistent = state.remaining_inconsistencies(outcome.equivalent or [outcome.chosen])
-    final = final_verdict(outcome, prediction, inconsistent, state.settings.decision)
-    residuals = residuals_as_read(prediction.residuals, state.clockwise)
-    state.folder.write(schema.RESIDUALS, residuals)
-    state.folder.write(schema.CHANNEL_ERRORS, channel_errors(residuals, state.campaign))
-    state.folder.write(schema.GAPS, prediction.gaps)
-    state.write_outcome(final, "verdict")
+    outcome = final_verdict(outcome, prediction, inconsistent, state.settings.decision)
+    residuals = residuals_in_file_convention(prediction.residuals, state.clockwise)
+    folder.write(schema.RESIDUALS, residuals)
+    folder.write(schema.CHANNEL_ERRORS, channel_errors(residuals, state.campaign))
+    folder.write(schema.GAPS, prediction.gaps)
+    folder.write(schema.LAW_FAMILIES, family_frame(families))
+    state.write_outcome(outcome)
 
 
-_CONFIRMED = _read("noise", "recalibrate", "decide", "confirm")
+@stage(reads=_DECIDED, writes=_MAP, **_IN_DECIDE)
+def locate(state: "CampaignState") -> None:
+    """Map the residual of the re-fitted model by run, channel and crank angle."""
+    from jointgap.campaign.fits_on_disk import spans_in_file_convention
+    from jointgap.identification.disagreement import map_disagreement
+
+    problem, base = state.baseline.problem, state.outcome.base
+    disagreement = map_disagreement(problem, base.residual, state.false_alarm_rate)
+    for table in (schema.MAP_BINS, schema.MAP_WINDOWS):
+        spans = getattr(disagreement, table.name.removeprefix("map_"))
+        state.folder.write(table, spans_in_file_convention(spans, state.clockwise))
+    state.folder.write(schema.MAP_STANDOUT, disagreement.standout)
 
 
-@stage(reads=_CONFIRMED, writes=(schema.MISSING_FORCE,), files=(MECHANISM,), **_IN_DECIDE)
+@stage(reads=_DECIDED, writes=(schema.MISSING_FORCE,), files=(MECHANISM,), **_IN_DECIDE)
 def augment(state: "CampaignState") -> None:
     """Write the mechanism file with the identified effects."""
-    from jointgap.campaign.augment import augment as augmented
+    from jointgap.campaign.augment import augmented_file, missing_force
     from jointgap.config.load import mechanism_as_written
 
-    written = mechanism_as_written(state.file)
-    text, force = augmented(state.campaign, state.outcome("verdict"), written, state.own_loads)
+    campaign, outcome = state.campaign, state.outcome
+    text = augmented_file(campaign, outcome, mechanism_as_written(state.file))
+    force = missing_force(campaign, outcome, state.loads_of_runs)
     write_text(state.folder.path / MECHANISM, text)
     state.folder.write(schema.MISSING_FORCE, force)
 
 
-@stage(
-    reads=_CONFIRMED,
-    writes=(schema.CAMPAIGN_OPTIMUM,),
-    does="optimise lengths before and after",
-    minutes=60,
-)
+@stage(reads=_DECIDED, writes=(schema.CAMPAIGN_OPTIMUM,), **_IN_DECIDE)
 def reoptimise(state: "CampaignState") -> None:
     """Optimise the link lengths for the model with and without the effects, at the speed and with
     the known loads of the fastest fitted run.
 
     The table is empty if no effect was added or all joints are ideal.
     """
-    from jointgap.campaign.augment import mechanisms
-    from jointgap.campaign.reoptimise import reoptimise as reoptimised
-    from jointgap.config import load_mechanism
-    from jointgap.rig.cylinder_pressure import with_loads
+    from jointgap.campaign.reoptimise import models_to_optimise, optimal_lengths
 
-    models = {}
-    # with ideal joints the transmission angle depends on the lengths only
-    if any(
-        one.applied().loose
-        for one in (state.campaign.mechanism, load_mechanism(state.folder.path / MECHANISM))
-    ):
-        outcome = state.outcome("verdict")
-        if not all(candidate.sensor for candidate in outcome.chosen.hypothesis):
-            models = dict(
-                zip(("base", "augmented"), mechanisms(state.campaign, outcome), strict=True)
-            )
-    fastest = max(
-        (run for run in state.campaign.runs if run.role != "confirm"), key=lambda run: run.speed
-    )
-    if fastest.direction == "clockwise":
-        models = {name: mechanism.applied().mirrored() for name, mechanism in models.items()}
-    loads = state.own_loads.get(fastest.id, ()) if models else ()
-    models = {name: with_loads(mechanism, loads) for name, mechanism in models.items()}
-    state.folder.write(schema.CAMPAIGN_OPTIMUM, reoptimised(models, fastest.speed))
+    models, speed = models_to_optimise(state.campaign, state.outcome, state.loads_of_runs)
+    state.folder.write(schema.CAMPAIGN_OPTIMUM, optimal_lengths(models, speed))
 
 
 @stage(
     reads=(
+        *_DECIDED,
         *_CONFIRMED,
-        *CAMPAIGN_STAGES.written_by("preflight", "locate", "augment", "reoptimise"),
+        *_PREFLIGHT,
+        *_MAP,
+        schema.LAW_FAMILIES,
+        schema.MISSING_FORCE,
+        schema.CAMPAIGN_OPTIMUM,
+        schema.LOOK,
     ),
-    files=(VERDICT, *SUMMARIES, "figures/gaps.png"),
+    files=(VERDICT, *SUMMARIES),
     does="verdict, summary and figures",
 )
 def conclude(state: "CampaignState") -> None:
     """Write verdict.json, the one-page summary and the figures."""
-    from jointgap.campaign import page as concluding
+    from jointgap.campaign import conclude as conclusion
 
-    concluding.conclude(state)
-    concluding.show(state)
+    conclusion.conclude(state)
+    conclusion.show(state)
 
 
 @stage(
-    reads=(*_of("verdict", OUTCOME_TABLES), schema.GAPS, schema.RESIDUALS),
+    reads=(*OUTCOME_TABLES, schema.GAPS, schema.RESIDUALS),
     files=(PUBLISHED,),
     does="publish to MLflow",
     after=("conclude",),
@@ -486,32 +390,25 @@ def track_campaign(state: "CampaignState") -> None:
 def run_stage(
     stage: Stage, state: "CampaignState", optional: bool = False, **options: Any
 ) -> str | None:
-    """Run a stage and note its costs; if an `optional` one fails, note the error and write empty
-    tables."""
-    if stage.name == "conclude":  # it notes its parts itself, as verdict.json contains the costs
+    """Run a stage and record its costs; if an `optional` one fails, record the error and write
+    empty tables."""
+    if stage.name == "conclude":  # records its steps itself, as verdict.json contains the costs
         return stage.function(state, **options)
-    parts, part = options.get("parts", 1), ""
-    if "part" in options:  # of another number of parts nothing is left
-        own = {f"{stage.name}-{i}" for i in range(parts)} if parts > 1 else {stage.name}
-        for place in (state.folder.path / COSTS).glob(f"{stage.name}*.json"):
-            if place.stem not in own:
-                place.unlink(missing_ok=True)
-        part = f"-{options['part']}" if parts > 1 else ""
-    with costs_noted(state.folder, f"{stage.name}{part}"):
-        return (
-            _run_if_possible(stage, state, **options)
-            if optional
-            else stage.function(state, **options)
-        )
+    part, parts = options.get("part", 0), options.get("parts", 1) if "part" in options else 1
+    with recorded_costs(state.folder, stage.name, part, parts):
+        if not optional:
+            return stage.function(state, **options)
+        with recorded_failure(state.folder, stage.name):
+            return stage.function(state, **options)
+        _write_nothing(stage, state)
+    return None
 
 
-def _run_if_possible(stage: Stage, state: "CampaignState", **options: Any) -> str | None:
+def _write_nothing(stage: Stage, state: "CampaignState") -> None:
+    """Write empty outputs of a stage, which the workflow requires."""
     import pandas as pd
 
-    with noted(state.folder, stage.name):
-        return stage.function(state, **options)
     for table in stage.writes:
         state.folder.write(table, pd.DataFrame(columns=table.names))
     for file in stage.files:
         write_text(state.folder.path / file, f"# the stage {stage.name} could not write this\n")
-    return None

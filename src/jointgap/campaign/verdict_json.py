@@ -1,16 +1,16 @@
 """verdict.json: the verdict for programs."""
 
 import json
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from jointgap.campaign.fits_on_disk import JOINED, Outcome, clockwise, nuisances_as_read
+from jointgap.campaign.fits_on_disk import JOINED, clockwise, nuisances_in_file_convention
+from jointgap.campaign.outcome import Outcome
 from jointgap.campaign.plan import confusable_groups, undetectable
 from jointgap.config.campaign import Campaign
-from jointgap.core.candidates import Candidate
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import Frames
 from jointgap.effects import EFFECTS
@@ -24,7 +24,7 @@ from jointgap.identification.fit import (
     no_estimate,
 )
 from jointgap.identification.force_law import effect_of, law_of
-from jointgap.identification.problem import label_of
+from jointgap.identification.problem import Hypothesis, label_of
 
 SCHEMA_VERSION = 3  # increase when a key of verdict.json changes its meaning or is removed
 
@@ -41,70 +41,57 @@ def document(
 ) -> dict[str, Any]:
     """The content of ``verdict.json``; `repeats`: samples are compared, not statistics over
     cycles."""
-    gaps, gains = tables["gaps"], _gains(outcome)
-    test = held_out_test(gaps) if outcome.proposed else None
+    gaps, detectable = tables["gaps"], tables["detectable"]
     return {
         "schema_version": SCHEMA_VERSION,
         "campaign": campaign.name,
         "verdict": outcome.verdict,
         "because": outcome.because,
         "basis": "samples" if repeats else "statistics",
-        "effects": _with_families(_with_twins(outcome, gains), tables["law_families"]),
-        "equivalent": [effects(fit, gains) for fit in outcome.equivalent],
-        "certain": _certain(outcome, gains),
+        "effects": _named_effects(outcome, tables["law_families"]),
+        "equivalent": [effects_of(fit, outcome.bic) for fit in outcome.equivalent],
+        "certain": _certain(outcome),
         "not_searched": list(outcome.not_searched),
         "separated_by": "",
-        "best_known": _best_known(outcome, gains),
+        "best_known": _best_known(outcome),
         "interval_factor": (outcome.proposed or outcome.chosen).scale,
-        "held_out_test": test and test.outcome,
+        "held_out_test": held_out_test(gaps).outcome if outcome.proposed else None,
         "doubted_channels": list(inconsistent),
-        "nuisances": dict(_nuisances(outcome, tables["detectable"], campaign)),
+        "nuisances": _nuisances(outcome, detectable, campaign),
         "where": [
             {
-                "run": row.run,
-                "channel": row.channel,
-                "crank_angle_deg": [row.start_deg, row.end_deg],
-                "p_adjusted": row.p_adjusted,
+                "run": window.run,
+                "channel": window.channel,
+                "crank_angle_deg": [window.start_deg, window.end_deg],
+                "p_adjusted": window.p_adjusted,
             }
-            for row in tables["map_windows"].itertuples()
+            for window in tables["map_windows"].itertuples()
         ],
         "orders": tables["map_standout"].to_dict("records"),
         "gap": {role: gap_of(gaps, role) for role in ("identify", "confirm")},
         "held_out": held_out(gaps, {run.id: run.role for run in campaign.runs}),
         "preflight": {
-            "undetectable": undetectable(tables["detectable"]),
+            "undetectable": undetectable(detectable),
             "merged": confusable_groups(tables["confusability"]),
         },
         "false_alarm_rate": None,
     }
 
 
-def _nuisances(
-    outcome: Outcome, detectable: pd.DataFrame, campaign: Campaign
-) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Estimates by key, with whether the mechanism file keeps the stated value.
-
-    No interval where the preflight cannot detect any deviation, such as of a restitution; of a
-    nuisance that both pins share at neither of them.
-    """
-    lost, found = set(undetectable(detectable)), set()
-    by_nuisance: dict[str, set[str]] = {}
-    for label in detectable["label"]:
-        if nuisance := getattr(EFFECTS.get(label.partition(":")[0]), "NUISANCE", None):
-            by_nuisance.setdefault(nuisance, set()).add(label)
-    for nuisance, labels in by_nuisance.items():
-        found |= {f"{nuisance}_{label.partition(':')[2]}" for label in labels & lost}
-        found |= {nuisance} if labels <= lost else set()
-    for p, estimate in nuisances_as_read(outcome.chosen, clockwise(campaign)):
-        kept = {} if is_taken_over(estimate) else {"kept": True}
-        if p.name in found and estimate["interval_90"] != [None, None]:
-            estimate = no_estimate(estimate["value"], estimate.get("remark", NOT_DETERMINED))
-        yield p.key, estimate | kept
-
-
 def text(verdict: Mapping[str, Any]) -> str:
     """The document as JSON; non-finite numbers are null."""
     return json.dumps(_finite(verdict), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _finite(value: Any) -> Any:
+    """`value` with None for non-finite numbers and Python numbers for NumPy ones."""
+    if isinstance(value, Mapping):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return int(value) if isinstance(value, np.integer) else value
 
 
 def read(path) -> dict[str, Any]:
@@ -122,6 +109,31 @@ def read(path) -> dict[str, Any]:
     return content
 
 
+def _nuisances(
+    outcome: Outcome, detectable: pd.DataFrame, campaign: Campaign
+) -> dict[str, dict[str, Any]]:
+    """Estimates by key, with whether the mechanism file keeps the stated value.
+
+    No interval where the preflight cannot detect any deviation, such as of a restitution; of a
+    nuisance that both pins share at neither of them.
+    """
+    labels_of: dict[str, set[str]] = {}
+    for label in detectable["label"]:
+        if nuisance := getattr(EFFECTS.get(label.partition(":")[0]), "NUISANCE", None):
+            labels_of.setdefault(nuisance, set()).add(label)
+    lost, undetermined = set(undetectable(detectable)), set()
+    for nuisance, labels in labels_of.items():
+        undetermined |= {f"{nuisance}_{label.partition(':')[2]}" for label in labels & lost}
+        undetermined |= {nuisance} if labels <= lost else set()
+    estimates = {}
+    for parameter, estimate in nuisances_in_file_convention(outcome.chosen, clockwise(campaign)):
+        kept = {} if is_taken_over(estimate) else {"kept": True}
+        if parameter.name in undetermined and estimate["interval_90"] != [None, None]:
+            estimate = no_estimate(estimate["value"], estimate.get("remark", NOT_DETERMINED))
+        estimates[parameter.key] = estimate | kept
+    return estimates
+
+
 def gap_of(gaps: pd.DataFrame, role: str, run: str = "all") -> dict[str, float | None]:
     """Gap over all channels without and with `Outcome.proposed`; None without samples, or if the
     model with it cannot be simulated."""
@@ -130,151 +142,104 @@ def gap_of(gaps: pd.DataFrame, role: str, run: str = "all") -> dict[str, float |
 
 
 def held_out(gaps: pd.DataFrame, roles: Mapping[str, str]) -> list[dict[str, Any]]:
+    """Gap of each held-out run, and why a run could not be simulated."""
     runs = []
-    for row in gaps[
-        (gaps["role"] == "confirm") & (gaps["channel"] == "all") & (gaps["run"] != "all")
-    ].itertuples():
+    for row in gaps.query("role == 'confirm' and channel == 'all' and run != 'all'").itertuples():
         part = "last_third" if roles[row.run] == "split" else "whole"
-        reason = {"not_simulated": row.remark} if isinstance(row.remark, str) else {}
-        runs.append(
-            {"run": row.run, "part": part, "gap": gap_of(gaps, "confirm", row.run), **reason}
-        )
+        entry = {"run": row.run, "part": part, "gap": gap_of(gaps, "confirm", row.run)}
+        if isinstance(row.remark, str):
+            entry["not_simulated"] = row.remark
+        runs.append(entry)
     return runs
 
 
-def _best_known(outcome: Outcome, gains: Mapping[str, float]) -> dict[str, Any] | None:
+def _best_known(outcome: Outcome) -> dict[str, Any] | None:
     """The best explanation that is not confirmed, with its rival."""
     best = outcome.best_known
     if best is None:
         return None
     ranking, labels = outcome.ranking.set_index("explanation"), set(best.label.split(JOINED))
     share = ranking.loc[best.label, "explained_share"]
-    known = {"effects": effects(best, gains), "explained_share": share, "rival": None}
-    for row in (
-        ranking.dropna(subset=["bic"])
-        .query("admissible")
-        .sort_values("bic", kind="stable")
-        .itertuples()
-    ):
-        other = set(row.Index.split(JOINED))
-        if not other >= labels and not other < labels:
-            share = row.explained_share
-            known["rival"] = {
+    content = {"effects": effects_of(best, outcome.bic), "explained_share": share, "rival": None}
+    fitted = ranking.dropna(subset=["bic"]).query("admissible")
+    for row in fitted.sort_values("bic", kind="stable").itertuples():
+        rival = set(row.Index.split(JOINED))
+        if not rival >= labels and not rival < labels:
+            content["rival"] = {
                 "explanation": row.Index,
                 "behind": row.bic - best.bic,
-                "explained_share": share,
+                "explained_share": row.explained_share,
             }
             break
-    return known
+    return content
 
 
-def _certain(outcome: Outcome, gains: Mapping[str, float]) -> list[dict[str, Any]]:
+def _certain(outcome: Outcome) -> list[dict[str, Any]]:
     """Effects that all near explanations share, with the values of the first explanation that
     contains them."""
     shared = set() if outcome.named else set(outcome.certain)
     for fit in outcome.explanations if shared else ():
         if shared <= {candidate.label for candidate in fit.hypothesis}:
-            return effects(fit, gains, shared)
+            return effects_of(fit, outcome.bic, shared)
     return []
 
 
-def effects(
-    fit: Fit, gains: Mapping[str, float], labels: Collection[str] | None = None
+def effects_of(
+    fit: Fit, bic: Mapping[str, float], labels: Collection[str] | None = None
 ) -> list[dict[str, Any]]:
-    """The effects of an explanation; the terms of a law are one effect."""
-    laws = [candidate for candidate in fit.hypothesis if candidate.name.startswith("discovered_")]
+    """The effects of an explanation; the terms of a law are one effect; `bic` by explanation."""
+
+    def entry(
+        name: str, site: str, terms: Hypothesis, parameters: dict[str, Any]
+    ) -> dict[str, Any]:
+        # BIC without the effect minus BIC; None if the explanation without it was not fitted
+        without = label_of(tuple(c for c in fit.hypothesis if c not in terms))
+        gain = bic[without] - fit.bic if without in bic else None
+        formula = {"formula": terms[0].formula} if terms[0].formula else {}
+        return {"name": name, "site": site, **formula, "delta_bic": gain, "parameters": parameters}
+
+    laws = tuple(c for c in fit.hypothesis if c.name.startswith("discovered_"))
     entries = [
-        _effect(
-            candidate.name,
-            candidate.site,
-            fit,
-            [candidate],
-            gains,
-            effect_estimates(fit, candidate),
-        )
-        for candidate in fit.hypothesis
-        if candidate not in laws and (labels is None or candidate.label in labels)
+        entry(c.name, c.site, (c,), effect_estimates(fit, c))
+        for c in fit.hypothesis
+        if c not in laws and (labels is None or c.label in labels)
     ]
     if laws:
-        law = law_of(tuple(laws), fit.mapping)
-        keys = [p.key for p in fit.parameters]
+        law, keys = law_of(laws, fit.mapping), [parameter.key for parameter in fit.parameters]
         parameters: dict[str, Any] = {"formula": {"value": law.formula}}
-        parameters |= {
-            name: coordinate_estimate(fit, keys.index(key)) for name, key in law.keys.items()
-        }
-        entries.append(_effect(effect_of(laws[0]), law.site, fit, laws, gains, parameters))
+        for name, key in law.keys.items():
+            parameters[name] = coordinate_estimate(fit, keys.index(key))
+        entries.append(entry(effect_of(laws[0]), law.site, laws, parameters))
     return entries
 
 
-def _effect(
-    name: str,
-    site: str,
-    fit: Fit,
-    own: Sequence[Candidate],
-    gains: Mapping[str, float],
-    parameters: dict[str, Any],
-) -> dict[str, Any]:
-    """One effect; delta_bic: BIC without it minus BIC; None if the explanation without it was not
-    fitted."""
-    left = label_of(tuple(candidate for candidate in fit.hypothesis if candidate not in own))
-    cost = gains[left] - fit.bic if left in gains else None
-    law = {"formula": own[0].formula} if own[0].formula else {}
-    return {"name": name, "site": site, **law, "delta_bic": cost, "parameters": parameters}
-
-
-def _with_families(named: list[dict[str, Any]], families: pd.DataFrame) -> list[dict[str, Any]]:
-    """The effects `named` with the intervals of their law families."""
-    for effect in named:
-        for row in families.itertuples():
-            if (row.effect if row.fits else row.law) not in (
-                effect["name"],
-                f"{effect['name']}:{effect['site']}",
-            ):
-                continue
-            law, interval = row.law.partition(":")[0], {"interval_99": [row.low, row.high]}
-            left = {
-                "law": law,
-                "shape": row.shape,
-                "value": row.value,
-                **interval,
-                "named": not row.alone,
-            }
-            effect.setdefault("families", []).append(left)
-            # the 99 % interval of a shape that is also a parameter is that of the family, around
-            # that of 90 %
-            if row.shape in effect["parameters"] and law == effect["name"]:
-                own = effect["parameters"][row.shape]
-                known = [end for end in own.get("interval_90", ()) if end is not None]
-                interval["interval_99"] = [min([row.low, *known]), max([row.high, *known])]
-                left |= interval
-                own |= interval
-    return named
-
-
-def _with_twins(outcome: Outcome, gains: Mapping[str, float]) -> list[dict[str, Any]]:
-    """The effects of the chosen explanation; a sensor fault with the others that predict the
-    same."""
-    named = effects(outcome.chosen, gains)
+def _named_effects(outcome: Outcome, families: pd.DataFrame) -> list[dict[str, Any]]:
+    """The effects of the chosen explanation, with alternatives of sensor faults that predict the
+    same, and with the intervals of their law families."""
+    effects = effects_of(outcome.chosen, outcome.bic)
     labels = [candidate.label for candidate in outcome.chosen.hypothesis]
     for twin in outcome.twins:
-        others = {candidate.label for candidate in twin.hypothesis} - {*labels}
-        place = next(i for i, label in enumerate(labels) if label not in twin.label.split(JOINED))
-        named[place].setdefault("alternatives", []).extend(effects(twin, gains, others))
-    return named
+        differing = {candidate.label for candidate in twin.hypothesis} - {*labels}
+        replaced = [label not in twin.label.split(JOINED) for label in labels].index(True)
+        alternatives = effects[replaced].setdefault("alternatives", [])
+        alternatives.extend(effects_of(twin, outcome.bic, differing))
+    for effect in effects:
+        for row in families.itertuples():
+            label = row.effect if row.fits else row.law
+            if label in (effect["name"], f"{effect['name']}:{effect['site']}"):
+                _add_family(effect, row)
+    return effects
 
 
-def _gains(outcome: Outcome) -> dict[str, float]:
-    return {"base": outcome.base.bic} | outcome.ranking.dropna(subset=["bic"]).set_index(
-        "explanation"
-    )["bic"].to_dict()
-
-
-def _finite(value: Any) -> Any:
-    """`value` with None for non-finite numbers and Python numbers for NumPy ones."""
-    if isinstance(value, Mapping):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if np.isfinite(value) else None
-    return int(value) if isinstance(value, np.integer) else value
+def _add_family(effect: dict[str, Any], row: Any) -> None:
+    """Add a row of table `LAW_FAMILIES` to an effect."""
+    law, interval = row.law.partition(":")[0], [row.low, row.high]
+    parameter = effect["parameters"].get(row.shape) if law == effect["name"] else None
+    if parameter is not None:
+        # the 99 % interval of a shape that is also a parameter is that of the family, around that
+        # of 90 %
+        ends = [end for end in parameter.get("interval_90", ()) if end is not None]
+        interval = [min([row.low, *ends]), max([row.high, *ends])]
+        parameter["interval_99"] = interval
+    family = {"law": law, "shape": row.shape, "value": row.value, "interval_99": interval}
+    effect.setdefault("families", []).append(family | {"named": not row.alone})

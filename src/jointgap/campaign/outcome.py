@@ -1,0 +1,107 @@
+"""The outcome of a campaign: the decision on its fits, with the ranking as a table."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+
+import numpy as np
+import pandas as pd
+
+from jointgap.campaign.fits_on_disk import fit_row
+from jointgap.core import schema
+from jointgap.identification.fit import Fit
+from jointgap.identification.force_law import ForceLawResult
+from jointgap.identification.law_family import FamilyInterval
+from jointgap.identification.settings import DEFAULT_SETTINGS
+from jointgap.identification.verdict import Decision, Row
+
+
+@dataclass(frozen=True)
+class Outcome(Decision):
+    """A decision whose ranking is a table."""
+
+    ranking: pd.DataFrame = field(default_factory=pd.DataFrame)  # Table `RANKING` without place
+
+    @property
+    def named(self) -> Fit | None:
+        return self.chosen if self.verdict.startswith("named") else None
+
+    @property
+    def explanations(self) -> list[Fit]:
+        """The named fit with its twins, the equivalent or the best known fits."""
+        fits = (self.named, *self.twins, *self.equivalent, self.best_known)
+        return [fit for fit in fits if fit is not None]
+
+    @property
+    def bic(self) -> dict[str, float]:
+        """BIC of the base and of all explanations, by label."""
+        fitted = self.ranking.dropna(subset=["bic"]).set_index("explanation")["bic"]
+        return {"base": self.base.bic} | fitted.to_dict()
+
+    @property
+    def placed_ranking(self) -> pd.DataFrame:
+        """Table `RANKING`."""
+        lists = {"equivalent": self.equivalent, "twin": self.twins}
+        lists |= {"best_known": [self.best_known], "named": [self.named]}
+        places = {fit.label: place for place, fits in lists.items() for fit in fits if fit}
+        placed = [places.get(label, "") for label in self.ranking["explanation"]]
+        return self.ranking.assign(place=placed)
+
+
+def outcome_of(decision: Decision, seconds: Mapping[str, float]) -> Outcome:
+    """A decision with its ranking as a table; duration of the fits [s] by label."""
+    return Outcome(**vars(decision) | {"ranking": ranking_frame(decision.ranking, seconds)})
+
+
+def with_force_law(outcome: Outcome, result: ForceLawResult) -> Outcome:
+    """The outcome after the search of a force law.
+
+    The law is named if it is accepted and has no rival; else it is the best known explanation if it
+    is better. A listed effect that the search fits again replaces its earlier fit in the ranking.
+    """
+    ranking = ranking_frame(result.ranking)
+    earlier = outcome.ranking[~outcome.ranking["explanation"].isin(ranking["explanation"])]
+    ranking, law = pd.concat([earlier, ranking], ignore_index=True), result.fit
+    if result.named:
+        return replace(
+            outcome,
+            verdict=result.verdict,
+            because=result.reason,
+            chosen=law,
+            best_known=None,
+            equivalent=[],
+            certain=(),
+            ranking=ranking,
+        )
+    best = outcome.best_known
+    limit = best.bic if best else outcome.base.bic - DEFAULT_SETTINGS.decision.min_delta_bic
+    if law is not None and law.bic < limit:
+        best = law
+    because = f"{outcome.because}; {result.reason}"
+    return replace(outcome, because=because, ranking=ranking, best_known=best)
+
+
+def ranking_frame(
+    ranking: Sequence[Row], seconds: Mapping[str, float] | None = None
+) -> pd.DataFrame:
+    """Table `RANKING` without its column place."""
+    rows = []
+    for row in ranking:
+        is_fitted = np.isfinite(row.delta_bic)
+        rows.append(
+            fit_row(row.fit, (seconds or {}).get(row.fit.label, np.nan))
+            | {
+                "parameters": len(row.fit.parameters),
+                "delta_bic": row.delta_bic if is_fitted else np.nan,
+                "explained_share": row.share if is_fitted else np.nan,
+                "passes": row.passes,
+                "admissible": row.admissible,
+                "remark": row.remark or None,
+            }
+        )
+    columns = [name for name in schema.RANKING.names if name != "place"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def family_frame(families: Sequence[FamilyInterval]) -> pd.DataFrame:
+    """Table `LAW_FAMILIES`."""
+    return pd.DataFrame([asdict(family) for family in families], columns=schema.LAW_FAMILIES.names)

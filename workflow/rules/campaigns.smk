@@ -1,0 +1,29 @@
+# A rule for each job of a campaign, generated from the stages in `src/jointgap/campaign/stages.py`. verdict.json contains the costs.
+
+
+for name, stages in CAMPAIGN_STAGES.jobs().items():
+    first = stages[0]
+    place = PLACES.get(name, name.replace("-", "_"))
+
+    rule:
+        name:
+            f"campaign_{name.removesuffix('-campaign')}"
+        input:
+            read_by_campaign(stages),
+        output:
+            made_by(stages, CAMPAIGN),
+        log:
+            f"{CAMPAIGN}/logs/{place}.log",
+        conda:
+            "../envs/jointgap.yaml"
+        resources:
+            mem_mb=max(stage.memory for stage in stages),
+            runtime=first.minutes,
+            mlflow_store=int(first.publishes),
+        params:
+            command=command_of_campaign(stages),
+            code=lambda wildcards, stages=stages: [stage.digest for stage in stages],
+        message:
+            f"campaign {{campaign}}: {first.does}".replace("{", "{wildcards.")
+        shell:
+            "jointgap {params.command:q} > {log:q} 2>&1"
