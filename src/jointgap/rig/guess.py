@@ -549,24 +549,12 @@ def campaign_lines(guesses: Guesses, name: str, mechanism: str) -> Iterator[str]
     yield "  slider_mass: 5 %   # assumed"
     yield "  rod_mass: 5 %   # assumed"
     if guesses.angle:
-        yield _encoder_zero_line(guesses)
+        yield "  # encoder_zero: 5 deg   # unless crank_angle is exactly 0 at the outer dead centre"
     if "slider_position" in guesses.channels:
         yield (
             "  slider_position_zero: 1 m   # assumed; reduce it if it is the distance from the"
             " crank pivot"
         )
-
-
-def _encoder_zero_line(guesses: Guesses) -> str:
-    if len(guesses.runs[0].files) > 1:
-        return (
-            "  # encoder_zero: 180 deg   # the fitted offset of the clocks includes it, so it"
-            " cannot be fitted too"
-        )
-    return (
-        "  encoder_zero: 180 deg   # assumed; reduce it if crank_angle is known to be 0 at the"
-        " outer dead centre"
-    )
 
 
 def _run_lines(guesses: Guesses) -> Iterator[str]:
