@@ -13,6 +13,7 @@ from pathlib import Path
 from snakemake.exceptions import WorkflowError
 
 from jointgap.config import read_yaml
+from jointgap.config.yaml_files import plain_speeds
 from jointgap.core.errors import InputError
 
 
@@ -130,6 +131,9 @@ def check_mlflow_store():
 # Snakemake obeys one onstart alone, so there is no other.
 onstart:
     hold_run_lock()
+    for path in map(str, workflow.overwrite_configfiles or ()):
+        for remark in plain_speeds(path):
+            print(f"jointgap: {remark}", file=sys.stderr)
     if workflow.executor_plugin.name == "slurm":
         check_slurm()
     check_mlflow_store()

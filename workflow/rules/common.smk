@@ -224,16 +224,12 @@ def every_campaign(wildcards=None):
 
 def digest_of_report(wildcards):
     """Changes with the code of the report."""
-    from jointgap.app.report import write_report
-
-    return code_digest(write_report)
+    return code_digest("app.report", "write_report")
 
 
 def digest_of_overview(wildcards):
     """Changes with the code of the comparison of the scenarios."""
-    from jointgap.scenario.overview import write_overview
-
-    return code_digest(write_overview)
+    return code_digest("scenario.overview", "write_overview")
 
 
 @cache

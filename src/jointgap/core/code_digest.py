@@ -2,16 +2,15 @@
 
 It covers the function with everything it uses from its module, the modules of its own package of
 `jointgap` that it imports, and every other package that these import. Imports count directly and
-indirectly; data files count as code.
+indirectly; data files count as code. Modules are named without ``jointgap.``: ``networks.train``.
 """
 
 import ast
 import hashlib
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from jointgap.core.schema import TABLES, Table
 
@@ -21,11 +20,11 @@ _COMPUTED_NAME = re.compile(r"jointgap\.(\w+)\.\{")
 
 
 @cache
-def code_digest(function: Callable[..., Any], *tables: Table) -> str:
-    """Twelve hexadecimal digits of the code that `function` runs, and of the `tables` that it reads
-    and writes or that occur in the code."""
-    source = source_of(function)
-    modules, packages = dependencies(function)
+def code_digest(module: str, function: str, *tables: Table) -> str:
+    """Twelve hexadecimal digits of the code that a `function` runs, and of the `tables` that it
+    reads and writes or that occur in the code. Nothing is imported."""
+    source = source_of(module, function)
+    modules, packages = dependencies(module, function)
     paths = [_path(module) for module in modules]
     parts = [_content(path) for path in sorted(paths)]
     parts += [_package_content(package) for package in sorted(packages)]
@@ -38,20 +37,20 @@ def code_digest(function: Callable[..., Any], *tables: Table) -> str:
 
 
 @cache
-def dependencies(function: Callable[..., Any]) -> tuple[frozenset[str], frozenset[str]]:
+def dependencies(module: str, function: str) -> tuple[frozenset[str], frozenset[str]]:
     """Modules of the function's package, and other packages, that it imports."""
-    own_package = function.__module__.split(".")[1]
+    function_package = module.partition(".")[0]
     modules: set[str] = set()
     packages: set[str] = set()
-    waiting = set(_imported_modules(source_of(function)))
+    waiting = set(_imported_modules(source_of(module, function)))
     while waiting:
-        module = waiting.pop()
-        package = module.partition(".")[0]
-        if package != own_package:
+        name = waiting.pop()
+        package = name.partition(".")[0]
+        if package != function_package:
             packages |= packages_behind(package)
-        elif module != package and module not in modules:
-            modules.add(module)
-            waiting |= _imported_modules(_path(module).read_text("utf-8"))
+        elif name != package and name not in modules:
+            modules.add(name)
+            waiting |= _imported_modules(_path(name).read_text("utf-8"))
     return frozenset(modules), frozenset(packages)
 
 
@@ -119,11 +118,11 @@ def _tables_in(code: str) -> frozenset[str]:
 
 
 @cache
-def source_of(function: Callable[..., Any]) -> str:
+def source_of(module: str, function: str) -> str:
     """Source of a function with everything that it uses from its module."""
-    definitions = _definitions(function.__code__.co_filename)
+    definitions = _definitions(module)
     used: dict[ast.stmt, None] = {}
-    names = [function.__name__]
+    names = [function]
     while names:
         statement = definitions.get(names.pop())
         if statement is not None and statement not in used:
@@ -135,10 +134,10 @@ def source_of(function: Callable[..., Any]) -> str:
 
 
 @cache
-def _definitions(file: str) -> dict[str, ast.stmt]:
+def _definitions(module: str) -> dict[str, ast.stmt]:
     """Statements at the top level of a module by the names that they define."""
     definitions: dict[str, ast.stmt] = {}
-    for statement in ast.parse(Path(file).read_text("utf-8")).body:
+    for statement in ast.parse(_path(module).read_text("utf-8")).body:
         for inner in statement.body if isinstance(statement, ast.If) else [statement]:
             definitions |= dict.fromkeys(_defined_names(inner), inner)
     return definitions

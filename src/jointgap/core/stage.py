@@ -76,7 +76,8 @@ class Stage:
     @property
     def digest(self) -> str:
         """Twelve digits of the code of the stage and of the tables that it reads and writes."""
-        return code_digest(self.function, *self.reads, *self.writes)
+        module = self.function.__module__.removeprefix("jointgap.")
+        return code_digest(module, self.function.__name__, *self.reads, *self.writes)
 
     def options(self, scenario: "BaseModel") -> str:
         """Its sections of a scenario as JSON text in SI, for ``--options``."""

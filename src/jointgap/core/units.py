@@ -6,12 +6,14 @@ passed on.
 """
 
 import math
+import os
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from decimal import Decimal
 from functools import cache, lru_cache
 from numbers import Real
+from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, WithJsonSchema
@@ -45,9 +47,11 @@ _NO_QUANTITY = (
 
 @cache
 def _registry():
-    import pint  # takes 0.3 s
+    import pint  # slow to load
 
-    return pint.UnitRegistry()
+    # scripts/set-up creates the folder; then pint need not parse its definitions again
+    cache = Path(os.environ.get("XDG_CACHE_HOME", ""), f"pint-{pint.__version__}")
+    return pint.UnitRegistry(cache_folder=cache if cache.is_dir() else None)
 
 
 def to_si(value: Any, unit: str) -> float:
