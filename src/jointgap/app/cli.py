@@ -1,11 +1,11 @@
 """The command line."""
 
 import errno
-import inspect
 import json
 import os
 import signal
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -30,14 +30,10 @@ options_option = click.option(
     required=True,
     help="The scenario: path of a YAML or JSON file (config/README.md), or JSON text.",
 )
-workers_option = click.option(
-    "--workers", type=click.IntRange(min=1), help="Parallel runs; the number of cores by default."
-)
 
 
-def need(flag: str, meaning: str, kind: click.Path = FILE) -> Callable:
-    """A required option `flag` for a file, or for a folder if `kind` is `FOLDER`; `meaning` is its
-    help."""
+def required(flag: str, meaning: str, kind: click.Path = FILE) -> Callable:
+    """A required option `flag` for a file, or for a folder if `kind` is `FOLDER`."""
     return click.option(flag, type=kind, required=True, help=meaning)
 
 
@@ -107,15 +103,15 @@ class SectionedGroup(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the subcommands of `ctx` with the `formatter`, a section for each heading."""
-        longest = max(map(len, self.commands))
-        room = formatter.width - longest - 6
+        width = max(map(len, self.commands))
         for heading, names in self.sections.items():
             with formatter.section(heading):
-                rows = [
-                    (f"{name:<{longest}}", self.commands[name].get_short_help_str(room))
+                helps = (
+                    self.commands[name].get_short_help_str(formatter.width - width - 6)
                     for name in names
-                ]
-                formatter.write_dl(rows)
+                )
+                names = (f"{name:<{width}}" for name in names)
+                formatter.write_dl(list(zip(names, helps, strict=True)))
 
 
 @click.group(
@@ -307,63 +303,65 @@ def effects(name: str | None) -> None:
 
     With NAME, show this effect in full, with an example for the mechanism file.
     """
-    import yaml
-
     from jointgap.config import EFFECTS
     from jointgap.core.errors import InputError, did_you_mean
-    from jointgap.effects.base import example
     from jointgap.rig.sensors import FAULTS
 
-    if name is not None and name not in EFFECTS and name not in FAULTS:
-        raise InputError(
-            f"effect '{name}': no such effect; {did_you_mean(name, [*EFFECTS, *FAULTS])}"
-        )
     if name in EFFECTS:
-        click.echo(_in_lines(name, EFFECTS[name], inspect.cleandoc(EFFECTS[name].__doc__)))
-        snippet = yaml.safe_dump(
-            {"effects": [example(EFFECTS[name])]}, sort_keys=False, width=WIDTH
-        )
-        click.echo("\nin the mechanism file:\n\n    " + snippet.rstrip().replace("\n", "\n    "))
-        return
-    if name is None:
-        click.echo("\n\n".join(_in_lines(key, effect) for key, effect in EFFECTS.items()))
+        click.echo(_effect(name, EFFECTS[name], is_detailed=True))
+    elif name in FAULTS:
+        click.echo(_fault(name, FAULTS[name]))
+    elif name is not None:
+        names = [*EFFECTS, *FAULTS]
+        raise InputError(f"effect '{name}': no such effect; {did_you_mean(name, names)}")
+    else:
+        click.echo("\n\n".join(_effect(key, effect) for key, effect in EFFECTS.items()))
         click.echo("\nv, x: slider's velocity, position; w, theta: crank's speed, angle; t: time.")
         click.echo("Effects act only where listed. Details and an example: jointgap effects NAME\n")
-    for key in (key for key in FAULTS if name in (None, key)):
-        fault = FAULTS[key]
-        law = f"sensor fault; reading y of the true value u: {fault.law}"
-        own = [f"{key} [{unit or 'unit of the channel'}]" for key, unit in fault.parameters.items()]
-        parameter = f"parameter{'s' * (len(own) > 1)}: {', '.join(own)}"
-        click.echo("\n".join([click.style(key, bold=True), *map(_wrapped, (law, parameter)), ""]))
+        click.echo("\n\n".join(_fault(key, fault) for key, fault in FAULTS.items()))
 
 
-def _wrapped(line: str) -> str:
-    import textwrap
+def _effect(name: str, effect: Any, is_detailed: bool = False) -> str:
+    """An effect with law and parameters; in detail with its meaning and an example."""
+    from jointgap.effects.base import example, parameters_of
 
-    return textwrap.fill(line, WIDTH, subsequent_indent="    ")
-
-
-def _in_lines(name: str, effect: Any, meaning: str = "") -> str:
-    """An effect with its law and parameters; with a `meaning`, in full."""
-    from jointgap.effects.base import parameters_of
-
-    texts = {
-        "": meaning,
-        "site: ": effect.SITE,
-        "law: ": effect.LAW,
-        "reference: ": effect.REFERENCE,
-    }
-    lines = [label + " ".join(text.split()) for label, text in texts.items() if text]
-    lines.append("parameters:")
+    lines = [
+        f"site: {effect.SITE}",
+        f"law: {effect.LAW}",
+        f"reference: {effect.REFERENCE}",
+        "parameters:",
+    ]
+    if is_detailed:
+        lines.insert(0, " ".join(effect.__doc__.split()))
     for row in parameters_of(effect):
-        limits = (
-            f" [{row.bounds or 'any'} {row.unit.removeprefix('1')}]".replace(" ]", "]")
-            if row.unit
-            else ""
-        )
-        default = f", default {row.default}" if row.default else ""
-        lines.append(f"  {row.name}{limits}{default}" + (f": {row.meaning}" if meaning else ""))
-    return "\n".join([click.style(name, bold=True), *map(_wrapped, lines)])
+        limits = f"{row.bounds or 'any'} {row.unit.removeprefix('1')}".rstrip()
+        line = f"  {row.name} [{limits}]" if row.unit else f"  {row.name}"
+        if row.default:
+            line += f", default {row.default}"
+        lines.append(f"{line}: {row.meaning}" if is_detailed else line)
+    text = _wrapped(name, lines)
+    if not is_detailed:
+        return text
+    yaml = _yaml({"effects": [example(effect)]}).rstrip().replace("\n", "\n    ")
+    return f"{text}\n\nin the mechanism file:\n\n    {yaml}"
+
+
+def _fault(name: str, fault: Any) -> str:
+    """A sensor fault with law and parameters."""
+    names = [f"{key} [{unit or 'unit of the channel'}]" for key, unit in fault.parameters.items()]
+    law = f"sensor fault; reading y of the true value u: {fault.law}"
+    return _wrapped(name, [law, f"parameter{'s' * (len(names) > 1)}: {', '.join(names)}"])
+
+
+def _wrapped(name: str, lines: Sequence[str]) -> str:
+    lines = [textwrap.fill(line, WIDTH, subsequent_indent="    ") for line in lines]
+    return "\n".join([click.style(name, bold=True), *lines])
+
+
+def _yaml(content: Any) -> str:
+    import yaml
+
+    return yaml.safe_dump(content, sort_keys=False, width=WIDTH)
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> str:
@@ -377,9 +375,9 @@ def _aligned(rows: Sequence[Sequence[str]]) -> str:
 
 @cli.command()
 @options_option
-@need("--trajectory", "Parquet file to read: the simulated motion.")
-@need("--events", "Parquet file to read: its events.")
-@need(
+@required("--trajectory", "Parquet file to read: the simulated motion.")
+@required("--events", "Parquet file to read: its events.")
+@required(
     "--folder",
     "Output folder of section.parquet, revolutions.parquet, impacts.parquet and"
     " eccentricity.parquet.",
@@ -405,24 +403,25 @@ def cycles(
     from jointgap.designs.statistics import cycles
     from jointgap.scenario.results import read_trajectory
 
-    scenario, turned = parse_options(options), _quantity("--angle", angle, "rad")
-    places = {
-        name: folder / f"{name}.parquet"
-        for name in ("section", "revolutions", "impacts", "eccentricity")
+    scenario, section_angle = parse_options(options), _quantity("--angle", angle, "rad")
+    tables = {
+        "section": known.POINCARE_SECTION,
+        "revolutions": known.JOINT_REVOLUTIONS,
+        "impacts": known.IMPACT_DISTRIBUTION,
+        "eccentricity": known.ECCENTRICITY,
     }
-    check_writable(*places.values())
-    samples, rows = read_trajectory(trajectory, scenario), read(known.EVENTS, events)
+    files = {name: folder / f"{name}.parquet" for name in tables}
+    check_writable(*files.values())
     statistics = cycles(
-        samples, rows, scenario.mechanism, scenario.simulate, first_revolution, turned
+        read_trajectory(trajectory, scenario),
+        read(known.EVENTS, events),
+        scenario.mechanism,
+        scenario.simulate,
+        first_revolution,
+        section_angle,
     )
-    tables = (
-        known.POINCARE_SECTION,
-        known.JOINT_REVOLUTIONS,
-        known.IMPACT_DISTRIBUTION,
-        known.ECCENTRICITY,
-    )
-    for table, (name, place) in zip(tables, places.items(), strict=True):
-        write(table, getattr(statistics, name), place)
+    for name, table in tables.items():
+        write(table, getattr(statistics, name), files[name])
     click.echo(statistics.summary)
 
 
@@ -440,7 +439,7 @@ _scenarios = {"nargs": 2, "multiple": True, "help": "Name and options of a scena
 
 
 @cli.command()
-@need(
+@required(
     "--results",
     "Folder of the scenarios' folders; receives overview.md, .html and .parquet.",
     FOLDER,
@@ -457,8 +456,8 @@ def overview(results: Path, scenarios: tuple[tuple[str, str], ...]) -> None:
 
 
 @cli.command()
-@need("--results", "Folder of the folders of results.", FOLDER)
-@need("--report", "HTML file to write; its links hold where it lies in that folder.")
+@required("--results", "Folder of the folders of results.", FOLDER)
+@required("--report", "HTML file to write; its links hold where it lies in that folder.")
 @click.option("--scenario", "scenarios", **_scenarios)
 @click.option("--campaign", "campaigns", multiple=True, help="Name of a campaign, repeatable.")
 def report(
@@ -557,13 +556,12 @@ def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None
     from jointgap.dynamics.mechanism_warnings import remarks
     from jointgap.lengths.region import check_constraints
 
-    for remark in (remark for file in files for remark in plain_speeds(file)):
-        click.echo(f"jointgap: {remark}", err=True)
-    layers = [Layer(str(file), read_yaml(file)) for file in files]
-    folders = (
-        Path(),
-        *(folder for file in reversed(files) for folder in (file.parent, file.parent.parent)),
-    )
+    layers, folders, warnings = [], [], []
+    for file in files:
+        layers.append(Layer(str(file), read_yaml(file)))
+        folders = [file.parent, file.parent.parent, *folders]
+        warnings += plain_speeds(file)
+    folders = (Path(), *folders)
     source = " with ".join(map(str, files))
     scenarios = load.resolve(merged(layers), folders, source)
     check_constraints(scenarios, source)
@@ -572,13 +570,14 @@ def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None
         raise InputError(
             f"{source}: run lists no scenario '{name}'; {did_you_mean(name, scenarios)}"
         )
-    for remark in remarks(scenarios[name].mechanism, scenarios[name].simulate.highest_speed):
-        click.echo(f"jointgap: {remark}", err=True)
-    if not sources:
-        click.echo(scenarios[name].model_dump_json(indent=2, by_alias=True))
-        return
-    rows = load.sources_of(scenarios[name], name, layers, folders)
-    click.echo(_aligned(rows))
+    selected = scenarios[name]
+    warnings += remarks(selected.mechanism, selected.simulate.highest_speed)
+    for warning in warnings:
+        click.echo(f"jointgap: {warning}", err=True)
+    if sources:
+        click.echo(_aligned(load.sources_of(selected, name, layers, folders)))
+    else:
+        click.echo(selected.model_dump_json(indent=2, by_alias=True))
 
 
 @cli.command()
@@ -589,16 +588,12 @@ def schema(path: Path | None, campaign: bool) -> None:
     YAML."""
     from jointgap.config.load import campaign_json_schema, json_schema
 
-    text = (
-        json.dumps(
-            campaign_json_schema() if campaign else json_schema(), indent=2, ensure_ascii=False
-        )
-        + "\n"
-    )
+    content = campaign_json_schema() if campaign else json_schema()
+    text = json.dumps(content, indent=2, ensure_ascii=False)
     if path is None:
-        click.echo(text, nl=False)
+        click.echo(text)
     else:
-        write_text(path, text)
+        write_text(path, f"{text}\n")
 
 
 _SECONDS_BETWEEN_LINES = 60.0
@@ -644,9 +639,9 @@ def main() -> None:
     except OSError as error:
         if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
             raise
-        where = error.filename or "the log of this command, or a temporary file"
+        file = error.filename or "the log of this command, or a temporary file"
         message = (
-            f"{where}: cannot be written ({error.strerror}); free disk space, then run the command"
+            f"{file}: cannot be written ({error.strerror}); free disk space, then run the command"
             " again"
         )
     else:
@@ -654,9 +649,8 @@ def main() -> None:
     text = "".join(f"jointgap: error: {line}\n" for line in message.splitlines())
     try:
         click.echo(text, err=True, nl=False)
-    except (
-        OSError
-    ):  # no space for the job's log: write to the open file number of the workflow's terminal
+    # no space for the job's log: write to the open file number of the workflow's terminal
+    except OSError:
         if terminal := os.environ.get("JOINTGAP_TERMINAL"):
             os.write(int(terminal), text.encode())
     sys.exit(2)

@@ -19,7 +19,7 @@ from jointgap.effects.base import CATALOGUE, CRANK_SIGN_SPEED, GROUPS, SLIDER_SI
 
 #: Every effect by its name, in the order of the catalogue.
 EFFECTS: dict[str, type[Effect]] = {
-    effect.NAME: effect for effect in sorted(CATALOGUE, key=lambda one: one.ORDER)
+    effect.NAME: effect for effect in sorted(CATALOGUE, key=lambda effect: effect.ORDER)
 }
 
 MEANINGS.update((name, effect.__doc__) for name, effect in EFFECTS.items())

@@ -151,8 +151,8 @@ class EffectParameter:
     @property
     def limits(self) -> dict[str, float]:
         """Limits by name."""
-        given = {key: getattr(self, key) for key in ("gt", "ge", "lt", "le", "multiple_of")}
-        return {key: limit for key, limit in given.items() if limit is not None}
+        limits = {key: getattr(self, key) for key in ("gt", "ge", "lt", "le", "multiple_of")}
+        return {key: limit for key, limit in limits.items() if limit is not None}
 
 
 parameter = EffectParameter
@@ -258,10 +258,9 @@ class Effect(ConfigModel):
 
     def compile_into(self, records: Records) -> None:
         """Write its parameters into the records of the equations of motion."""
-        compiled = {key: one.compiled for key, one in self.DESCRIBED.items() if one.compiled}
-        records["effects"] |= {
-            field: getattr(self.parameters, key) for key, field in compiled.items()
-        }
+        for key, described in self.DESCRIBED.items():
+            if described.compiled:
+                records["effects"][described.compiled] = getattr(self.parameters, key)
         if self.GROUP == "slider":
             records["effects"]["on_slider"] = True
 
@@ -273,10 +272,8 @@ class Effect(ConfigModel):
     def mirrored(self) -> "Effect":
         """The effect mirrored at the slide, which makes a clockwise crank turn
         counter-clockwise."""
-        odd = {
-            key: -getattr(self.parameters, key) for key, one in self.DESCRIBED.items() if one.odd
-        }
-        return self.with_parameters(**odd) if odd else self
+        odd = [key for key, described in self.DESCRIBED.items() if described.odd]
+        return self.with_parameters(**{key: -getattr(self.parameters, key) for key in odd})
 
     def with_parameters(self, **values: Any) -> "Effect":
         """The effect with other values of parameters."""
@@ -311,23 +308,25 @@ class Effect(ConfigModel):
     @classmethod
     def sizes(cls, scale: MotionScale) -> tuple[Parameter, ...]:
         """Coordinates of the parameters with a ``step``, or of their cosine and sine parts."""
-        found = []
-        for key, one in cls.DESCRIBED.items():
-            if one.step:
-                high = math.inf if one.le is None else float(one.le)
-                low = -high if cls.ANGLE else -math.inf if one.ge is None else float(one.ge)
-                names = ("cosine", "sine") if cls.ANGLE else (key,)
-                found += [
-                    amplitude(name, one.step(scale), one.unit or "1", low, high) for name in names
-                ]
-        return tuple(found)
+        coordinates = []
+        for key, described in cls.DESCRIBED.items():
+            if described.step is None:
+                continue
+            high = math.inf if described.le is None else float(described.le)
+            low = -math.inf if described.ge is None else float(described.ge)
+            if cls.ANGLE:
+                low = -high
+            for name in ("cosine", "sine") if cls.ANGLE else (key,):
+                step, unit = described.step(scale), described.unit or "1"
+                coordinates.append(amplitude(name, step, unit, low, high))
+        return tuple(coordinates)
 
     @classmethod
     def stated(cls, values: Values) -> dict[str, float]:
         """Parameters for the verdict, from the values of a fit's coordinates."""
         if not cls.ANGLE:
             return dict(values)
-        (size,) = (key for key, one in cls.DESCRIBED.items() if one.step)
+        (size,) = (key for key, described in cls.DESCRIBED.items() if described.step)
         return size_and_angle(values, size, cls.ANGLE)
 
     @classmethod
@@ -341,32 +340,30 @@ class Effect(ConfigModel):
         member: type["Effect"],
         scale: MotionScale,
         sizes=(),
-        others=(),
+        shape_details=(),
         values: Callable = dict,
         **attributes: Any,
     ) -> LawFamily:
         """This law as family of a `member`: a fit varies the shape, `sizes` (default: those of the
-        law) and `others`, which are inactive at the member's shape.
+        law) and `shape_details`, which are inactive at the member's shape.
         """
-        sizes, own, bounds = (
-            sizes or cls.sizes(scale),
-            cls.MEMBERS[member.NAME],
-            cls.DESCRIBED[cls.SHAPE],
+        sizes = sizes or cls.sizes(scale)
+        member_shape, bounds = cls.MEMBERS[member.NAME], cls.DESCRIBED[cls.SHAPE]
+        shape = Parameter(cls.SHAPE, member_shape, float(bounds.ge), float(bounds.le), 0.1)
+        keys = tuple(size.key for size in sizes)
+        law = cls.candidate(*sizes, *shape_details, shape, amplitudes=keys, **attributes)
+        inactive = len(shape_details)
+        return LawFamily(
+            law, cls.SHAPE, member_shape, cls.IN_USE, values, inactive_at_default=inactive
         )
-        shape = Parameter(cls.SHAPE, own, float(bounds.ge), float(bounds.le), 0.1)
-        amplitudes = tuple(one.key for one in sizes)
-        law = cls.candidate(*sizes, *others, shape, amplitudes=amplitudes, **attributes)
-        return LawFamily(law, cls.SHAPE, own, cls.IN_USE, values, inactive_at_default=len(others))
 
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
         """One candidate for each site where it can act; default: the parameters with a ``step``."""
-        sizes = () if cls.MEMBERS else cls.sizes(context.scale)
-        return (
-            [cls.candidate(*sizes, parameters=cls.stated, families=cls.families(context))]
-            if sizes
-            else []
-        )
+        sizes = cls.sizes(context.scale)
+        if not sizes or cls.MEMBERS:
+            return []
+        return [cls.candidate(*sizes, parameters=cls.stated, families=cls.families(context))]
 
     @classmethod
     def simulated(cls, values: Values) -> tuple[Values, float]:
@@ -409,31 +406,25 @@ def register_effect(order: int) -> Callable[[type[Effect]], type[Effect]]:
 
     def decorate(cls: type[Effect]) -> type[Effect]:
         name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
-        written = {key: one for base in cls.__mro__[::-1] for key, one in vars(base).items()}
-        described = {key: one for key, one in written.items() if isinstance(one, EffectParameter)}
+        attributes = {key: value for base in cls.__mro__[::-1] for key, value in vars(base).items()}
+        described = {
+            key: value for key, value in attributes.items() if isinstance(value, EffectParameter)
+        }
         section, options = cls.PARAMETERS, {"__module__": cls.__module__}
         if section is None:
-            fields = {
-                key: (
-                    quantity(one.unit, **one.limits),
-                    Field(one.default, description=one.meaning, examples=[one.example]),
-                )
-                for key, one in described.items()
-            }
-            section = create_model(
-                f"{cls.__name__}Parameters", __base__=ConfigModel, **options, **fields
-            )
+            fields = {}
+            for key, value in described.items():
+                field = Field(value.default, description=value.meaning, examples=[value.example])
+                fields[key] = (quantity(value.unit, **value.limits), field)
+            section_name = f"{cls.__name__}Parameters"
+            section = create_model(section_name, __base__=ConfigModel, **options, **fields)
             section.__doc__ = f"Parameters of ``{name}``."
         keys = cls.KEYS | {"parameters": (section, section() if cls.OPTIONAL else ...)}
         effect = create_model(
             cls.__name__, __base__=cls, **options, name=(Literal[name], ...), **keys
         )
-        effect.__doc__, effect.NAME, effect.ORDER, effect.DESCRIBED = (
-            cls.__doc__,
-            name,
-            order,
-            described,
-        )
+        effect.__doc__ = cls.__doc__
+        effect.NAME, effect.ORDER, effect.DESCRIBED = name, order, described
         if cls.PARAMETERS is None:
             setattr(effect, section.__name__, section)  # for pickle
             section.__qualname__ = f"{effect.__name__}.{section.__name__}"
@@ -463,21 +454,20 @@ class FormulaParameters(ConfigModel):
         return self
 
 
-def _sum(first: Program, second: Program) -> Program:
+def _sum(left: Program, right: Program) -> Program:
     """The program of the sum of two formulas."""
-    if not len(first.codes):
-        return second
-    moved = second.codes + np.outer(second.codes[:, 0] == NUMBER, [0, len(first.numbers)])
-    codes = np.vstack([first.codes, moved, [[ADD, 0]]])
-    steps = np.where(
-        codes[:, 0] <= VARIABLE, 1, np.where((codes[:, 0] >= ADD) & (codes[:, 0] <= POWER), -1, 0)
-    )
+    if not len(left.codes):
+        return right
+    shifted = right.codes + np.outer(right.codes[:, 0] == NUMBER, [0, len(left.numbers)])
+    codes = np.vstack([left.codes, shifted, [[ADD, 0]]])
+    is_binary = (codes[:, 0] >= ADD) & (codes[:, 0] <= POWER)
+    steps = np.where(codes[:, 0] <= VARIABLE, 1, np.where(is_binary, -1, 0))
     if len(codes) > LONGEST_FORMULA or np.cumsum(steps).max() > DEEPEST_STACK:
         raise InputError(
             "effects: the formulas on one body are together too long or nested too deeply; shorten"
             " them"
         )
-    return Program(codes, np.concatenate([first.numbers, second.numbers]))
+    return Program(codes, np.concatenate([left.numbers, right.numbers]))
 
 
 class DiscoveredLaw(Effect):
@@ -494,10 +484,8 @@ class DiscoveredLaw(Effect):
 
     def compile_into(self, records: Records) -> None:
         super().compile_into(records)
-        program, key = (
-            compile_formula(self.parameters.formula, self.parameters.coefficients),
-            f"{self.GROUP}_formula",
-        )
+        program = compile_formula(self.parameters.formula, self.parameters.coefficients)
+        key = f"{self.GROUP}_formula"
         records["formulas"][key] = _sum(records["formulas"][key], program)
 
     def mirrored(self) -> Effect:
@@ -521,15 +509,12 @@ def parameters_of(effect: type[Effect]) -> list[ParameterDescription]:
     section, rows = effect.model_fields["parameters"].annotation, []
     for name, schema in section.model_json_schema()["properties"].items():
         number = next(iter(schema.get("anyOf", [schema])))
-        unit = schema.get("unit", "1") if number.get("type") in ("number", "integer") else ""
-        default = (
-            ""
-            if section.model_fields[name].is_required()
-            else _default(section.model_fields[name].default)
-        )
-        rows.append(
-            ParameterDescription(name, unit, _bounds(number), default, schema["description"])
-        )
+        is_number = number.get("type") in ("number", "integer")
+        unit = schema.get("unit", "1") if is_number else ""
+        field = section.model_fields[name]
+        default = "" if field.is_required() else _default(field.default)
+        description = schema["description"]
+        rows.append(ParameterDescription(name, unit, _bounds(number), default, description))
     return rows
 
 
@@ -550,7 +535,6 @@ def example(effect: type[Effect]) -> dict[str, Any]:
     """An example entry of a mechanism file."""
     site = {"site": effect.sites()[0]} if effect.sites() else {}
     fields = effect.model_fields["parameters"].annotation.model_fields
-    typical = {
-        name: field.examples[0] for name, field in fields.items() if field.examples[0] is not None
-    }
-    return {"name": effect.NAME} | site | {"parameters": typical}
+    examples = {name: field.examples[0] for name, field in fields.items()}
+    parameters = {name: value for name, value in examples.items() if value is not None}
+    return {"name": effect.NAME} | site | {"parameters": parameters}

@@ -61,10 +61,9 @@ class AddedSliderMass(DataEffect):
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
-        mass, replaces = context.mechanism.slider.mass, context.replaced({"slider_mass": "mass_kg"})
-        yield cls.candidate(
-            amplitude("mass_kg", DETECTABLE_SHARE * mass, "kg", -0.95 * mass), replaces=replaces
-        )
+        mass = context.mechanism.slider.mass
+        deviation = amplitude("mass_kg", DETECTABLE_SHARE * mass, "kg", -0.95 * mass)
+        yield cls.candidate(deviation, replaces=context.replaced({"slider_mass": "mass_kg"}))
 
 
 @register_effect(order=160)
@@ -130,22 +129,21 @@ class RodFlexibility(Effect):
 
     def check(self, mechanism: Any) -> None:
         rod, least = mechanism.rod, _LEAST_INERTIA_SHARE
-        left = rod.inertia - _BENDING_COUPLING * rod.mass * (rod.mass_centre - rod.length / 2) ** 2
-        if left < least * rod.inertia:
+        off_centre = rod.mass_centre - rod.length / 2
+        remaining = rod.inertia - _BENDING_COUPLING * rod.mass * off_centre**2
+        if remaining < least * rod.inertia:
             farthest = math.sqrt((1 - least) * rod.inertia / (_BENDING_COUPLING * rod.mass))
             raise ValueError(
                 "effects: rod_flexibility models a uniform beam; with rod.mass_centre"
                 f" {rod.mass_centre:g} m bending reduces rod.inertia from {rod.inertia:g} to"
-                f" {left:.3g} kg m^2; put the mass centre within {farthest:.3g} m of"
+                f" {remaining:.3g} kg m^2; put the mass centre within {farthest:.3g} m of"
                 f" {rod.length / 2:g} m, or remove the effect"
             )
 
     def compile_into(self, records: base.Records) -> None:
-        frequency, damping = (
-            2 * math.pi * self.parameters.frequency_Hz,
-            self.parameters.damping_ratio,
-        )
-        records["bodies"] |= {"rod_angular_frequency": frequency, "rod_damping_ratio": damping}
+        frequency, damping = self.parameters.frequency_Hz, self.parameters.damping_ratio
+        records["bodies"]["rod_angular_frequency"] = 2 * math.pi * frequency
+        records["bodies"]["rod_damping_ratio"] = damping
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
@@ -156,12 +154,10 @@ class RodFlexibility(Effect):
             frequency = 1.0 / (2.0 * math.pi * math.sqrt(max(values["compliance_s2"], 1e-300)))
             return {"frequency_Hz": frequency, "damping_ratio": values["damping_ratio"]}
 
+        # squared period instead of frequency: for a stiff rod the deflection is proportional to it
+        step, largest = 0.1 * (1.0 / (30.0 * turning) ** 2), 0.1 / turning**2
         yield cls.candidate(
-            # squared period instead of frequency: for a stiff rod the deflection is proportional to
-            # it
-            amplitude(
-                "compliance_s2", 0.1 * (1.0 / (30.0 * turning) ** 2), "s^2", 0.0, 0.1 / turning**2
-            ),
+            amplitude("compliance_s2", step, "s^2", 0.0, largest),
             Parameter("damping_ratio", 0.02, 0.0, 0.9, 0.01),
             amplitudes=("compliance_s2",),
             initial_guesses=(

@@ -97,20 +97,21 @@ class Clearance(DataEffect):
 
     def _contact(self, contact: dict[str, Any]) -> dict[str, Any]:
         """The changed keys of `contact`."""
-        own = self.parameters
+        parameters = self.parameters
         changed = {
-            key: getattr(own, key)
+            key: value
             for key in ("restitution", "friction")
-            if getattr(own, key) is not None
+            if (value := getattr(parameters, key)) is not None
         }
-        if own.stiffness_factor != 1.0:  # Hertz's stiffness is proportional to the modulus
+        if parameters.stiffness_factor != 1.0:  # Hertz's stiffness is proportional to the modulus
             key = "youngs_modulus" if contact["stiffness"] is None else "stiffness"
-            changed[key] = own.stiffness_factor * contact[key]
-        if own.damping_factor != 1.0:
+            changed[key] = parameters.stiffness_factor * contact[key]
+        if parameters.damping_factor != 1.0:
             reference = contact["reference_approach_speed"] or REFERENCE_APPROACH_SPEED
-            changed["reference_approach_speed"] = reference / own.damping_factor
-        if own.friction_speed_factor != 1.0:
-            changed["friction_speed"] = own.friction_speed_factor * contact["friction_speed"]
+            changed["reference_approach_speed"] = reference / parameters.damping_factor
+        if parameters.friction_speed_factor != 1.0:
+            speed = parameters.friction_speed_factor * contact["friction_speed"]
+            changed["friction_speed"] = speed
         return changed
 
     @classmethod
@@ -135,8 +136,9 @@ class Clearance(DataEffect):
         `contact`."""
         shapes = [Parameter("contact_friction", contact.friction, *FRICTIONS, step=0.02)]
         if contact.restitution is not None:
+            restitution = contact.restitution
             shapes.insert(
-                0, Parameter("contact_restitution", contact.restitution, *RESTITUTIONS, step=0.05)
+                0, Parameter("contact_restitution", restitution, *RESTITUTIONS, step=0.05)
             )
         factors = {"stiffness": STIFFNESS_FACTOR, "friction_speed": FRICTION_SPEED_FACTOR}
         if contact.reference_speed is not None:
@@ -146,10 +148,13 @@ class Clearance(DataEffect):
             shapes.append(Parameter(f"log_{name}_factor", 0.0, -reach, reach, step=0.05 * reach))
 
         def parameters(values: Values) -> dict[str, float]:
-            keys = [key for key in ("restitution", "friction") if f"contact_{key}" in values]
-            stated = {key: values[f"contact_{key}"] for key in keys}
-            stated |= {f"{name}_factor": math.exp(values[f"log_{name}_factor"]) for name in factors}
-            return {"clearance_m": values["change_m"], **stated}
+            parameters = {"clearance_m": values["change_m"]}
+            for key in ("restitution", "friction"):
+                if f"contact_{key}" in values:
+                    parameters[key] = values[f"contact_{key}"]
+            for name in factors:
+                parameters[f"{name}_factor"] = math.exp(values[f"log_{name}_factor"])
+            return parameters
 
         nominal = {shape.key: min(max(shape.nominal, shape.low), shape.high) for shape in shapes}
         return cls.candidate(

@@ -89,7 +89,7 @@ class CrankAngleFriction(CrankEffect):
         # one revolution to either side, so that no angle is a bound
         angle = Parameter("tightest_angle_rad", 0.0, -2.0 * math.pi, 2.0 * math.pi, 0.1, "rad")
         guesses = tuple({angle.name: tightest} for tightest in _TIGHTEST)
-        return super().family(member, scale, others=(angle,), initial_guesses=guesses)
+        return super().family(member, scale, shape_details=(angle,), initial_guesses=guesses)
 
 
 @register_effect(order=120)
@@ -135,36 +135,35 @@ class PeriodicEffect(CrankEffect):
 
     @classmethod
     def phase_locked(
-        cls, context: base.FitContext, whole: range, first: Sequence[int], **attributes: Any
+        cls, context: base.FitContext, integers: range, start: Sequence[int], **attributes: Any
     ) -> Candidate:
-        """The candidate with an integer ``order`` out of `whole`; fits start at the orders `first`.
+        """The candidate with an integer ``order`` out of `integers`; fits start at the orders
+        `start`, or else at all below 9.
 
         With one run half-integer orders are tried too; with several runs their phase is ambiguous.
         """
-        orders = [float(order) for order in whole]
+        orders = [float(order) for order in integers]
         if len(context.runs) == 1:
             orders = sorted({*orders, *(k + 0.5 for k in range(int(orders[-1])))})
+        least, largest = orders[0], orders[-1]
         order = Parameter(
-            "order",
-            orders[0],
-            orders[0],
-            orders[-1],
-            1e-3,
-            integer=True,
-            search_values=tuple(orders),
+            "order", least, least, largest, 1e-3, integer=True, search_values=tuple(orders)
         )
-        guesses = tuple({"order": float(tried)} for tried in first or orders if first or tried < 9)
-        sizes = cls.sizes(context.scale)
-        attributes |= {"initial_guesses": guesses, "parameters": cls.stated}
-        return cls.candidate(*sizes, order, amplitudes=("cosine", "sine"), **attributes)
+        start = [float(order) for order in start] or [order for order in orders if order < 9]
+        return cls.candidate(
+            *cls.sizes(context.scale),
+            order,
+            amplitudes=("cosine", "sine"),
+            initial_guesses=tuple({"order": order} for order in start),
+            parameters=cls.stated,
+            **attributes,
+        )
 
     @classmethod
     def stated(cls, values: base.Values) -> dict[str, float]:
         """The order is rounded to an integer or half-integer."""
-        doubled = round(2.0 * values["order"])
-        return super().stated(values) | {
-            "order": doubled // 2 if doubled % 2 == 0 else doubled / 2.0
-        }
+        halves = round(2.0 * values["order"])
+        return super().stated(values) | {"order": halves / 2.0 if halves % 2 else halves // 2}
 
 
 @register_effect(order=127)
@@ -222,11 +221,8 @@ class CrankUnbalance(CrankEffect):
     angle_rad = parameter("rad", "direction relative to the crank", 1.0, default=0.0, odd=True)
 
     def compile_into(self, records: base.Records) -> None:
-        bodies, unbalance, angle = (
-            records["bodies"],
-            self.parameters.unbalance_kg_m,
-            self.parameters.angle_rad,
-        )
+        bodies, parameters = records["bodies"], self.parameters
+        unbalance, angle = parameters.unbalance_kg_m, parameters.angle_rad
         bodies["crank_mass"] += unbalance / bodies["crank_length"]
         bodies["crank_moment_x"] += unbalance * math.cos(angle)
         bodies["crank_moment_y"] += unbalance * math.sin(angle)
@@ -247,12 +243,13 @@ class SpeedFluctuation(PeriodicEffect):
     phase_rad = parameter("rad", "angle k theta of the largest speed", 0.5, default=0.0, odd=True)
 
     def compile_into(self, records: base.Records) -> None:
-        ratio, order, phase = (
-            self.parameters.ratio,
-            float(self.parameters.order),
-            self.parameters.phase_rad,
-        )
-        records["drive"] |= {"kind": "fluctuating", "ratio": ratio, "order": order, "phase": phase}
+        parameters = self.parameters
+        records["drive"] |= {
+            "kind": "fluctuating",
+            "ratio": parameters.ratio,
+            "order": float(parameters.order),
+            "phase": parameters.phase_rad,
+        }
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
@@ -268,5 +265,5 @@ class DiscoveredCrankTorque(DiscoveredLaw):
     WORDS = "a crank torque with a formula found by regression"
 
     def mirrored(self) -> Effect:
-        seen = super().mirrored()
-        return seen.with_parameters(formula=f"-({seen.parameters.formula})")
+        effect = super().mirrored()
+        return effect.with_parameters(formula=f"-({effect.parameters.formula})")

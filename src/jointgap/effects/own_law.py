@@ -49,23 +49,25 @@ class Span(NamedTuple):
 
 def span(text: str) -> Span:
     """The range in a text such as ``0 to 100 N*s^3/m^3``; ValueError where it is invalid."""
-    found = _RANGE.fullmatch(text)
-    if found is None:
+    match = _RANGE.fullmatch(text)
+    if match is None:
         raise ValueError("is not a range; write e.g. '0 to 100 N*s^3/m^3' or [0, '100 N*s^3/m^3']")
-    ends = [split_quantity(end) for end in found.groups()]
-    usual = next((unit for _, unit in ends[::-1] if unit), "")
-    low, high = (coherent(float(number), unit or usual) for number, unit in ends)
-    if low[1] != high[1]:
+    ends = [split_quantity(end) for end in match.groups()]
+    unit = next((unit for _, unit in ends[::-1] if unit), "")
+    (low, low_dimension), (high, dimension) = (
+        coherent(float(number), end_unit or unit) for number, end_unit in ends
+    )
+    if low_dimension != dimension:
         raise ValueError("has two units of different dimensions; give both ends in one unit")
-    if not low[0] < high[0]:
+    if not low < high:
         raise ValueError("is in the wrong order or empty; write the lower end first")
-    return Span(low[0], high[0], high[1] if usual else None)
+    return Span(low, high, dimension if unit else None)
 
 
-def _as_text(given: Any) -> Any:
-    if isinstance(given, list | tuple) and len(given) == 2:
-        given = f"{given[0]} to {given[1]}"
-    return given if isinstance(given, str) else f"{given}"
+def _as_text(value: Any) -> Any:
+    if isinstance(value, list | tuple) and len(value) == 2:
+        value = f"{value[0]} to {value[1]}"
+    return value if isinstance(value, str) else f"{value}"
 
 
 def _checked(text: str) -> str:
@@ -131,7 +133,7 @@ class OwnLaw(ConfigModel):
                 f"has {len(spans)} parameters; give one to {_MOST_PARAMETERS}, such as c: 0 to 100"
                 " N*s/m"
             )
-        compile_formula(self.formula, {name: own.middle for name, own in spans.items()})
+        compile_formula(self.formula, {name: span.middle for name, span in spans.items()})
         where = f"{key} = '{self.formula}'"
         if re.search(r"\bt\b", self.formula):
             yield (
@@ -145,7 +147,7 @@ class OwnLaw(ConfigModel):
                 "as c in -c*v^3, so that the law vanishes with it"
             )
         if len(sets) > 1:
-            product = " and ".join("*".join(own) for own in sets)
+            product = " and ".join(map("*".join, sets))
             yield (
                 f"{where}: only the product of {product} has an effect; replace one of them by a"
                 " number"
@@ -162,15 +164,15 @@ class OwnLaw(ConfigModel):
                     f"{name} = '{self.__pydantic_extra__[name]}' must include 0, where the effect"
                     " is absent"
                 )
-        dimensions = {name: own.dimension for name, own in spans.items()}
-        dimensions |= {name: dimension_of(own) for name, own in _VARIABLES.items()}
-        found, needed = _dimension(_parsed(self.formula), dimensions), dimension_of(unit)
-        if found is not None and found != needed:
-            first = sets[0][0]
-            instead = format_dimension(dimensions[first] * needed / found)
+        dimensions = {name: span.dimension for name, span in spans.items()}
+        dimensions |= {name: dimension_of(unit) for name, unit in _VARIABLES.items()}
+        dimension, required = _dimension(_parsed(self.formula), dimensions), dimension_of(unit)
+        if dimension is not None and dimension != required:
+            name = sets[0][0]
+            correct_unit = format_dimension(dimensions[name] * required / dimension)
             yield (
-                f"{where} has the unit {format_dimension(found)} and must have {unit}; give {first}"
-                f" in {instead}"
+                f"{where} has the unit {format_dimension(dimension)} and must have {unit}; give"
+                f" {name} in {correct_unit}"
             )
 
 
@@ -178,8 +180,13 @@ def _amplitudes(formula: str, names: Collection[str]) -> list[tuple[str, ...]]:
     """All sets of parameters of which each term has exactly one as a factor; of several sets only a
     product acts."""
     tree = _parsed(formula)
-    sets = (own for size in range(1, len(names) + 1) for own in combinations(names, size))
-    return [own for own in sets if _degree(tree, own) == 1.0]
+    sizes = range(1, len(names) + 1)
+    return [
+        candidates
+        for size in sizes
+        for candidates in combinations(names, size)
+        if _degree(tree, candidates) == 1.0
+    ]
 
 
 def _degree(tree: ast.expr, amplitudes: Collection[str]) -> float:
@@ -191,50 +198,52 @@ def _degree(tree: ast.expr, amplitudes: Collection[str]) -> float:
         case ast.UnaryOp(operand=operand):
             return _degree(operand, amplitudes)
         case ast.BinOp(left=left, op=op, right=right):
-            first, second = _degree(left, amplitudes), _degree(right, amplitudes)
+            left_degree, right_degree = _degree(left, amplitudes), _degree(right, amplitudes)
             if isinstance(op, ast.Mult):
-                return first + second
-            if (isinstance(op, ast.Div) and second == 0.0) or (
-                isinstance(op, ast.Add | ast.Sub) and first == second
-            ):
-                return first
-            return 0.0 if first == second == 0.0 else math.nan
+                return left_degree + right_degree
+            if isinstance(op, ast.Div) and right_degree == 0.0:
+                return left_degree
+            if isinstance(op, ast.Add | ast.Sub) and left_degree == right_degree:
+                return left_degree
+            return 0.0 if left_degree == right_degree == 0.0 else math.nan
         case ast.Call(args=[operand]) | ast.Set(elts=[operand]):
             return 0.0 if _degree(operand, amplitudes) == 0.0 else math.nan
     return 0.0  # a number
 
 
-def _dimension(tree: ast.expr, known: Mapping[str, Dimension | None]) -> Dimension | None:
+def _dimension(tree: ast.expr, dimensions: Mapping[str, Dimension | None]) -> Dimension | None:
     """Dimension of a formula; None where it is open, as numbers may have a unit. ValueError for a
     contradiction."""
     match tree:
         case ast.Name(id=name):
-            return known[name]
+            return dimensions[name]
         case ast.UnaryOp(operand=operand) | ast.Set(elts=[operand]):
-            return _dimension(operand, known)
+            return _dimension(operand, dimensions)
         case ast.BinOp(left=base, op=ast.Pow(), right=ast.Constant(value=exponent)):
-            own = _dimension(base, known)
-            return None if own is None else own**exponent
+            dimension = _dimension(base, dimensions)
+            return None if dimension is None else dimension**exponent
         case ast.BinOp(left=left, op=op, right=right):
-            first, second = _dimension(left, known), _dimension(right, known)
+            pair = _dimension(left, dimensions), _dimension(right, dimensions)
             if isinstance(op, ast.Add | ast.Sub):
-                if None not in (first, second) and first != second:
-                    units = f"{format_dimension(first)} and {format_dimension(second)}"
+                if None not in pair and pair[0] != pair[1]:
+                    units = " and ".join(map(format_dimension, pair))
                     raise ValueError(
                         f"'{ast.unparse(tree)}' adds {units}; correct the units of the parameters"
                     )
-                return second if first is None else first
-            if first is None or second is None or isinstance(op, ast.Pow):
+                return pair[1] if pair[0] is None else pair[0]
+            if None in pair or isinstance(op, ast.Pow):
                 return None
-            return first * second if isinstance(op, ast.Mult) else first / second
+            return pair[0] * pair[1] if isinstance(op, ast.Mult) else pair[0] / pair[1]
         case ast.Call(func=ast.Name(id=name), args=[operand]):
-            own = _dimension(operand, known)
-            if name in ("abs", "sqrt"):
-                return own if name == "abs" or own is None else own**0.5
-            if name != "sgn" and own not in (None, dimension_of("")):
-                unit = format_dimension(own)
+            dimension, none = _dimension(operand, dimensions), dimension_of("")
+            if name == "abs":
+                return dimension
+            if name == "sqrt":
+                return None if dimension is None else dimension**0.5
+            if name != "sgn" and dimension not in (None, none):
+                unit = format_dimension(dimension)
                 raise ValueError(
                     f"'{ast.unparse(tree)}' is of a quantity in {unit}; divide it by one in {unit}"
                 )
-            return dimension_of("")
+            return none
     return None

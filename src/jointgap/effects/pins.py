@@ -24,7 +24,7 @@ _LARGEST_FILM_SHARE = 0.5
 _VISCOSITIES = (0.03, 0.2)
 
 
-_ONE_PIN = {"site": (Literal["crank_pin", "piston_pin"], Field(description="the pin"))}
+_SITE = {"site": (Literal["crank_pin", "piston_pin"], Field(description="the pin"))}
 
 
 class ContactCoefficient(DataEffect):
@@ -32,27 +32,25 @@ class ContactCoefficient(DataEffect):
 
     GROUP, SITE = "pins", "loose pins"
     ACTS_AT_ZERO = True  # it replaces the nominal coefficient
-    IN_CONTACT: ClassVar[
-        str
-    ]  # Key of the coefficient in a contact, and the nuisance shared by all pins
-    NUISANCE: ClassVar[str]
+    KEY: ClassVar[str]  # of the coefficient in a contact
+    NUISANCE: ClassVar[str]  # shared by all pins
 
     def apply(self, data: dict[str, Any]) -> None:
-        pins = self.sites() and (self.site,)
-        for pin in pins or [pin for pin in PINS if data["joints"][pin] != "ideal"] or PINS:
-            joint_data(data, self.NAME, pin)["contact"] |= {
-                self.IN_CONTACT: self.parameters.coefficient
-            }
+        pins = (
+            [self.site] if self.sites() else [pin for pin in PINS if data["joints"][pin] != "ideal"]
+        )
+        for pin in pins or PINS:
+            joint_data(data, self.NAME, pin)["contact"][self.KEY] = self.parameters.coefficient
 
     @classmethod
     def deviation_from(
-        cls, nominal: float, step: float, *shared: Parameter, **attributes: Any
+        cls, nominal: float, step: float, *nuisances: Parameter, **attributes: Any
     ) -> Candidate:
         """The candidate whose amplitude is the deviation from a `nominal` coefficient."""
         low, high = cls.DESCRIBED["coefficient"].ge, cls.DESCRIBED["coefficient"].le
         return cls.candidate(
             amplitude("change", step, "1", low - nominal, high - nominal),
-            *shared,
+            *nuisances,
             amplitudes=("change",),
             parameters=lambda values: {"coefficient": max(nominal + values["change"], low)},
             is_perturbation=nominal > 0.0,
@@ -69,7 +67,7 @@ class ContactCoefficient(DataEffect):
 class Friction(ContactCoefficient):
     """A coefficient of friction that replaces that of the contacts."""
 
-    IN_CONTACT, NUISANCE = "friction", "joint_friction"
+    KEY, NUISANCE = "friction", "joint_friction"
     coefficient = parameter("", "k, coefficient of friction", 0.1, ge=0, le=0.6)
 
 
@@ -85,7 +83,7 @@ class PinFriction(Friction):
     )
     REFERENCE = "Haug, Wu and Yang, Mech. Mach. Theory 21 (1986) 401-406"
     WORDS = "friction in the {site}"
-    KEYS = _ONE_PIN
+    KEYS = _SITE
 
     def changes_data(self, mechanism: Any) -> bool:
         """True for a loose pin; a listed clearance effect determines whether it is loose."""
@@ -108,21 +106,17 @@ class PinFriction(Friction):
             joint = context.mechanism.joint(pin)
             if joint is None:
                 continue
-            own = (
-                {f"joint_friction_{pin}": "change", "joint_friction": "change"}
-                if joint.loose
-                else {}
-            )
-            replaces, shared = context.replaced(own), []
+            replaces, nuisances, nominal = {}, [], 0.0
+            if joint.loose:
+                keys = (f"joint_friction_{pin}", "joint_friction")
+                replaces = context.replaced(dict.fromkeys(keys, "change"))
+                nominal = joint.contact.friction
             if "joint_friction" in replaces and set(context.mechanism.loose) - {pin, "crank_pivot"}:
                 # the shared nuisance then belongs to the other pin
-                shared = [context.nuisances["joint_friction"]]
-            nominal, guesses = (
-                joint.contact.friction if joint.loose else 0.0,
-                {one.name: one.nominal for one in shared},
-            )
+                nuisances = [context.nuisances["joint_friction"]]
+            guess = {nuisance.name: nuisance.nominal for nuisance in nuisances}
             yield cls.deviation_from(
-                nominal, 0.02, *shared, site=pin, initial_guesses=(guesses,), replaces=replaces
+                nominal, 0.02, *nuisances, site=pin, initial_guesses=(guess,), replaces=replaces
             )
 
 
@@ -138,7 +132,7 @@ class Restitution(ContactCoefficient):
     """A coefficient of restitution that replaces that of the contacts."""
 
     REFERENCE = "Lankarani and Nikravesh, J. Mech. Des. 112 (1990) 369-376"
-    IN_CONTACT, NUISANCE = "restitution", "restitution"
+    KEY, NUISANCE = "restitution", "restitution"
     coefficient = parameter("", "e, coefficient of restitution", 0.3, ge=1e-3, le=0.999)
 
 
@@ -149,7 +143,7 @@ class PinRestitution(Restitution):
     SITE = "crank_pin or piston_pin"
     LAW = "contact.restitution = e of the loose pin"
     WORDS = "deviating restitution of the {site}"
-    KEYS = _ONE_PIN
+    KEYS = _SITE
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
@@ -182,7 +176,7 @@ class LubricatedJoint(Effect):
     )
     REFERENCE = "DuBois and Ocvirk, NACA report 1157 (1953)"
     WORDS = "a lubricant film in the {site}"
-    KEYS = _ONE_PIN
+    KEYS = _SITE
     viscosity_Pa_s = parameter("Pa*s", "mu, dynamic viscosity", 0.05, gt=0)
     length_m = parameter("m", "L, axial length of the bearing", 0.012, gt=0)
     least_film_m = parameter(
@@ -201,26 +195,25 @@ class LubricatedJoint(Effect):
             )
 
     def compile_into(self, records: base.Records) -> None:
-        joint, own = records[self.site], self.parameters
-        joint["film_viscosity"], joint["film_length"] = own.viscosity_Pa_s, own.length_m
-        joint["film_least"] = own.least_film_m
-        joint["clearance"] -= own.least_film_m
+        joint, parameters = records[self.site], self.parameters
+        joint["film_viscosity"] = parameters.viscosity_Pa_s
+        joint["film_length"] = parameters.length_m
+        joint["film_least"] = parameters.least_film_m
+        joint["clearance"] -= parameters.least_film_m
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
-        scale = context.scale
         for pin in cls.sites():
-            if pin in context.mechanism.loose:
-                joint = context.mechanism.joint(pin)
-                length = 2.0 * joint.journal_radius  # assumed
-                force_per_viscosity = (
-                    joint.journal_radius * length**3 * scale.turning / joint.clearance**2
-                )
-                yield cls.candidate(
-                    amplitude("viscosity_Pa_s", scale.force / force_per_viscosity, "Pa*s", 0.0),
-                    site=pin,
-                    initial_guesses=tuple(
-                        {"viscosity_Pa_s": viscosity} for viscosity in _VISCOSITIES
-                    ),
-                    parameters=lambda values, length=length: {**values, "length_m": length},
-                )
+            if pin not in context.mechanism.loose:
+                continue
+            joint = context.mechanism.joint(pin)
+            radius, clearance = joint.journal_radius, joint.clearance
+            length = 2.0 * radius  # assumed
+            force_per_viscosity = radius * length**3 * context.scale.turning / clearance**2
+            step = context.scale.force / force_per_viscosity
+            yield cls.candidate(
+                amplitude("viscosity_Pa_s", step, "Pa*s", 0.0),
+                site=pin,
+                initial_guesses=tuple({"viscosity_Pa_s": viscosity} for viscosity in _VISCOSITIES),
+                parameters=lambda values, length=length: {**values, "length_m": length},
+            )

@@ -131,12 +131,10 @@ class SliderStribeckFriction(SliderEffect):
 
     @classmethod
     def family(cls, member: type[Effect], scale: base.MotionScale) -> LawFamily:
-        start, slowest, fastest = (
-            share * scale.speed for share in (_STRIBECK_SPEED, _SLOWEST, _FASTEST)
-        )
-        speed = Parameter("stribeck_speed_m_s", start, slowest, fastest, 0.1 * start, "m/s")
+        start, low, high = (share * scale.speed for share in (_STRIBECK_SPEED, _SLOWEST, _FASTEST))
+        speed = Parameter("stribeck_speed_m_s", start, low, high, 0.1 * start, "m/s")
         return super().family(
-            member, scale, others=(speed,), values=lambda force: {**force, speed.name: start}
+            member, scale, shape_details=(speed,), values=lambda force: {**force, speed.name: start}
         )
 
 
@@ -172,15 +170,14 @@ class SliderPositionFriction(SliderEffect):
     def family(cls, member: type[Effect], scale: base.MotionScale) -> LawFamily:
         middle, half = scale.middle, scale.stroke
         # one period to either side of mid-stroke, so that no position of the stroke is a bound
-        place = Parameter(
-            "tightest_position_m", middle, middle - 2.0 * half, middle + 2.0 * half, 0.1 * half, "m"
-        )
-        guesses = tuple({place.name: middle + share * half} for share in _TIGHTEST)
+        low, high = middle - 2.0 * half, middle + 2.0 * half
+        tightest = Parameter("tightest_position_m", middle, low, high, 0.1 * half, "m")
+        guesses = tuple({tightest.name: middle + share * half} for share in _TIGHTEST)
         length = {"length_m": 2.0 * half}
         return super().family(
             member,
             scale,
-            others=(place,),
+            shape_details=(tightest,),
             initial_guesses=guesses,
             parameters=lambda values: {**values, **length},
         )
@@ -362,8 +359,9 @@ class GasPressure(SliderEffect):
     )
 
     def largest_force(self, stroke: float) -> float:
-        given = self.parameters
-        return given.force_N * (1 + stroke / given.dead_length_m) ** given.exponent
+        parameters = self.parameters
+        compression = 1 + stroke / parameters.dead_length_m
+        return parameters.force_N * compression**parameters.exponent
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
@@ -392,9 +390,8 @@ class HarmonicForce(SliderEffect):
 
     def compile_into(self, records: base.Records) -> None:
         super().compile_into(records)
-        records["effects"]["harmonic_angular_frequency"] = (
-            2 * math.pi * self.parameters.frequency_Hz
-        )
+        angular_frequency = 2 * math.pi * self.parameters.frequency_Hz
+        records["effects"]["harmonic_angular_frequency"] = angular_frequency
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
@@ -414,18 +411,15 @@ class HarmonicForce(SliderEffect):
 
 def _amplitude_and_phase(values: base.Values) -> dict[str, float]:
     """Parameters of one run, or the mean amplitude over runs and the phase in the first."""
-    cosines = {
-        key.removeprefix("cosine"): values[key] for key in values if key.startswith("cosine")
-    }
+    runs = [key.removeprefix("cosine") for key in values if key.startswith("cosine")]
+    cosines = [values[f"cosine{run}"] for run in runs]
     # f cos(w t + phase) = f cos(phase) cos(w t) - f sin(phase) sin(w t)
-    sines = {run: -values[f"sine{run}"] for run in cosines}
-    first = next(iter(cosines))
+    sines = [-values[f"sine{run}"] for run in runs]
+    squares = [cosine**2 + sine**2 for cosine, sine in zip(cosines, sines, strict=True)]
     return {
-        "force_N": math.sqrt(
-            sum(cosines[run] ** 2 + sines[run] ** 2 for run in cosines) / len(cosines)
-        ),
+        "force_N": math.sqrt(sum(squares) / len(runs)),
         "frequency_Hz": values["frequency_Hz"],
-        "phase_rad": math.atan2(sines[first], cosines[first]),
+        "phase_rad": math.atan2(sines[0], cosines[0]),
     }
 
 

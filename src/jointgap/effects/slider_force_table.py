@@ -1,13 +1,13 @@
 """A measured load on the slider: force or pressure over crank angle or time."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, field_validator
 
 from jointgap.core.csv_files import Csv, read_columns
 from jointgap.core.errors import InputError
@@ -98,35 +98,28 @@ class ForceTableParameters(ConfigModel):
 
     @field_validator(*_SI)
     @classmethod
-    def _has_its_unit(cls, given: TableColumn | None, info: Any) -> TableColumn | None:
-        if given is not None:
+    def _has_its_unit(cls, column: TableColumn | None, info: Any) -> TableColumn | None:
+        if column is not None:
             try:
-                unit_factor(given.unit, _SI[info.field_name])
+                unit_factor(column.unit, _SI[info.field_name])
             except ValueError as error:
-                raise ValueError(f"unit = '{given.unit}' {error}") from error
-        return given
+                raise ValueError(f"unit = '{column.unit}' {error}") from error
+        return column
 
-    @model_validator(mode="after")
-    def _says_one_load(self):
-        for one, other in (("angle", "time"), ("force", "pressure")):
-            if (getattr(self, one) is None) == (getattr(self, other) is None):
-                raise ValueError(
-                    f"requires either {one} or {other}, e.g. {one}: {{column: a, unit: {_SI[one]}}}"
+    def errors(self) -> Iterator[str]:
+        for key, alternative in (("angle", "time"), ("force", "pressure")):
+            if (getattr(self, key) is None) == (getattr(self, alternative) is None):
+                yield (
+                    f"requires either {key} or {alternative}, e.g. {key}: {{column: a, unit:"
+                    f" {_SI[key]}}}"
                 )
         if (self.pressure is None) != (self.bore is None):
-            raise ValueError("pressure and bore require each other; give both, or the force")
-        of_pressure = {
-            key: getattr(self, key) for key in ("side", "pressure_zero", "pressure_gain")
-        }
-        if self.pressure is None and of_pressure != {
-            key: type(self).model_fields[key].default for key in of_pressure
-        }:
-            raise ValueError(f"{', '.join(of_pressure)} are only for a pressure; remove them")
+            yield "pressure and bore require each other; give both, or the force"
+        of_pressure = {"side", "pressure_zero", "pressure_gain"}
+        if self.pressure is None and of_pressure & self.model_dump(exclude_defaults=True).keys():
+            yield "side, pressure_zero, pressure_gain are only for a pressure; remove them"
         if self.period is not None and self.time is None:
-            raise ValueError(
-                "period is only for a table over time (over the angle: 360 or 720 deg); remove it"
-            )
-        return self
+            yield "period is only for a table over time (over the angle: 360 or 720 deg); remove it"
 
 
 @register_effect(order=85)
@@ -142,34 +135,36 @@ class SliderForceTable(Effect):
     PARAMETERS = ForceTableParameters
     SEVERAL = True
 
+    @property
+    def _is_there(self) -> bool:
+        """Whether the file exists; otherwise the simulation raises the error."""
+        return Path(self.parameters.file).is_file()
+
     def check(self, mechanism: Any) -> None:
-        tables = [one for one in mechanism.effects if isinstance(one, SliderForceTable)]
-        if all(
-            Path(one.parameters.file).is_file() for one in tables
-        ):  # otherwise the simulation raises the error
+        tables = [effect for effect in mechanism.effects if isinstance(effect, SliderForceTable)]
+        if all(table._is_there for table in tables):
             records: Records = {"effects": {}, "tables": {}}
-            for one in tables:
-                one.compile_into(records)
+            for table in tables:
+                table.compile_into(records)
 
     def compile_into(self, records: Records) -> None:
         super().compile_into(records)
-        given, (pieces, begin, period, _) = self.parameters, _table(self.parameters)
-        sign, timed = -1.0 if given.reversed else 1.0, given.time is not None
-        begin += 0.0 if timed else sign * given.zero
-        add_table(records, Table(2 if timed else 1, sign, begin, period, pieces))
+        parameters, (pieces, begin, period, _) = self.parameters, _table(self.parameters)
+        sign, over_time = -1.0 if parameters.reversed else 1.0, parameters.time is not None
+        if not over_time:
+            begin += sign * parameters.zero
+        add_table(records, Table(2 if over_time else 1, sign, begin, period, pieces))
 
     def largest_force(self, stroke: float) -> float:
-        there = Path(self.parameters.file).is_file()  # otherwise the simulation raises the error
-        return float(np.abs(_table(self.parameters)[0][:, -1]).max()) if there else 0.0
+        return float(np.abs(_table(self.parameters)[0][:, -1]).max()) if self._is_there else 0.0
 
     def remarks(self) -> tuple[str, ...]:
         """Outliers and thinning of the table."""
-        return _table(self.parameters)[3] if Path(self.parameters.file).is_file() else ()
+        return _table(self.parameters)[3] if self._is_there else ()
 
     def mirrored(self) -> Effect:
-        return self.with_parameters(
-            reversed=not self.parameters.reversed, zero=-self.parameters.zero
-        )
+        parameters = self.parameters
+        return self.with_parameters(reversed=not parameters.reversed, zero=-parameters.zero)
 
 
 class Table(NamedTuple):
@@ -184,12 +179,13 @@ class Table(NamedTuple):
 
 def add_table(records: Records, table: Table) -> None:
     """Add a `table` to the `records` of the equations of motion, which have one: the sum of all."""
-    listed = records["tables"].setdefault("listed", [])
-    listed.append(table)
-    known = table if len(listed) == 1 else _sum(listed)
-    stated = {f"table_{key}": getattr(known, key) for key in ("over", "sign", "begin", "period")}
-    records["effects"] |= stated | {"on_slider": True}
-    records["tables"]["slider_table"] = known.pieces
+    tables = records["tables"].setdefault("listed", [])
+    tables.append(table)
+    total = table if len(tables) == 1 else _sum(tables)
+    for key in ("over", "sign", "begin", "period"):
+        records["effects"][f"table_{key}"] = getattr(total, key)
+    records["effects"]["on_slider"] = True
+    records["tables"]["slider_table"] = total.pieces
 
 
 def with_pressure_sensor(
@@ -197,17 +193,17 @@ def with_pressure_sensor(
 ) -> tuple[Effect, ...]:
     """`effects` whose pressures have the zero and the gain in `values`, as far as they are
     there."""
-    given = {key: values[key] for key in ("pressure_zero", "pressure_gain") if key in values}
-    if not given:
+    update = {key: values[key] for key in ("pressure_zero", "pressure_gain") if key in values}
+    if not update:
         return tuple(effects)
     return tuple(
-        one.with_parameters(**given) if getattr(one.parameters, "bore", None) else one
-        for one in effects
+        effect.with_parameters(**update) if getattr(effect.parameters, "bore", None) else effect
+        for effect in effects
     )
 
 
 def _sum(tables: Sequence[Table]) -> Table:
-    """The sum of periodic splines: a spline with the knots of all over their common period."""
+    """The sum of periodic splines: the spline with the knots of all over their common period."""
     from scipy.interpolate import CubicSpline, PPoly
 
     if len({table.over for table in tables}) > 1:
@@ -215,59 +211,37 @@ def _sum(tables: Sequence[Table]) -> Table:
             "slider_force_table: one load is over the crank angle and another one over time, which"
             " cannot be added; give all over the angle, or all over time"
         )
-    longest = max(table.period for table in tables)
-    period = next(
-        (n * longest for n in range(1, _MOST_PERIODS) if _repeats(n * longest, tables)), None
-    )
-    if period is None:
-        stated = " and ".join(f"{table.period:.6g} s" for table in tables)
+    periods = np.array([table.period for table in tables])
+    multiples = np.arange(1, _MOST_PERIODS) * periods.max()
+    ratios = multiples[:, None] / periods
+    is_common = (np.abs(ratios - np.round(ratios)) < 1e-6).all(axis=1)
+    if not is_common.any():
+        listed = " and ".join(f"{period:.6g} s" for period in periods)
         raise InputError(
-            f"slider_force_table: the periods {stated} have no common multiple; give the same"
+            f"slider_force_table: the periods {listed} have no common multiple; give the same"
             " period"
         )
-    splines, knots = [], [np.array([0.0, period])]
+    period = float(multiples[is_common.argmax()])
+    knots = [np.array([0.0, period])]
     for table in tables:
-        ends = np.append(table.pieces[:, 0], table.period)
-        splines.append(PPoly(table.pieces[:, 1:].T, ends))
-        places = table.sign * (
-            ends[:-1]
-            + table.begin
-            + table.period * np.arange(round(period / table.period))[:, None]
-        )
-        knots.append(np.mod(places, period).ravel())
+        shifts = table.begin + table.period * np.arange(round(period / table.period))
+        knots.append(np.mod(table.sign * np.add.outer(shifts, table.pieces[:, 0]), period).ravel())
     knots = np.unique(np.concatenate(knots))
     knots = knots[np.append(np.diff(knots) > 1e-9 * period, True)]
     knots[0] = 0.0
-
-    def derivatives(places: np.ndarray) -> np.ndarray:
-        """Coefficients (4, n) of the sum about `places` (n,), highest power first."""
-        found = np.zeros((4, places.size))
-        for table, spline in zip(tables, splines, strict=True):
-            at = np.mod(table.sign * places - table.begin, table.period)
-            for order in range(4):
-                found[3 - order] += table.sign**order * spline(at, order) / math.factorial(order)
-        return found
-
     if knots.size - 1 > MOST_ROWS:
         knots = np.linspace(0.0, period, MOST_ROWS + 1)
-        values = derivatives(knots[:-1])[3]
-        spline = CubicSpline(knots, np.append(values, values[0]), bc_type="periodic")
-        return Table(tables[0].over, 1.0, 0.0, period, np.column_stack([knots[:-1], spline.c.T]))
-    half = 0.5 * np.diff(knots)
-    a, b, c, d = derivatives(
-        knots[:-1] + half
-    )  # in the middle, where no knot is, and from there to the begin
-    pieces = (
-        a,
-        b - 3 * a * half,
-        c - 2 * b * half + 3 * a * half**2,
-        d - c * half + b * half**2 - a * half**3,
-    )
-    return Table(tables[0].over, 1.0, 0.0, period, np.column_stack([knots[:-1], *pieces]))
+    force = np.zeros(knots.size)
+    for table in tables:
+        spline = PPoly(table.pieces[:, 1:].T, np.append(table.pieces[:, 0], table.period))
+        force += spline(np.mod(table.sign * knots - table.begin, table.period))
+    force[-1] = force[0]
+    total = CubicSpline(knots, force, bc_type="periodic")
+    return Table(tables[0].over, 1.0, 0.0, period, _pieces(total))
 
 
-def _repeats(period: float, tables: Sequence[Table]) -> bool:
-    return all(abs(period / each.period - round(period / each.period)) < 1e-6 for each in tables)
+def _pieces(spline: "CubicSpline | PPoly") -> np.ndarray:
+    return np.column_stack([spline.x[:-1], spline.c.T])
 
 
 #: Pieces (k, 5) of the force [N] over one period (begin and cubic polynomial, highest power first),
@@ -275,129 +249,137 @@ def _repeats(period: float, tables: Sequence[Table]) -> bool:
 _Table = tuple[np.ndarray, float, float, tuple[str, ...]]
 
 
-def _table(given: ForceTableParameters) -> _Table:
+def _table(parameters: ForceTableParameters) -> _Table:
     try:
-        changed = Path(given.file).stat().st_mtime_ns
+        changed = Path(parameters.file).stat().st_mtime_ns
     except OSError as error:
         raise InputError(
-            f"slider_force_table: file {given.file} cannot be read ({error.strerror})"
+            f"slider_force_table: file {parameters.file} cannot be read ({error.strerror})"
         ) from error
-    plain = {
-        key: type(given).model_fields[key].default for key in ("pressure_zero", "pressure_gain")
-    }
-    pieces, *others = _read_table(given.model_copy(update=plain), changed)
-    if given.pressure is not None:
-        pieces = corrected(pieces, given, given.pressure_zero, given.pressure_gain)
-    return pieces, *others
+    # the sensor's zero and gain vary in a fit: the file is read without them
+    zero, gain = parameters.pressure_zero, parameters.pressure_gain
+    update = {"pressure_zero": 0.0, "pressure_gain": 1.0}
+    pieces, begin, period, remarks = _read_table(parameters.model_copy(update=update), changed)
+    if parameters.pressure is not None:
+        pieces = corrected(pieces, parameters, zero, gain)
+    return pieces, begin, period, remarks
 
 
-def piston_area(given: Any) -> float:
+def piston_area(parameters: Any) -> float:
     """Area [m^2] on which a pressure acts along -x: negative on the side of the crank."""
-    return (-0.25 if given.side == "crank" else 0.25) * math.pi * given.bore**2
+    return (-0.25 if parameters.side == "crank" else 0.25) * math.pi * parameters.bore**2
 
 
-def corrected(pieces: np.ndarray, given: Any, zero: float, gain: float) -> np.ndarray:
+def corrected(pieces: np.ndarray, parameters: Any, zero: float, gain: float) -> np.ndarray:
     """The `pieces` of a force by a pressure p as read, for the pressure ``gain p + zero``."""
     if zero == 0.0 and gain == 1.0:
         return pieces
     pieces = np.hstack([pieces[:, :1], gain * pieces[:, 1:]])
-    pieces[:, -1] += ((1.0 - gain) * given.ambient_pressure - zero) * piston_area(given)
+    offset = (1.0 - gain) * parameters.ambient_pressure - zero
+    pieces[:, -1] += offset * piston_area(parameters)
     return pieces
 
 
 @lru_cache(64)
-def _read_table(given: ForceTableParameters, _changed: int) -> _Table:
+def _read_table(parameters: ForceTableParameters, _changed: int) -> _Table:
     from scipy.interpolate import CubicSpline
 
+    x_key = "angle" if parameters.time is None else "time"
+    y_key = "force" if parameters.pressure is None else "pressure"
+    path = Path(parameters.file)
+    x, y, rows = _read_columns(parameters, path, x_key, y_key)
+
+    def error(key: str, text: str) -> InputError:
+        return InputError(f"{path}, column {getattr(parameters, key).column}{text}")
+
+    if x.size < _LEAST_ROWS:
+        raise error(x_key, f": {x.size} rows; give {_LEAST_ROWS} rows of one period or more")
+    is_repeated = (np.diff(x) == 0.0) & (np.abs(np.diff(y)) <= _CLOSED * np.ptp(y))
+    keep = np.append(True, ~is_repeated)
+    x, y, rows = x[keep], y[keep], rows[keep]
+    if (falls := np.flatnonzero(np.diff(x) <= 0.0)).size:
+        row = rows[falls[0] + 1]
+        raise error(x_key, f", row {row}: not increasing; give one period in increasing order")
+    remarks = _outliers(y, rows, path, getattr(parameters, y_key), _SI[y_key])
+    if y_key == "pressure":
+        if parameters.ambient_pressure > 0.0 and (below := np.flatnonzero(y < 0.0)).size:
+            text = "negative absolute pressure; give 'ambient_pressure: 0' for gauge pressures"
+            raise error(y_key, f", row {rows[below[0]]}: {text}")
+        y = (parameters.ambient_pressure - y) * piston_area(parameters)
+    span, step = x[-1] - x[0], float(np.median(np.diff(x)))
+    periods = (parameters.period or span,) if x_key == "time" else (math.tau, 2.0 * math.tau)
+    fitting = [
+        period
+        for period in periods
+        if period * (1.0 - 1e-6) - _GAP * step <= span <= period * (1.0 + 1e-6)
+    ]
+    if not fitting and x_key == "time":
+        text = f": the rows span {span:.6g} s, but the period is {periods[0]:.6g} s"
+        raise error(x_key, f"{text}; correct one of them")
+    if not fitting:
+        raise error(
+            x_key,
+            f": the rows span {math.degrees(span):.6g} deg in steps of {math.degrees(step):.3g},"
+            " neither 360 nor 720 deg; give one full period, or correct the unit of the angle",
+        )
+    period, difference, limit = float(fitting[0]), abs(y[-1] - y[0]), _CLOSED * np.ptp(y)
+    is_closed = span > (1.0 - 1e-6) * period  # the last row is the first one of the next period
+    if not is_closed:
+        limit = max(limit, _GAP * np.abs(np.diff(y)).max())
+    if difference > limit:
+        raise error(
+            y_key,
+            f": not periodic: begin and end differ by {difference:.4g} N on the slider, the range"
+            f" is {np.ptp(y):.4g} N; give one full period, averaged over cycles",
+        )
+    if is_closed:
+        x, y = x[:-1], y[:-1]
+    knots = np.append(x - x[0], period)
+    spline = CubicSpline(knots, np.append(y, y[0]), bc_type="periodic")
+    if x.size > MOST_ROWS:
+        spline, deviation = _thinned(spline, period)
+        remarks += (
+            f"{path}: {rows.size} rows are thinned to a spline of {spline.x.size - 1} pieces; it"
+            f" deviates from the spline through all rows by at most {deviation:.2g} N,"
+            f" {100.0 * deviation / (np.ptp(y) or 1.0):.2g} % of the range",
+        )
+    return _pieces(spline), float(x[0]), period, remarks
+
+
+def _read_columns(
+    parameters: ForceTableParameters, path: Path, *keys: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Two columns in SI, and the row numbers, of the rows that have both."""
+    columns = [getattr(parameters, key) for key in keys]
+    table = read_columns(path, [column.column for column in columns], Csv())
+    values = []
+    for key, column in zip(keys, columns, strict=True):
+        factor = unit_factor(column.unit, _SI[key])
+        if unit := table.other_unit(column.column, factor, _SI[key]):
+            raise InputError(
+                f"{path}, column {column.column}: the row below the headings says '{unit}', but"
+                f" {key}.unit is '{column.unit}'; correct one of them"
+            )
+        values.append(table.values[column.column] * factor)
+    is_finite = np.isfinite(values).all(axis=0)
+    return values[0][is_finite], values[1][is_finite], table.rows[is_finite]
+
+
+def _outliers(
+    y: np.ndarray, rows: np.ndarray, path: Path, column: TableColumn, si_unit: str
+) -> tuple[str, ...]:
+    """A remark if values are far from their neighbours."""
     from jointgap.core.outliers import spikes
 
-    over, load = (
-        ("angle" if given.time is None else "time"),
-        ("force" if given.pressure is None else "pressure"),
+    outliers = spikes(y)
+    if not outliers.size:
+        return ()
+    value = y[outliers[0]] / unit_factor(column.unit, si_unit)
+    more = f" and {outliers.size - 1} more" if outliers.size > 1 else ""
+    return (
+        f"{path}, column {column.column}, row {rows[outliers[0]]}{more}: {value:g} {column.unit} is"
+        " far from its neighbours; if misread, leave the cell empty",
     )
-    path, stated = Path(given.file), {key: getattr(given, key) for key in (over, load)}
-    columns = read_columns(path, [stated[over].column, stated[load].column], Csv())
-
-    def wrong(key: str, text: str) -> InputError:
-        return InputError(f"{path}, column {stated[key].column}{text}")
-
-    factors = {key: unit_factor(stated[key].unit, _SI[key]) for key in (over, load)}
-    for key, factor in factors.items():
-        if other := columns.other_unit(stated[key].column, factor, _SI[key]):
-            text = (
-                f"the row below the headings says '{other}', but {key}.unit is '{stated[key].unit}'"
-            )
-            raise wrong(key, f": {text}; correct one of them")
-    place, value = (columns.values[stated[key].column] * factor for key, factor in factors.items())
-    kept = np.isfinite(place) & np.isfinite(value)
-    place, value, rows = place[kept], value[kept], columns.rows[kept]
-    if place.size < _LEAST_ROWS:
-        raise wrong(over, f": {place.size} rows; give {_LEAST_ROWS} rows of one period or more")
-    again = (
-        np.flatnonzero(
-            (np.diff(place) == 0.0) & (np.abs(np.diff(value)) <= _CLOSED * np.ptp(value))
-        )
-        + 1
-    )
-    place, value, rows = (np.delete(each, again) for each in (place, value, rows))
-    if (falls := np.flatnonzero(np.diff(place) <= 0.0)).size:
-        raise wrong(
-            over, f", row {rows[falls[0] + 1]}: not increasing; give one period in increasing order"
-        )
-    odd, remarks = spikes(value), ()
-    if odd.size:
-        shown = f"{value[odd[0]] / factors[load]:g} {stated[load].unit}"
-        others = f" and {odd.size - 1} more" if odd.size > 1 else ""
-        text = (
-            f"row {rows[odd[0]]}{others}: {shown} is far from its neighbours; if misread, leave the"
-            " cell empty"
-        )
-        remarks += (f"{path}, column {stated[load].column}, {text}",)
-    if load == "pressure":
-        if given.ambient_pressure > 0.0 and (below := np.flatnonzero(value < 0.0)).size:
-            text = "negative absolute pressure; give 'ambient_pressure: 0' for gauge pressures"
-            raise wrong(load, f", row {rows[below[0]]}: {text}")
-        value = (given.ambient_pressure - value) * piston_area(given)
-    span, step = place[-1] - place[0], float(np.median(np.diff(place)))
-    periods = (math.tau, 2.0 * math.tau) if given.time is None else (given.period or span,)
-    fitting = [
-        one for one in periods if one * (1.0 - 1e-6) - _GAP * step <= span <= one * (1.0 + 1e-6)
-    ]
-    if not fitting and given.time is not None:
-        raise wrong(
-            over,
-            f": the rows span {span:.6g} s, but the period is {periods[0]:.6g} s; correct one of"
-            " them",
-        )
-    if not fitting:
-        text = (
-            f": the rows span {math.degrees(span):.6g} deg in steps of {math.degrees(step):.3g},"
-            " neither 360 nor 720"
-        )
-        raise wrong(over, f"{text} deg; give one full period, or correct the unit of the angle")
-    period = float(fitting[0])
-    apart, most = abs(value[-1] - value[0]), _CLOSED * np.ptp(value)
-    repeats = span > (1.0 - 1e-6) * period  # the last row is the first one of the next period
-    if apart > (most if repeats else max(most, _GAP * np.abs(np.diff(value)).max())):
-        text = f": not periodic: begin and end differ by {apart:.4g} N on the slider, the range is"
-        raise wrong(
-            load, f"{text} {np.ptp(value):.4g} N; give one full period, averaged over cycles"
-        )
-    if repeats:
-        place, value = place[:-1], value[:-1]
-    spline = CubicSpline(
-        np.append(place - place[0], period), np.append(value, value[0]), bc_type="periodic"
-    )
-    if place.size > MOST_ROWS:
-        spline, error = _thinned(spline, period)
-        remarks += (
-            (
-                f"{path}: {rows.size} rows are thinned to a spline of {spline.x.size - 1} pieces;"
-                f" it deviates from the spline through all rows by at most {error:.2g} N,"
-                f" {100.0 * error / (np.ptp(value) or 1.0):.2g} % of the range"
-            ),
-        )
-    return np.column_stack([spline.x[:-1], spline.c.T]), float(place[0]), period, remarks
 
 
 def _thinned(full: "CubicSpline", period: float) -> "tuple[PPoly, float]":
@@ -406,22 +388,16 @@ def _thinned(full: "CubicSpline", period: float) -> "tuple[PPoly, float]":
     """
     from scipy.interpolate import PPoly, make_lsq_spline
 
-    place, margin = (
-        full.x[:-1],
-        20,
-    )  # knots before and after the period, beyond which the ends have no influence
-    stride = -(-place.size // MOST_ROWS)
-    knots = np.append(place[::stride], period)
-    outside = np.concatenate(
+    x, margin = full.x[:-1], 20  # knots outside the period, beyond which the ends have no influence
+    knots = np.append(x[:: -(-x.size // MOST_ROWS)], period)
+    extended = np.concatenate(
         [knots[-margin - 1 : -1] - period, knots, knots[1 : margin + 1] + period]
     )
-    rows = np.concatenate([place - period, place, place + period])
-    rows = rows[(rows >= outside[0]) & (rows <= outside[-1])]
-    fit = make_lsq_spline(
-        rows, full(rows), np.concatenate([outside[:1].repeat(3), outside, outside[-1:].repeat(3)])
-    )
-    pieces = PPoly.from_spline(fit)
-    first = int(np.searchsorted(pieces.x, 0.0, side="right")) - 1
-    spline = PPoly(pieces.c[:, first : first + knots.size - 1], knots)
-    between = np.concatenate([place, 0.5 * (full.x[:-1] + full.x[1:])])
-    return spline, float(np.abs(spline(between) - full(between)).max())
+    rows = np.concatenate([x - period, x, x + period])
+    rows = rows[(rows >= extended[0]) & (rows <= extended[-1])]
+    with_ends = np.concatenate([extended[:1].repeat(3), extended, extended[-1:].repeat(3)])
+    pieces = PPoly.from_spline(make_lsq_spline(rows, full(rows), with_ends))
+    begin = int(np.searchsorted(pieces.x, 0.0, side="right")) - 1
+    spline = PPoly(pieces.c[:, begin : begin + knots.size - 1], knots)
+    points = np.concatenate([x, 0.5 * (full.x[:-1] + full.x[1:])])
+    return spline, float(np.abs(spline(points) - full(points)).max())
