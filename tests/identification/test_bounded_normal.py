@@ -124,7 +124,7 @@ def test_ranks_of_the_truth_are_uniform_and_90_percent_intervals_cover_90_percen
     intervals that are too short."""
     ranks, inside, at_bound, plainly = [], [], [], []
     low, high = np.zeros(3), np.array([0.5, 1.0, 4.0])
-    for seed in range(80):
+    for seed in range(150):
         rng = np.random.default_rng([20, seed])
         jacobian, truth = correlated(rng), rng.uniform(low, high)
         shifts = rng.normal(size=(2, 3)) * 0.1
