@@ -21,47 +21,47 @@ help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(firstword $(MAKEFILE_LIST)) | sed -E 's/:.*## /\t/' | expand -t 18
 	@echo "variables: CORES=2 (default: all), CAMPAIGN=file, CONFIG=file, PROFILE=local|slurm|ci, ARGS='more options of the tool'"
 
-set-up: ## what running needs into .venv, once; the other targets do it by themselves
+set-up: ## install into .venv; other targets do this automatically
 	@scripts/set-up $(cluster)
 
-run: set-up ## the paper's scenario and both example campaigns, then results/report.html; CONFIG=mine.yaml: your own alone
+run: set-up ## the paper's scenario and both example campaigns, then results/report.html; CONFIG=mine.yaml: only yours
 	@scripts/in-venv scripts/run-workflow results/report.html all $(snakemake_options)
 
-variants: set-up ## twelve variants of the paper's scenario side by side, then results/report.html
+variants: set-up ## twelve variants of the paper's scenario, then results/report.html
 	@scripts/in-venv scripts/run-workflow results/report.html all --configfile config/variants.yaml $(snakemake_options)
 
-smoke: set-up ## the whole chain, small: two minutes, then results/smoke-report.html
+smoke: set-up ## all stages with a small configuration (two minutes), then results/smoke-report.html
 	@scripts/in-venv scripts/run-workflow results/smoke-report.html all \
 		--configfile config/smoke.yaml $(snakemake_options)
 
-sweep: set-up ## many designs, simulated and measured: config/sweep.yaml, or CONFIG=mine.yaml
+sweep: set-up ## parameter sweep: config/sweep.yaml, or CONFIG=mine.yaml
 	@scripts/in-venv scripts/run-workflow swept \
 		$(if $(CONFIG),,--configfile config/sweep.yaml) $(snakemake_options)
 
-paper: set-up ## for which settings, of those that the paper leaves open, its printed numbers come out: ten minutes
+paper: set-up ## infer the paper's unreported settings (ten minutes)
 	@scripts/in-venv scripts/run-workflow swept \
 		$(if $(CONFIG),,--configfile config/paper_unknowns.yaml) $(snakemake_options)
 
 # $$CAMPAIGN and $$SET are read from the environment, where a quote in a path means itself; Snakemake reads YAML, where
 # in quotes a backslash and a quote need a backslash.
-campaign: set-up ## what is missing in the model of CAMPAIGN=config/campaigns/mine.yaml, then results/campaign-report.html
+campaign: set-up ## identify missing effects of CAMPAIGN=config/campaigns/mine.yaml, then results/campaign-report.html
 	@campaign=$${CAMPAIGN//\\/\\\\}; scripts/in-venv scripts/run-workflow results/campaign-report.html campaigned \
 		$(snakemake_options) $(if $(CAMPAIGN),--config "campaigns=[\"$${campaign//\"/\\\"}\"]")
 
-blind: ## campaigns with hidden effects, analysed and scored: a night; SET=small for a quick one
+blind: ## blind trials: campaigns with hidden effects, analysed and scored (hours); SET=small is quick
 	@scripts/set-up peers $(cluster)
 	@scripts/in-venv scripts/run-workflow results/blind-report.html blind --snakefile workflow/blind/Snakefile \
 		--config "set=$$SET" $(snakemake_options)
 
-benchmark-files: ## 100 campaigns for other methods, in results/benchmark; see validation/benchmark/README.md
+benchmark-files: ## 100 campaigns for other methods in results/benchmark (validation/benchmark/README.md)
 	@scripts/set-up peers
 	@CORES=$(or $(CORES),2) scripts/in-venv python -m validation benchmark draw results/benchmark $(ARGS)
 
-report: set-up ## write results/report.html anew
+report: set-up ## rewrite results/report.html
 	@rm -f results/report.html
 	@$(MAKE) --no-print-directory run
 
-test: ## the fast tests
+test: ## fast tests
 	@scripts/set-up test peers
 	@scripts/get-browser
 	@scripts/in-venv python -m pytest -n 2 --dist loadfile $(ARGS)
@@ -71,40 +71,40 @@ test-integration: ## chains of several stages
 	@scripts/get-browser
 	@scripts/in-venv python -m pytest -m "integration and not slow and not cluster" -n 2 --dist loadfile $(ARGS)
 
-test-slow: ## the slow tests
+test-slow: ## slow tests
 	@scripts/set-up test peers
 	@scripts/get-browser
 	@scripts/in-venv python -m pytest -m slow $(ARGS)
 
-test-cluster: ## the tests on a SLURM and a PostgreSQL of their own; as root it installs these packages
+test-cluster: ## tests with local SLURM and PostgreSQL; as root their packages are installed
 	@scripts/set-up test peers cluster
 	@scripts/get-services
 	@scripts/in-venv python -m pytest -m cluster -n 0 $(ARGS)
 
-test-wheel: ## build the wheel, and test it installed without extras in a folder of its own
+test-wheel: ## build the wheel and test it, installed without extras
 	@scripts/set-up test
 	@scripts/test-wheel $(ARGS)
 
-lint: ## style of the Python code and of the workflow
+lint: ## style checks of Python code and workflow
 	@scripts/set-up test
 	@scripts/in-venv ruff check .
 	@scripts/in-venv ruff format --check .
 	@scripts/in-venv snakefmt --check Snakefile workflow
 	@scripts/in-venv snakemake --lint
 
-docs: ## the documentation site, strictly: docs/_build/html/index.html
+docs: ## build the documentation site docs/_build/html/index.html; warnings are errors
 	@scripts/set-up docs
 	@scripts/in-venv python -m sphinx --fail-on-warning --keep-going --nitpicky --quiet -c docs \
 		-d docs/_build/doctrees . docs/_build/html
 	@echo "site: docs/_build/html/index.html"
 
-bench: ## measure what the project promises, beside its peers
+bench: ## benchmarks, compared with other codes
 	@scripts/set-up peers
 	@scripts/get-lsoda
 	@scripts/in-venv python -m benchmarks $(ARGS)
 
-dashboard: set-up ## the runs side by side in the browser
+dashboard: set-up ## MLflow runs in the browser
 	@scripts/in-venv jointgap dashboard $(ARGS)
 
-clean: ## remove all results; .venv stays
+clean: ## remove all results, not .venv
 	rm -rf results .snakemake

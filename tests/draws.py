@@ -10,12 +10,12 @@ CHANCE = 1e-4
 def check_rate(happened: ArrayLike, rate: float, most: float | None = None) -> None:
     """The rate of `happened` (n,) bool is `rate`, or between `rate` and `most`."""
     happened = np.asarray(happened, bool)
-    least, most = (
+    lowest, most = (
         binom.ppf(0.5 * CHANCE, happened.size, rate),
         binom.isf(0.5 * CHANCE, happened.size, rate if most is None else most),
     )
-    assert least <= happened.sum() <= most, (
-        f"{happened.sum()} of {happened.size}, not {least:g} to {most:g}"
+    assert lowest <= happened.sum() <= most, (
+        f"{happened.sum()} of {happened.size}, not {lowest:g} to {most:g}"
     )
 
 

@@ -1,4 +1,4 @@
-"""Plan of a set of trials: the seed of the set determines what each trial hides."""
+"""Plan of a set of trials: its seed determines the hidden effects of each trial."""
 
 import hashlib
 from dataclasses import dataclass, replace

@@ -58,7 +58,7 @@ class Hidden:
     parameters: Callable[[float], dict[str, float]]  # parameters of a verdict [SI] of a size
     first: float  # size with which a search starts
     most: float
-    least: float = 0.0
+    lowest: float = 0.0
     sensor: str = ""  # channel of a sensor fault
     law: Mapping[str, Any] | None = None  # formula and coefficients of an unlisted force
 
@@ -155,20 +155,20 @@ def _listed_effect(
     ]
     if candidate.name == "rod_flexibility":
         ends = [0.4 * ends[0]]  # at least five times as fast as the crank
-    least, most = 0.0, min([*ends, _LARGEST_SIZE])
+    lowest, most = 0.0, min([*ends, _LARGEST_SIZE])
     for name, key in candidate.replaces.items():  # beyond the stated range of the parameter
         if steps[key]:
-            least = (nuisances[name].high - nuisances[name].low) / abs(steps[key])
+            lowest = (nuisances[name].high - nuisances[name].low) / abs(steps[key])
     searched = _VISCOSITIES if candidate.name == "lubricated_joint" else candidate.search_range
     if searched and not candidate.is_perturbation:
-        least, most = (end / next(iter(steps.values())) for end in searched)
+        lowest, most = (end / next(iter(steps.values())) for end in searched)
 
     def effect_parameters(size: float) -> dict[str, float]:
         values = {key: size * step for key, step in steps.items()} | shapes
         return {key: float(value) for key, value in candidate.parameters(values).items()}
 
-    first = min(max(_FIRST_SIZE, 1.2 * least), most)
-    return Hidden(candidate.name, candidate.site, effect_parameters, first, most, least, sensor)
+    first = min(max(_FIRST_SIZE, 1.2 * lowest), most)
+    return Hidden(candidate.name, candidate.site, effect_parameters, first, most, lowest, sensor)
 
 
 def _direction(candidate: Candidate, rng: np.random.Generator) -> list[float]:

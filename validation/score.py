@@ -398,19 +398,23 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
     """
     one = trials["kind"].isin(["single", "exudyn", "clearance"]) & (trials["hidden"] != "nothing")
     trials = trials.assign(one=one, loosened=trials["hidden"].isin(CLEARANCES))
+    parts = {name: trials.query(condition) for name, condition in RECIPE["parts"].items()}
     rows = []
     for what, rate in RECIPE["rates"].items():
-        counted = trials.query(RECIPE["parts"][rate["of"]])
+        counted = parts[rate["of"]]
+        if "where" in rate:
+            counted = counted.query(rate["where"])
+        if "is" in rate:
+            counted = counted.assign(hit=counted.eval(rate["is"]))
         for group, part in _groups(counted, rate.get("by", ["all"])).items():
-            part = part.query(rate.get("where", "index == index"))
             if "quantile" in rate:
                 row = quantile_row(part[rate["quantile"]], rate.get("share", 0.5))
             elif "ratio" in rate:
-                row = ratio_row(part, *rate["ratio"]) if len(part) else {"count": 0}
+                row = ratio_row(part, *rate["ratio"])
             elif "covered" in rate:
                 row = share_row(part[rate["covered"]].sum(), int(part["nuisances"].sum()))
             else:
-                row = share_row(part.eval(rate["is"]).sum(), len(part))
+                row = share_row(part["hit"].sum(), len(part))
             rows.append({"what": what, "group": group, **row})
     return pd.DataFrame([row for row in rows if row["count"]])
 

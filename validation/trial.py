@@ -226,12 +226,12 @@ def sized(calibrator: Calibrator, effect: Hidden, target: float) -> tuple[float,
             return 10.0
         return math.log(max(gaps[size] ** 2 - 1, 1e-9) / (target**2 - 1))
 
-    least, most = math.log(max(effect.least, 1e-4 * effect.first)), math.log(effect.most)
+    lowest, most = math.log(max(effect.lowest, 1e-4 * effect.first)), math.log(effect.most)
     low = high = math.log(effect.first)
     while excess(high) < 0 and high < most:
         low, high = high, min(high + 1.2, most)
-    while excess(low) > 0 and low > least:
-        low, high = max(low - 1.2, least), low
+    while excess(low) > 0 and low > lowest:
+        low, high = max(low - 1.2, lowest), low
     if excess(low) < 0 < excess(high):
         brentq(excess, low, high, xtol=0.03)
     if not gaps:
@@ -253,7 +253,9 @@ def draw(
             continue
         if trial.shown:
             effect = drawn[0]
-            low, high = (math.log(end) for end in (effect.least or 0.01 * effect.most, effect.most))
+            low, high = (
+                math.log(end) for end in (effect.lowest or 0.01 * effect.most, effect.most)
+            )
             for _ in range(_SIZES):
                 size = math.exp(rng.uniform(low, high))
                 gap = _gap_or_infinity(calibrator, effect, size)
@@ -266,7 +268,7 @@ def draw(
             size, gap = sized(calibrator, effect, trial.size)
             effects.append((effect, size))
             gaps.append(gap)
-            smallest_is_larger = size <= 1.01 * effect.least and gap > trial.size
+            smallest_is_larger = size <= 1.01 * effect.lowest and gap > trial.size
             shown &= abs(gap / trial.size - 1) < GAP_TOLERANCE or smallest_is_larger
         if number == most or (shown and not _whirls(calibrator, effects)):
             return rig, calibrator, effects, gaps, discarded

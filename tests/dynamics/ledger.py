@@ -178,12 +178,12 @@ def joint_powers(moved: Motion, name: str) -> tuple[np.ndarray, np.ndarray]:
     loss = -elastic * parting
     film = moved.made.effect("lubricated_joint", name)
     if film:
-        least, gap, data = film.least_film_m, moved.made.clearance(name), moved.made.joint(name)
+        thinnest, gap, data = film.least_film_m, moved.made.clearance(name), moved.made.joint(name)
         dry = np.maximum(elastic * (1 + moved.damping_factor(name) * parting), 0.0)
         rubbed = -dry * joint.friction * np.tanh(sliding / joint.friction_speed)
         loss = loss + dry * parting - rubbed * sliding
         push, drag = push - dry, drag - rubbed
-        filled = np.sqrt(1 - np.minimum(r / gap, 1 - least / gap) ** 2)
+        filled = np.sqrt(1 - np.minimum(r / gap, 1 - thinnest / gap) ** 2)
         shear = (
             2
             * math.pi

@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from jointgap.dynamics.contact import film_force, film_integrals
 from tests.dynamics.laws import JointParameters, joint
 
-VISCOSITY, LENGTH, CLEARANCE, LEAST, RADIUS = 0.04, 5e-3, 1e-4, 1e-6, 7e-3
+VISCOSITY, LENGTH, CLEARANCE, THINNEST, RADIUS = 0.04, 5e-3, 1e-4, 1e-6, 7e-3
 ECCENTRICITIES = (0.1, 0.5, 0.9)
 LOAD = VISCOSITY * RADIUS * LENGTH**3 / CLEARANCE**2  # times a rate: force
 
@@ -21,13 +21,13 @@ def oiled(side=-1.0) -> JointParameters:
         "film_viscosity": VISCOSITY,
         "film_length": LENGTH,
         "film_clearance": CLEARANCE,
-        "film_least": LEAST,
+        "film_least": THINNEST,
     }
     return joint(
         side=side,
         body_radius=radii[0],
         partner_radius=radii[1],
-        clearance=CLEARANCE - LEAST,
+        clearance=CLEARANCE - THINNEST,
         **film,
     )
 

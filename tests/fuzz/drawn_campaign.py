@@ -22,7 +22,7 @@ DRIVES = ("constant_speed", "measured_angle", "motor")
 LOOSE = (*[()] * 6, ("piston_pin",), ("crank_pin",), ("crank_pin", "piston_pin"))
 FINE = 720  # simulated samples per revolution
 SETTLING = 3  # revolutions before the first sample
-LEAST_ROWS, MOST_ROWS = 40, 1200  # of a run, and of all runs, so that a draw takes seconds
+FEWEST_ROWS, MOST_ROWS = 40, 1200  # of a run, and of all runs, so that a draw takes seconds
 
 
 def draw_campaign(rng: np.random.Generator, folder: Path) -> Path:
@@ -39,8 +39,8 @@ def draw_campaign(rng: np.random.Generator, folder: Path) -> Path:
     channels = list(map(str, rng.permutation(COMPARED)[: rng.integers(1, 7)]))
     clockwise, delay = rng.random() < 0.15, _Delay(rng, channels)
     turns = rng.uniform(1.6, 7.0)
-    least = max(6.0, LEAST_ROWS / turns)
-    per_turn = least * (MOST_ROWS / turns / speeds.size / least) ** rng.random()
+    lowest = max(6.0, FEWEST_ROWS / turns)
+    per_turn = lowest * (MOST_ROWS / turns / speeds.size / lowest) ** rng.random()
     # all runs have one rate, or one number of samples per revolution
     rate = per_turn * speeds.mean() / tau
     rate = None if rng.random() < 0.5 else rate

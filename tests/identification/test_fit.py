@@ -198,11 +198,11 @@ def test_a_fit_without_steps_left_or_dominated_stops_with_a_reason():
     found = fit_hypothesis(problem(toy(FRICTION, seed=7), settings=few), (candidate_of("coulomb"),))
     assert found.status == STOPPED and "1 steps" in found.reason
     here = free_oscillator(1.4, spring=0.3)
-    beaten, slow = (
+    dominated, slow = (
         fit_hypothesis(here, (SPRING,), sufficient_chi2=chi2) for chi2 in (300.0, np.inf)
     )
-    assert beaten.simulations < slow.simulations
-    assert beaten.status == STOPPED and "poor" in beaten.reason
+    assert dominated.simulations < slow.simulations
+    assert dominated.status == STOPPED and "poor" in dominated.reason
 
 
 def probed(residual, **parameter):

@@ -85,12 +85,12 @@ def test_the_interval_of_the_exponent_covers_the_truth():
         low, high = profile(toy(hidden=drag(2.0, exponent), seed=3)).interval(RISE)
         assert low <= exponent <= high < low + 1.0
     profiles = [profile(toy(hidden=drag(0.1, 3.0), seed=seed)) for seed in range(50)]
-    for rise, least, most in (
+    for rise, lowest, most in (
         (RISE_90, 37, 50),
         (RISE, 46, 50),
     ):  # what all but 0.1 % of 50 draws at these rates do
         ends = [one.interval(rise) for one in profiles]
-        assert least <= sum(low <= 3.0 <= high for low, high in ends) <= most
+        assert lowest <= sum(low <= 3.0 <= high for low, high in ends) <= most
 
 
 def test_with_loose_joints_each_shape_starts_from_the_states_of_the_last():

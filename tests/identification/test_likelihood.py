@@ -173,10 +173,10 @@ def test_sensitivities_predict_the_joint_fit_of_a_force_and_parameters(either):
     rows = np.vstack([np.hstack([sensitivities.jacobian, own.columns]), law])
     off = base.values - np.array([p.nominal for p in base.parameters])
     left = np.concatenate([sensitivities.residual, base.prior * off])
-    step, (least,), *_ = np.linalg.lstsq(rows, -left, rcond=None)
+    step, (lowest,), *_ = np.linalg.lstsq(rows, -left, rcond=None)
     with_it = next(stage for stage in true.stages if stage.jump == base.stages[-1].jump)
     assert left @ left == pytest.approx(base.stages[-1].cost, rel=1e-6)
-    assert least == pytest.approx(with_it.cost, rel=1e-6)
+    assert lowest == pytest.approx(with_it.cost, rel=1e-6)
     assert np.append(base.values, 0.0) + step == pytest.approx(with_it.values, abs=1e-5)
     assert sensitivities.residual.size == problem.size
 

@@ -193,7 +193,7 @@ def test_p_values_of_noise_are_uniform(memory, turns):
             Noise(np.ones(angle.size), memory),
             (part.series.run, "torque"),
         )
-    maps = [map_disagreement(problem, random.standard_normal(3 * angle.size)) for _ in range(60)]
+    maps = [map_disagreement(problem, random.standard_normal(3 * angle.size)) for _ in range(40)]
     check_uniform([one.p for one in maps])
     check_uniform(np.concatenate([one.tests["p_chi2"] for one in maps]))
     check_rate(np.concatenate([one.bins["p"] for one in maps]) < 0.05, 0.03, 0.05)

@@ -309,7 +309,7 @@ LESSER = SWINGING | {"wobble": {"size": 0.02}}
 
 
 @pytest.mark.parametrize(
-    "hidden, least, doubted, clearances, best",
+    "hidden, lowest_deviance, inconsistent, clearances, best",
     [
         (BOTH, 4.9, False, "fitted", BOTH),  # a likely one is fitted before pairs
         (BOTH, 5.1, False, "tried", BOTH),
@@ -323,9 +323,11 @@ LESSER = SWINGING | {"wobble": {"size": 0.02}}
         (LESSER, 4.9, True, "", LESSER),
     ],
 )
-def test_a_likely_clearance_is_fitted_before_pairs(hidden, least, doubted, clearances, best):
+def test_a_likely_clearance_is_fitted_before_pairs(
+    hidden, lowest_deviance, inconsistent, clearances, best
+):
     def deviance(effects):
-        return least + 10.0 * max(abs(effects["spring"]["size"] - 0.3) - 0.05, 0.0)
+        return lowest_deviance + 10.0 * max(abs(effects["spring"]["size"] - 0.3) - 0.05, 0.0)
 
     few = windows(jumps=(1.0, 0.3, 0.03, 0.001), fitted_sizes=1)
     problem = linear(
@@ -334,7 +336,7 @@ def test_a_likely_clearance_is_fitted_before_pairs(hidden, least, doubted, clear
     base = recalibrate(problem.model, noise_of(problem), few)
     screening = screen_candidates(base, 0.01)
     alone, _ = fit_singles(base, *screening)
-    fits, seconds = fit_pairs(base, *screening, alone, inconsistent=doubted)
+    fits, seconds = fit_pairs(base, *screening, alone, inconsistent=inconsistent)
     assert len(fits) == len(seconds)
     turns = {turns for *_, turns in problem.model.filtered}
     assert turns == {"fitted": {1.0, np.inf}, "tried": {1.0}, "": set()}[clearances]

@@ -1,4 +1,4 @@
-"""Data faults change what the ground truth says."""
+"""Data faults change the recorded channels only."""
 
 from dataclasses import replace
 

@@ -131,7 +131,7 @@ def test_every_effect_can_be_drawn_with_valid_parameters(label, ideal, loose):
         if effect is None:
             assert label.startswith("lubricated_joint")
             continue
-        assert effect.least < effect.first <= effect.most
+        assert effect.lowest < effect.first <= effect.most
         for entry in effect.in_file(effect.first):
             EFFECTS[entry["name"]].model_validate(entry)
 
@@ -157,7 +157,7 @@ def test_a_deviation_within_nuisance_bounds_is_no_gap(ideal):
         for times in (0, 1, 5)
     ]
     assert gaps[0] < 1.02 < gaps[1] < gaps[2]
-    assert abs(heavier.parameters(heavier.least)["mass_kg"]) >= high - low
+    assert abs(heavier.parameters(heavier.lowest)["mass_kg"]) >= high - low
 
 
 def test_correlated_noise_has_its_variance_and_correlation():
@@ -286,7 +286,7 @@ def test_clearances_are_drawn_until_they_are_detectable():
         )
         assert 1.5 <= gap <= 20.0
         assert gap == pytest.approx(calibrator.gap([(effect, size)]))
-        assert effect.least <= size <= effect.most
+        assert effect.lowest <= size <= effect.most
         assert discarded >= 0
 
 

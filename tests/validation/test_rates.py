@@ -16,7 +16,7 @@ def test_intervals_of_shares_and_ratios_have_their_coverage(trials, share):
     def holds(row):
         return row["low"] <= share <= row["high"]
 
-    found = random.random((200, trials)) < share
+    found = random.random((100, trials)) < share
     check_rate([holds(share_row(own.sum(), trials)) for own in found], 0.95, 1.0 - 1e-9)
     alike = [
         pd.DataFrame({"n_hit": own * 1, "n_false": ~own * 1, "n_missed": ~own * 1}) for own in found
@@ -28,7 +28,7 @@ def test_intervals_of_shares_and_ratios_have_their_coverage(trials, share):
 
 @pytest.mark.parametrize("trials, share", [(6, 0.5), (15, 0.5), (40, 0.9)])
 def test_intervals_of_quantiles_have_their_coverage(trials, share):
-    values = np.random.default_rng(trials).exponential(size=(200, trials))
+    values = np.random.default_rng(trials).exponential(size=(100, trials))
     rows = [quantile_row(pd.Series(own), share) for own in values]
     check_rate(
         [row["low"] <= -np.log(1.0 - share) <= row["high"] for row in rows], 0.94, 1.0 - 1e-9

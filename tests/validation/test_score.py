@@ -120,7 +120,7 @@ COULOMB_OR_STRIBECK["families"].append(
 BOTH = ([DRAG, SPRING], [DRAG, LAG])
 FORESEEN = {"merged": [["slider_quadratic_drag", "slider_spring"]]}
 A, B, C, D = (hidden(name, a=1.0) for name in "abcd")
-OUTCOMES = [  # what was hidden, what was found, what that is
+OUTCOMES = [  # hidden effects, verdict, outcome
     ((DRAG,), {"effects": [named(DRAG)]}, "right"),
     ((DRAG,), {"verdict": "named_with_remaining_misfit", "effects": [named(DRAG)]}, "right"),
     ((DRAG,), {"effects": [named(SPRING)]}, "wrong"),
@@ -135,7 +135,7 @@ OUTCOMES = [  # what was hidden, what was found, what that is
     ((), {"verdict": "parameters_only"}, "right"),
     ((), {"effects": [named(DRAG)]}, "wrong"),
     ((), {"verdict": "unexplained"}, "unexplained"),
-    # what is called certain has to be hidden
+    # certain effects must be hidden
     ((DRAG, SPRING), ambiguous(*BOTH, certain=[named(DRAG)]), "ambiguous"),
     ((SPRING,), ambiguous(*BOTH, certain=[named(DRAG)]), "wrong"),
     ((), ambiguous(*BOTH, certain=[named(DRAG)]), "wrong"),
@@ -502,7 +502,7 @@ def test_hidden_clearances_are_scored_separately():
         ("single", "ideal", 5.0, 5.0, True, False, "named", "right"),
         ("clearance", "ideal", 5.0, 5.0, True, False, "named", "wrong"),
         ("clearance", "loose", 1.5, 1.5, True, False, "named", "right"),
-        # a clearance, by what is set below
+        # a clearance (set below)
         ("exudyn", "ideal", 5.0, 5.0, True, False, "named", "right"),
         ("exudyn", "loose", 5.0, 5.0, True, False, "named", "missed"),
         ("exudyn", "loose", 0.0, np.nan, False, False, "no_disagreement", "right"),

@@ -76,7 +76,7 @@ def score_answer(truth: Mapping[str, Any], answer: Answer) -> dict[str, Any]:
     )
     channels = truth["damage"]["channels"] if "damage" in truth else ()
     encoder = "encoder_" if "crank_angle" in channels else "-"
-    # told, not wrong
+    # reported, not wrong
     named -= {one for one in named if one.partition(":")[2] in channels or one.startswith(encoder)}
     if labels_named is None:
         outcome = "abstained"
