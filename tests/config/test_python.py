@@ -1,13 +1,12 @@
 """Sections that are created and changed in Python."""
 
-import json
 from decimal import Decimal
 from fractions import Fraction
 
 import numpy as np
 import pytest
 
-from jointgap.config import Contact, DrivenMechanism, Runs, Simulate, change
+from jointgap.config import Contact, DrivenMechanism, Simulate, change
 from jointgap.config.variations import with_values
 from jointgap.core.errors import InputError
 from tests.config.mechanisms import paper
@@ -105,12 +104,6 @@ def test_numbers_of_numpy_decimal_and_fractions_are_numbers():
         assert (
             change(paper(), {"slider": {"mass": kind(2)}, "crank.mass": kind(1)}).slider.mass == 2.0
         )
-    runs = Runs(
-        vary={"speed": np.array([60, 70]), "friction": [Decimal("0.1"), np.float64(0.2)]},
-        members=np.int8(2),
-    )
-    assert runs.vary == {"speed": (60, 70), "friction": (0.1, 0.2)}
-    json.dumps(runs.model_dump())
 
 
 def test_a_word_changes_every_loose_joint_and_a_path_one():
