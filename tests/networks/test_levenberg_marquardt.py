@@ -46,20 +46,10 @@ class FunctionEvaluation:
         return slope(zero).numpy(), torch.func.jacrev(slope)(zero).numpy()
 
 
-def rosenbrock(p):
-    return torch.stack([10 * (p[1] - p[0] ** 2), 1 - p[0]])
-
-
 def powell(p):
     """Powell's singular function: the Jacobian loses rank at the solution."""
-    return torch.stack(
-        [
-            p[0] + 10 * p[1],
-            5**0.5 * (p[2] - p[3]),
-            (p[1] - 2 * p[2]) ** 2,
-            10**0.5 * (p[0] - p[3]) ** 2,
-        ]
-    )
+    sums = p[0] + 10 * p[1], 5**0.5 * (p[2] - p[3])
+    return torch.stack([*sums, (p[1] - 2 * p[2]) ** 2, 10**0.5 * (p[0] - p[3]) ** 2])
 
 
 def decay(p):
@@ -74,7 +64,6 @@ PRECISE = Settings(iterations=500, minimum_gradient=0.0)
 @pytest.mark.parametrize(
     "function, points, size, start, truth, within",
     [
-        (rosenbrock, 2, 2, [-1.2, 1.0], [1.0, 1.0], 1e-12),
         (powell, 4, 4, [3.0, -1.0, 0.0, 1.0], [0.0, 0.0, 0.0, 0.0], 1e-6),
         (decay, 40, 4, [1.0, 0.5, 1.0, 3.0], [2.0, 0.3, 1.5, 4.0], 1e-10),
     ],
@@ -89,61 +78,48 @@ def test_the_exact_solution_of_a_problem_without_residual_is_found(
     assert result.status is Status.EXACT
 
 
-def test_convergence_to_a_regular_solution_without_residual_is_quadratic_until_the_damping_rules():
-    model = FunctionModel(decay, 40, 4)
+def test_convergence_to_a_regular_solution_without_residual_is_quadratic():
     truth = np.array([2.0, 0.3, 1.5, 4.0])
+    start, settings = truth + [0.1, 0.02, -0.1, 0.1], Settings(200, 0.0, initial_damping=1e-12)
     targets = decay(torch.tensor(truth)).numpy()
-    result = minimise(
-        model, targets, truth + [0.1, 0.02, -0.1, 0.1], Settings(200, 0.0, initial_damping=1e-12)
-    )
-    residual = np.sqrt(result.errors[result.errors > 1e-28])
+    result = minimise(FunctionModel(decay, 40, 4), targets, start, settings)
+    residual = np.sqrt(result.errors[result.errors > 1e-28])  # until rounding dominates
     orders = np.diff(np.log(residual[1:])) / np.diff(np.log(residual[:-1]))
-    assert len(residual) < 8
-    assert orders[-1] > 1.8
+    assert len(residual) < 8 and orders[-1] > 1.8
 
 
 def test_dual_and_primal_form_take_the_same_steps():
-    def padded(extra):  # points without influence: with enough of them the primal form is chosen
-        return FunctionModel(
-            lambda p: torch.cat([powell(p), torch.zeros(extra, dtype=p.dtype)]), 4 + extra, 4
-        )
+    def errors(extra):  # points without influence: with enough of them the primal form is used
+        def padded(p):
+            return torch.cat([powell(p), torch.zeros(extra, dtype=p.dtype)])
 
-    start = np.array([3.0, -1.0, 0.0, 1.0])
-    few, many = (
-        minimise(padded(extra), np.zeros(4 + extra), start, Settings(12, 0.0)).errors * (4 + extra)
-        for extra in (0, 10)
-    )
-    np.testing.assert_allclose(few, many, rtol=1e-8)
+        model, points = FunctionModel(padded, 4 + extra, 4), 4 + extra
+        start = np.array([3.0, -1.0, 0.0, 1.0])
+        return minimise(model, np.zeros(points), start, Settings(12, 0.0)).errors * points
+
+    np.testing.assert_allclose(errors(0), errors(10), rtol=1e-8)
 
 
-def test_scipy_starting_where_it_ends_finds_nothing_better():
+def test_scipy_continues_from_its_end_without_gain_and_is_not_better_from_the_same_start():
     layout = Layout((3,))
-    model = NetworkModel(layout, INPUTS)
+    model, start = NetworkModel(layout, INPUTS), nguyen_widrow(layout, 0)
     targets = np.sin(9 * INPUTS) * np.exp(-INPUTS)
 
-    def residual(parameters):
-        return model.evaluate(parameters).outputs - targets
+    def cost(parameters):
+        result = least_squares(
+            lambda p: model.evaluate(p).outputs - targets,
+            parameters,
+            lambda p: model.evaluate(p).jacobian(),
+            method="lm",
+            xtol=1e-15,
+            ftol=1e-15,
+            gtol=1e-15,
+        )
+        return 2 * result.cost / len(INPUTS)
 
-    def jacobian(parameters):
-        return model.evaluate(parameters).jacobian()
-
-    result = minimise(
-        model, targets, nguyen_widrow(layout, 0), Settings(5000, 1e-13, stall_iterations=5000)
-    )
-    peer = least_squares(
-        residual,
-        nguyen_widrow(layout, 0),
-        jacobian,
-        method="lm",
-        xtol=1e-15,
-        ftol=1e-15,
-        gtol=1e-15,
-    )
-    continued = least_squares(
-        residual, result.parameters, jacobian, method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15
-    )
-    assert 2 * continued.cost / len(INPUTS) == pytest.approx(result.errors[-1], rel=1e-6)
-    assert result.errors[-1] <= 2 * peer.cost / len(INPUTS) * (1 + 1e-6)
+    result = minimise(model, targets, start, Settings(5000, 1e-13, stall_iterations=5000))
+    assert cost(result.parameters) == pytest.approx(result.errors[-1], rel=1e-6)
+    assert result.errors[-1] <= cost(start) * (1 + 1e-6)
 
 
 NOISE = np.random.default_rng(0).normal(size=60)
@@ -158,13 +134,13 @@ NOISE = np.random.default_rng(0).normal(size=60)
         (Status.DAMPING, NOISE, {"stall_iterations": 10**6, "largest_damping": 1e-1}),
     ],
 )
-def test_it_says_why_it_ends(status, targets, settings):
+def test_the_status_gives_the_stopping_criterion(status, targets, settings):
     model = NetworkModel(LAYOUT, INPUTS)
     result = minimise(
         model, targets, nguyen_widrow(LAYOUT, 0), Settings(**{"minimum_gradient": 0.0, **settings})
     )
     assert result.status is status
-    if status is Status.BUDGET:  # refused steps count too
+    if status is Status.BUDGET:  # rejected steps count too
         assert (result.iterations, len(result.errors)) == (57, 58)
     if status is Status.GRADIENT:
         assert result.gradient <= 1e-3
@@ -184,26 +160,24 @@ def plain_outputs(layout, parameters):
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_outputs_jacobian_products_and_derivatives_along_a_step_agree_with_automatic_differentiation(
-    layout,
-):
+def test_derivatives_agree_with_automatic_differentiation(layout):
     parameters, step = nguyen_widrow(layout, 4), 0.3 * nguyen_widrow(layout, 6)
-    found, at = NetworkModel(layout, POINTS).evaluate(parameters), torch.tensor(parameters)
-    jacobian, weights = found.jacobian(), np.random.default_rng(0).normal(size=len(POINTS))
-    np.testing.assert_allclose(found.outputs, plain_outputs(layout, at), rtol=1e-13, atol=1e-13)
+    network, at = NetworkModel(layout, POINTS).evaluate(parameters), torch.tensor(parameters)
+    jacobian, weights = network.jacobian(), np.random.default_rng(0).normal(size=len(POINTS))
+    np.testing.assert_allclose(network.outputs, plain_outputs(layout, at), rtol=1e-13, atol=1e-13)
     expected = torch.func.jacrev(lambda p: plain_outputs(layout, p))(at)
     np.testing.assert_allclose(jacobian, expected, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(
-        found.pull_back(weights), jacobian.T @ weights, rtol=1e-12, atol=1e-12
+        network.pull_back(weights), jacobian.T @ weights, rtol=1e-12, atol=1e-12
     )
     out, *work = (np.zeros((len(POINTS),) * 2, order="F") for _ in range(3))
-    found.row_products(out, tuple(work))
+    network.row_products(out, tuple(work))
     np.testing.assert_allclose(np.tril(out), np.tril(jacobian @ jacobian.T), rtol=1e-12, atol=1e-12)
 
     def curve(t):
         return plain_outputs(layout, at + t * torch.tensor(step))
 
-    zero, (first, second) = torch.zeros((), dtype=torch.float64), found.along(step)
+    zero, (first, second) = torch.zeros((), dtype=torch.float64), network.along(step)
     np.testing.assert_allclose(first, torch.func.jacrev(curve)(zero), rtol=1e-11, atol=1e-11)
     np.testing.assert_allclose(
         second, torch.func.jacrev(torch.func.jacrev(curve))(zero), rtol=1e-11, atol=1e-11
