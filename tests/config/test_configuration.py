@@ -166,7 +166,7 @@ WRONG = {
     "mechanism: {effects: [{name: gravty}]}": "effects.0.name = 'gravty'.*'gravity'",
     "mechanism: {crank: {length: 100 mm}}": r"optimise.boxes \(paper\).*crank 100 mm and rod 564 mm",
     "optimise: {boxes: {paper: {crank_length: [153 mm, 147 mm]}}}": "crank_length.*wrong order",
-    "optimise: {rod_tolerance: 3}": "optimise.rod_tolerance 3000 mm.*of the rod, 564 mm.*35 um",
+    "optimise: {rod_tolerance: 35 um}": "optimise.rod_tolerance' was removed; delete it",
     "optimise: {window: [60 deg, 400 deg]}": "exceeds the first revolution",
     "optimise: {ensemble: {members: 1000000000}}": "members.*must be less than or equal to 10000",
     "optimise: {genetic: {elites: 3}}": "genetic.elites' was removed; delete it",

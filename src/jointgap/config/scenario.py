@@ -324,6 +324,10 @@ class Constraints(ConfigModel):
 class Optimise(ConfigModel):
     """The optimisation of the link lengths."""
 
+    removed: ClassVar = {
+        "rod_tolerance": "delete it: summary.html gives the deviation of the rod that is allowed"
+    }
+
     objective: Literal["transmission_angle", "largest_pin_force", "torque_ripple"] = Field(
         "transmission_angle", description="quantity to minimise"
     )
@@ -338,9 +342,6 @@ class Optimise(ConfigModel):
     )
     constraints: Constraints = Field(
         Constraints(), description="constraints besides the bounds of the lengths"
-    )
-    rod_tolerance: PositiveLength | None = Field(
-        None, description="width of the tolerance; null: IT7 of ISO 286"
     )
     local_tolerance: quantity("", gt=0) = Field(
         1e-8, description="stopping tolerance of the local optimiser"
@@ -470,12 +471,6 @@ class Scenario(DrivenMechanism):
     def _errors_of_lengths(self) -> Iterator[str]:
         applied, boxes = self.mechanism.applied(), self.optimise.boxes
         crank, rod, offset = applied.crank.length, applied.rod.length, abs(applied.slider.offset)
-        tolerance = self.optimise.rod_tolerance
-        if tolerance is not None and tolerance > 0.1 * rod:
-            yield (
-                f"optimise.rod_tolerance {1e3 * tolerance:g} mm is more than a tenth of the rod,"
-                f" {1e3 * rod:g} mm; give its unit, such as 35 um"
-            )
         if not any(
             _contains(box.crank_length, crank) and _contains(box.rod_length, rod)
             for box in boxes.values()

@@ -111,7 +111,7 @@ def optimise(
         "optimise_floor": lambda search: tables.valley_floor(search.objective, search.region),
     }
     return {
-        "optimise_optima": tables.optima(objectives, points, options.rod_tolerance),
+        "optimise_optima": tables.optima(objectives, points),
         "optimise_resimulated": tables.resimulated(points, ensembles, objectives, frozen),
         "optimise_worth": tables.cycle_extremes(ensembles, mechanism.slider.offset),
         "optimise_loads": tables.loads(ensembles),

@@ -139,12 +139,10 @@ def _best_crank(objective: Objective, region: Region, rod_length: float, name: s
 # -- points
 
 
-def optima(
-    objectives: dict[str, Objective], points: list[Point], tolerance: float | None
-) -> pd.DataFrame:
+def optima(objectives: dict[str, Objective], points: list[Point]) -> pd.DataFrame:
     """The table optimise_optima: for each source its optima, and the points of no search."""
     rows = [
-        _optimum(source, objective, point, tolerance)
+        _optimum(source, objective, point)
         for source, objective in objectives.items()
         for point in points
         if point.source in (None, source)
@@ -152,9 +150,7 @@ def optima(
     return pd.DataFrame(rows).astype(dict.fromkeys(_COUNTS, "Int64"))
 
 
-def _optimum(
-    source: str, objective: Objective, point: Point, tolerance: float | None
-) -> dict[str, object]:
+def _optimum(source: str, objective: Objective, point: Point) -> dict[str, object]:
     (crank, rod), value = point.lengths, float(objective.value(point.lengths))
     reductions = objective.reductions(point.lengths)
     return {
@@ -169,43 +165,26 @@ def _optimum(
         "objective_reduction": 1.0 - value / float(objective.value(objective.original)),
         **objective.measures(point.lengths)._asdict(),
         **{f"{name}_reduction": size for name, size in reductions._asdict().items()},
-        **tolerance_effect(objective, point.lengths, tolerance),
+        "rod_deviation_allowed": allowed_deviation(objective, point.lengths),
         "invariant": (1.0 - reductions.rms) * rod,
         **dict.fromkeys(("active_bounds", *_COUNTS, "status")),
         **point.columns,
     }
 
 
-def tolerance_effect(
-    objective: Objective, lengths: tuple[float, float], tolerance: float | None
-) -> dict[str, float]:
-    """Columns of the table optimise_optima about the rod's tolerance."""
-    (crank, rod), rms = lengths, size_of(objective, "rms")
+def allowed_deviation(objective: Objective, lengths: tuple[float, float]) -> float:
+    """How much longer or shorter the rod may be [m] until nothing is gained."""
+    crank, rod = lengths
     size = size_of(objective, getattr(objective, "name", "rms"))
 
-    def with_deviation(size: Callable[[ArrayLike], float], deviation: float) -> float:
-        return max(size((crank, rod - deviation)), size((crank, rod + deviation)))
-
     def excess(deviation: float) -> float:
-        return with_deviation(size, deviation) - size(objective.original)
+        sizes = [size((crank, rod + sign * deviation)) for sign in (-1, 1)]
+        return max(sizes) - size(objective.original)
 
-    largest, allowed = _LARGEST_DEVIATION * rod, 0.0
-    if excess(0.0) < 0.0:
-        allowed = largest if excess(largest) <= 0.0 else brentq(excess, 0.0, largest)
-    width = it7(rod) if tolerance is None else tolerance
-    return {
-        "rod_tolerance": width,
-        "rms_rod_off": with_deviation(rms, width / 2),
-        "rod_deviation_allowed": float(allowed),
-    }
-
-
-def it7(length: float) -> float:
-    """Width of the tolerance IT7 for a length [m]: 16 tolerance units of ISO 286-1, not rounded to
-    its steps."""
-    mm = 1e3 * length
-    unit = 0.45 * mm ** (1 / 3) + 0.001 * mm if mm <= 500.0 else 0.004 * mm + 2.1
-    return 16e-6 * unit
+    largest = _LARGEST_DEVIATION * rod
+    if excess(0.0) >= 0.0:
+        return 0.0
+    return largest if excess(largest) <= 0.0 else brentq(excess, 0.0, largest)
 
 
 # -- re-simulated points

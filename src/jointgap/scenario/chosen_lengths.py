@@ -298,14 +298,12 @@ def _gain(optimum: ChosenLengths) -> str:
             "The gain is not significant: simulated again from perturbed starts, the"
             f" {optimum.objective_label} changes by {spread}."
         )
-    tolerance, allowed = row["rod_tolerance"] / 2, row["rod_deviation_allowed"]
+    allowed = format_size(row["rod_deviation_allowed"], "m")
     size = f"{number(goal.factor * (gain['original_error'] - gain['error']), 3)} {goal.unit}"
-    text = (
-        f"The gain is {size}. It requires a rod length within ±{format_size(allowed, 'm')}"
-        f" (estimate of the search); the tolerance (IT7 by default) is"
-        f" ±{format_size(tolerance, 'm')}"
+    return (
+        f"The gain is {size}. It requires a rod length within ±{allowed} (estimate of the search):"
+        " compare it with the tolerance of the rod."
     )
-    return f"{text}." if allowed >= tolerance else f"{text} and cancels the gain."
 
 
 def _limits(optimum: ChosenLengths) -> Iterator[str]:
