@@ -1,7 +1,4 @@
-"""Motion of the links from clearance vectors: of the real simulation and of waves that are
-known."""
-
-from pathlib import Path
+"""Motion of the links from clearance vectors: simulated ones and analytic waves."""
 
 import numpy as np
 import pandas as pd
@@ -16,14 +13,17 @@ from jointgap.scenario.kinematics import UNITS, clearance_motions, kinematics
 MECHANISM = load_mechanism("config/mechanisms/erkaya2009.yaml")
 OPTIONS = Simulate(samples_per_revolution=1800, revolutions=1)
 SPEED = OPTIONS.speed
-
-# Analytic outputs over the crank angle: value and derivatives one to three by the angle.
-WAVES = {"r2": (1e-3, 0.0, 4e-5, 9.0), "r3": (9e-4, 0.0, 6e-5, 7.0)}
-LOOSE = ("crank_pin", "piston_pin")
-WAVES |= {"gamma2": (0.3, 1.0, 0.5, 5.0), "gamma3": (-0.8, 0.0, 1.5, 2.0)}
+WAVES = {  # mean, slope, amplitude and rate over the crank angle
+    "r2": (1e-3, 0.0, 4e-5, 9.0),
+    "r3": (9e-4, 0.0, 6e-5, 7.0),
+    "gamma2": (0.3, 1.0, 0.5, 5.0),
+    "gamma3": (-0.8, 0.0, 1.5, 2.0),
+}
+ORDERS = {"": 0, "_dot": 1, "_ddot": 2}
 
 
 def wave(name, angle, order):
+    """A wave or its derivatives by the crank angle."""
     mean, slope, size, rate = WAVES[name]
     return (
         mean + slope * angle + size * np.sin(rate * angle),
@@ -33,72 +33,49 @@ def wave(name, angle, order):
     )[order]
 
 
-def fit(name, order=0, error=0.0):
-    """A fit of the order-th time derivative, wrong by a constant error."""
+def fits(**errors):
+    """Exact fits at constant speed, except constant errors by output."""
 
-    def evaluate(angle):
-        return (
+    def fit(name, ending):
+        order, error = ORDERS[ending], errors.get(name + ending, 0.0)
+        return lambda angle: (
             wave(name, angle, order) * SPEED**order + error,
             wave(name, angle, order + 1) * SPEED**order,
         )
 
-    return evaluate
-
-
-def fits(**errors):
-    named = {name: fit(name, 0, errors.get(name, 0.0)) for name in WAVES}
-    for order, suffix in ((1, "_dot"), (2, "_ddot")):
-        named |= {
-            f"gamma{j}{suffix}": fit(f"gamma{j}", order, errors.get(f"gamma{j}{suffix}", 0.0))
-            for j in (2, 3)
-        }
-    return named
+    outputs = [(name, "") for name in WAVES]
+    outputs += [(name, ending) for name in ("gamma2", "gamma3") for ending in ("_dot", "_ddot")]
+    return {name + ending: fit(name, ending) for name, ending in outputs}
 
 
 @pytest.fixture(scope="module")
 def trajectory():
-    """A trajectory whose clearances are the waves; what it says of the links it knows from
-    differentiated positions."""
+    """A trajectory with the waves as clearances."""
     angle = np.linspace(0.0, 2 * np.pi, 1801)
-    frame = pd.DataFrame(
-        {
-            "crank_angle": angle,
-            "time": angle / SPEED,
-            "crank_speed": SPEED,
-            "crank_acceleration": 0.0,
-        }
-    )
+    frame = pd.DataFrame({"crank_angle": angle, "time": angle / SPEED})
+    frame = frame.assign(crank_speed=SPEED, crank_acceleration=0.0)
     for name in WAVES:
-        for order, suffix in enumerate(("", "_dot", "_ddot")):
-            frame[name + suffix] = wave(name, angle, order) * SPEED**order
-    motion = linkage_motion(
-        MECHANISM, Motion.of(angle, SPEED), ClearanceMotion.from_table(frame, LOOSE)
-    )
-    parts = ("position", "velocity", "acceleration")
-    for part in parts:
+        for ending, order in ORDERS.items():
+            frame[name + ending] = wave(name, angle, order) * SPEED**order
+    clearances = ClearanceMotion.from_table(frame, PINS)
+    motion = linkage_motion(MECHANISM, Motion.of(angle, SPEED), clearances)
+    turn = ("rod_angle", "rod_angular_velocity", "rod_angular_acceleration")
+    for part, rod_angle in zip(("position", "velocity", "acceleration"), turn, strict=True):
         frame[f"rod_{part}_x"] = getattr(motion.rod_x, part)
         frame[f"rod_{part}_y"] = getattr(motion.rod_y, part)
         frame[f"slider_{part}"] = getattr(motion.slider_x, part)
-    for column, part in zip(
-        ("rod_angle", "rod_angular_velocity", "rod_angular_acceleration"), parts, strict=True
-    ):
-        frame[column] = getattr(motion.rod_angle, part)
+        frame[rod_angle] = getattr(motion.rod_angle, part)
     return frame.assign(transmission_angle=motion.transmission_angle.position)
 
 
 def error_of(result, source, quantity, region="first_revolution"):
-    keys = {"source": source, "quantity": quantity, "region": region}
-    rows = result["kinematics_errors"].loc[
-        (result["kinematics_errors"][list(keys)] == pd.Series(keys)).all(axis=1)
-    ]
-    assert len(rows) == 1
-    return rows.iloc[0]
+    errors = result["kinematics_errors"].set_index(["source", "quantity", "region"])
+    return errors.loc[(source, quantity, region)]
 
 
-def contradiction_of(result, quantity, region="first_revolution"):
-    rows = result["kinematics_contradictions"].query("quantity == @quantity and region == @region")
-    assert len(rows) == 1
-    return rows.iloc[0]
+def contradiction_of(result, quantity):
+    contradictions = result["kinematics_contradictions"].set_index(["quantity", "region"])
+    return contradictions.loc[(quantity, "first_revolution")]
 
 
 def test_perfect_fits_agree_with_the_simulation_and_with_each_other(trajectory):
@@ -108,15 +85,14 @@ def test_perfect_fits_agree_with_the_simulation_and_with_each_other(trajectory):
         assert error_of(result, "simulation_exact", quantity)["peak"] <= 1e-12 * scale
         # r' and r'' of the fits come from a quotient of fourth order over 1e-4 rad
         assert error_of(result, "networks_exact", quantity)["peak"] <= 1e-9 * scale
+        papers = error_of(result, "networks_paper_form", quantity)["peak"]
         for form in ("own_rates", "integrated"):
-            ours, papers = (
-                error_of(result, f"networks_{which}", quantity) for which in (form, "paper_form")
-            )
-            assert abs(ours["peak"] - papers["peak"]) <= 1e-6 * scale
+            ours = error_of(result, f"networks_{form}", quantity)["peak"]
+            assert abs(ours - papers) <= 1e-6 * scale
     assert (result["kinematics_contradictions"]["rms_over_range"] < 1e-6).all()
 
 
-def test_a_fit_that_contradicts_another_is_found_with_its_size(trajectory):
+def test_a_fit_that_contradicts_another_has_the_size_of_its_error(trajectory):
     errors = {"gamma2_dot": 2.0, "gamma3_ddot": 30.0}
     result = kinematics(MECHANISM, OPTIONS, 361, trajectory, {"networks": fits(**errors)})
     assert contradiction_of(result, "gamma2_dot")["rms"] == pytest.approx(2.0, rel=1e-9)
@@ -131,111 +107,77 @@ def test_a_fit_that_contradicts_another_is_found_with_its_size(trajectory):
 def test_a_speed_that_changes_enters_every_derivative_and_every_integral():
     angle = np.linspace(0.0, 2 * np.pi, 3601)
     speed, by_angle = SPEED * (1.0 + 0.2 * np.cos(angle)), -0.2 * SPEED * np.sin(angle)
-    crank = Motion.of(angle, speed, speed * by_angle)
-
-    def rate(name, angle):
-        return wave(name, angle, 1) * speed
-
-    def second(name, angle):
-        return wave(name, angle, 2) * speed**2 + wave(name, angle, 1) * speed * by_angle
-
-    given = {
-        name: lambda angle, name=name: (wave(name, angle, 0), wave(name, angle, 1))
+    rate = {name: wave(name, angle, 1) * speed for name in WAVES}
+    acceleration = {
+        name: wave(name, angle, 2) * speed**2 + wave(name, angle, 1) * speed * by_angle
         for name in WAVES
     }
-    given |= {
-        f"gamma{joint}_dot": lambda angle, joint=joint: (rate(f"gamma{joint}", angle), None)
-        for joint in (2, 3)
-    }
-    given |= {
-        f"gamma{joint}_ddot": lambda angle, joint=joint: (second(f"gamma{joint}", angle), None)
-        for joint in (2, 3)
-    }
-    forms = clearance_motions(given, crank, LOOSE)
-    assert forms["exact"].r3.acceleration == pytest.approx(second("r3", angle), abs=1e-9 * SPEED**2)
+    functions = {name: lambda x, name=name: (wave(name, x, 0), wave(name, x, 1)) for name in WAVES}
+    for name in ("gamma2", "gamma3"):
+        functions[f"{name}_dot"] = lambda x, name=name: (rate[name], None)
+        functions[f"{name}_ddot"] = lambda x, name=name: (acceleration[name], None)
+    forms = clearance_motions(functions, Motion.of(angle, speed, speed * by_angle), PINS)
+    length = forms["exact"].r3.acceleration
+    assert length == pytest.approx(acceleration["r3"], abs=1e-9 * SPEED**2)
     for form in ("paper_form", "own_rates"):
-        assert forms[form].gamma3.velocity == pytest.approx(rate("gamma3", angle), rel=1e-12)
-        assert forms[form].gamma3.acceleration == pytest.approx(
-            second("gamma3", angle), abs=1e-7 * SPEED**2
-        )
-    assert forms["integrated"].gamma2.position == pytest.approx(wave("gamma2", angle, 0), abs=1e-9)
-    assert forms["integrated"].gamma2.velocity == pytest.approx(rate("gamma2", angle), rel=1e-7)
+        gamma = forms[form].gamma3
+        assert gamma.velocity == pytest.approx(rate["gamma3"], rel=1e-12)
+        assert gamma.acceleration == pytest.approx(acceleration["gamma3"], abs=1e-7 * SPEED**2)
+    gamma = forms["integrated"].gamma2
+    assert gamma.position == pytest.approx(wave("gamma2", angle, 0), abs=1e-9)
+    assert gamma.velocity == pytest.approx(rate["gamma2"], rel=1e-7)
 
 
-def test_errors_count_held_out_samples_only(trajectory):
+def test_errors_count_held_out_and_defined_samples_only(trajectory):
     result = kinematics(MECHANISM, OPTIONS, 361, trajectory, {})
     assert error_of(result, "ideal", "slider_position")["samples"] == 1800 - 360
     assert error_of(result, "ideal", "slider_position", "past_60_deg")["samples"] == 1500 - 300
     assert result["kinematics_contradictions"].empty
-
-
-def test_samples_without_a_direction_stay_undefined_and_out_of_the_errors(trajectory):
-    start = trajectory.copy()
-    hit = [1, 2]  # held-out samples
-    start.loc[hit, ["r2", "r2_dot", "r2_ddot"]] = 0.0
-    start.loc[hit, ["gamma2", "gamma2_dot", "gamma2_ddot"]] = np.nan
-    result = kinematics(MECHANISM, OPTIONS, 361, start, {})
+    coincident = trajectory.copy()  # centres in two held-out samples: no direction
+    coincident.loc[[1, 2], ["r2", "r2_dot", "r2_ddot"]] = 0.0
+    coincident.loc[[1, 2], ["gamma2", "gamma2_dot", "gamma2_ddot"]] = np.nan
+    result = kinematics(MECHANISM, OPTIONS, 361, coincident, {})
     exact = result["kinematics"].query("source == 'simulation_exact'")
     assert exact["slider_velocity"].isna().sum() == 2 and exact["slider_position"].notna().all()
     assert error_of(result, "simulation_exact", "slider_velocity")["samples"] == 1440 - 2
 
 
-ALL = ("crank_pivot", *PINS)
+JOINTS = ("crank_pivot", *PINS)
 MOTOR = {"kind": "motor", "stall_torque": 60.0, "no_load_speed": "700 rpm", "inertia": 0.02}
 CASES = {
     "friction": (PINS, 0.2, 0.0, {}),
-    "all three, offset": (ALL, 0.05, -0.02, {"start_angle": 1.0}),
+    "all three, offset": (JOINTS, 0.05, -0.02, {"start_angle": 1.0}),
     "motor": (PINS, 0.05, 0.0, {"drive": MOTOR}),
 }
 
 
-def mechanism_with(loose, friction, offset):
-    data = read_yaml(Path("config/mechanisms/erkaya2009.yaml"))
-    data["contacts"]["steel"]["friction"] = friction
-    data["slider"]["offset"] = offset
-    data["joints"] = {
-        name: {
-            "journal": body,
-            "journal_radius": 0.007,
-            "bearing_radius": 0.008,
-            "contact": "steel",
-            "loose": name in loose,
-        }
-        for name, body in zip(ALL, ("frame", "crank", "slider"), strict=True)
-    }
-    return Mechanism.model_validate(data)
-
-
 @pytest.fixture(scope="module", params=list(CASES))
-def result(request):
-    loose, friction, offset, more = CASES[request.param]
-    mechanism, options = mechanism_with(loose, friction, offset), Simulate(revolutions=1, **more)
-    return kinematics(mechanism, options, 361, simulate(mechanism, options).samples, {})
+def errors(request):
+    """Errors of a simulated motion over the first revolution."""
+    loose, friction, offset, options = CASES[request.param]
+    content = read_yaml("config/mechanisms/erkaya2009.yaml")
+    content["contacts"]["steel"]["friction"] = friction
+    content["slider"]["offset"] = offset
+    for name, body in zip(JOINTS, ("frame", "crank", "slider"), strict=True):
+        radii = {"journal_radius": 0.007, "bearing_radius": 0.008, "contact": "steel"}
+        content["joints"][name] = {"journal": body, "loose": name in loose} | radii
+    mechanism, options = Mechanism.model_validate(content), Simulate(revolutions=1, **options)
+    result = kinematics(mechanism, options, 361, simulate(mechanism, options).samples, {})
+    return result["kinematics_errors"].query("region == 'first_revolution'")
 
 
-def test_the_exact_form_agrees_with_the_simulation_to_rounding(result):
-    errors = result["kinematics_errors"].query(
-        "source == 'simulation_exact' and region == 'first_revolution'"
-    )
+def test_the_exact_form_agrees_with_the_simulation_to_rounding(errors):
+    errors = errors.query("source == 'simulation_exact'")
     assert len(errors) == 13
     # In flight r can be a few nm with gamma' of 1e5 rad/s, where rounding of the vectors' direction
     # weighs more.
     assert (errors["peak"] <= 1e-12 * errors["range"]).all(), errors[["quantity", "peak", "range"]]
 
 
-def test_the_paper_form_agrees_in_position_only(result):
-    errors = (
-        result["kinematics_errors"]
-        .query("source == 'simulation_paper_form' and region == 'first_revolution'")
-        .set_index("quantity")
-    )
-    for quantity in (
-        "rod_position_x",
-        "rod_position_y",
-        "rod_angle",
-        "slider_position",
-        "transmission_angle",
-    ):
-        assert errors.loc[quantity, "rms_over_range"] < 1e-14
-    for quantity in ("slider_velocity", "slider_acceleration", "rod_acceleration_x"):
-        assert errors.loc[quantity, "rms_over_range"] > 1e-4
+def test_the_paper_form_agrees_in_position_only(errors):
+    error = errors.query("source == 'simulation_paper_form'").set_index("quantity")[
+        "rms_over_range"
+    ]
+    positions = ["rod_position_x", "rod_position_y", "rod_angle", "slider_position"]
+    assert (error[[*positions, "transmission_angle"]] < 1e-14).all()
+    assert (error[["slider_velocity", "slider_acceleration", "rod_acceleration_x"]] > 1e-4).all()
