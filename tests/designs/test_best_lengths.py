@@ -1,5 +1,4 @@
-"""The best lengths of a design by the paper's method where they are known, and what its printed
-optima come out as."""
+"""The best lengths of a design by the paper's method, and reductions at the printed optima."""
 
 import math
 
@@ -7,6 +6,7 @@ import numpy as np
 import pytest
 
 from jointgap.config import Scenario
+from jointgap.core.errors import InputError
 from jointgap.designs.dataset import simulate_designs
 from jointgap.designs.measures import best_crank_length
 from jointgap.designs.sampling import designs_of
@@ -14,7 +14,6 @@ from jointgap.dynamics.kinematics import clearance_lift
 from jointgap.dynamics.simulation import simulate
 from jointgap.lengths.objective import frozen_objective, objective_of_motion
 from jointgap.paper.printed import OPTIMA
-from tests.catalogue import refused
 from tests.dynamics.cases import mechanism, options
 
 MADE = mechanism(friction=0.1)
@@ -33,14 +32,14 @@ def measured(scenario: Scenario) -> list[dict]:
 
 
 @pytest.mark.parametrize("longer", [-5e-3, -1e-4, 1e-4, 5e-3])
-def test_clearances_that_act_as_a_longer_crank_ask_for_a_crank_as_much_shorter(longer):
+def test_clearances_that_act_as_a_longer_crank_are_compensated_by_a_shorter_one(longer):
     known = frozen_objective(MADE, ANGLE, longer * np.sin(ANGLE))
     best = best_crank_length(known, ROD)
     assert best == pytest.approx(CRANK - longer, abs=1e-9)
     assert known.reductions((best, ROD)).rms == pytest.approx(1.0, abs=1e-6)
 
 
-def test_without_clearance_the_best_lengths_are_the_original_ones_and_no_share_is_reported():
+def test_without_clearance_the_original_lengths_are_the_best_and_there_is_no_reduction():
     rod = -np.arcsin(CRANK * np.sin(ANGLE) / ROD)
     assert best_crank_length(objective_of_motion(MADE, ANGLE, rod), ROD) == pytest.approx(
         CRANK, abs=1e-9
@@ -50,7 +49,7 @@ def test_without_clearance_the_best_lengths_are_the_original_ones_and_no_share_i
         assert math.isnan(design["reduction_at_best"])
 
 
-def test_the_best_lengths_of_a_design_are_those_of_its_clearance_vectors_in_both_revolutions():
+def test_the_best_lengths_minimise_the_objective_of_the_clearance_vectors():
     window = (math.radians(60), math.radians(300))
     design, _ = measured(asked({"friction": [0.1, 0.2]}, window=window, design="grid"))
     samples = simulate(MADE, COARSE).samples
@@ -76,7 +75,7 @@ def test_the_best_lengths_of_a_design_are_those_of_its_clearance_vectors_in_both
     "measure, key",
     [("best_ratio", "best_lengths"), ("reduction_at_printed_local", "printed_numbers")],
 )
-def test_what_decides_is_asked_of_what_is_measured_alone(measure, key):
+def test_sensitivity_requires_computed_measures(measure, key):
     given = asked({"friction": [0.1, 0.2]}, best_lengths=False).model_dump(
         by_alias=True, exclude_unset=True
     )
@@ -114,9 +113,7 @@ def objective(samples, design: dict):
     return frozen_objective(MADE, part["crank_angle"].to_numpy(), clearance_lift(part))
 
 
-def test_the_printed_lengths_reduce_the_error_of_a_design_as_the_objective_of_its_clearance_vectors_says(
-    motion,
-):
+def test_reductions_at_the_printed_lengths_are_those_of_the_clearance_vectors(motion):
     for design in simulate_designs(designs_of(printed_of(COUNTED)), 0, 4, 1).to_dict("records"):
         known = objective(motion, design)
         for printed in OPTIMA:
@@ -127,22 +124,25 @@ def test_the_printed_lengths_reduce_the_error_of_a_design_as_the_objective_of_it
         assert design["best_ratio_in_window"] == pytest.approx(best / MADE.rod.length, abs=1e-8)
 
 
-REFUSED = [
-    ({"revolution": [1]}, {"printed_numbers": False}, "revolution: defines the error"),
-    (
-        {"revolution": [1, 3]},
-        {},
-        "revolution = 3: must be an integer from 1 to simulate.revolutions, 2",
-    ),
-    ({"error_measure": ["rmse"]}, {}, "error_measure = 'rmse': no such measure"),
-    (
-        {"window_start": ["100 deg"], "window_end": ["50 deg"]},
-        {},
-        "window_start = 1.74533, window_end = 0.872665",
-    ),
-    ({"clearance": {"from": "0.1 mm", "to": "0.5 mm"}}, {}, "do not apply to this mechanism"),
-]
-
-
-def test_printed_numbers_that_cannot_be_are_refused_before_anything_is_simulated():
-    refused(lambda parameters, more: designs_of(printed_of(parameters, **more)), REFUSED)
+@pytest.mark.parametrize(
+    "parameters, keys, message",
+    [
+        ({"revolution": [1]}, {"printed_numbers": False}, "revolution: defines the error"),
+        (
+            {"revolution": [1, 3]},
+            {},
+            "revolution = 3: must be an integer from 1 to simulate.revolutions, 2",
+        ),
+        ({"error_measure": ["rmse"]}, {}, "error_measure = 'rmse': no such measure"),
+        (
+            {"window_start": ["100 deg"], "window_end": ["50 deg"]},
+            {},
+            "window_start = 1.74533, window_end = 0.872665",
+        ),
+        ({"clearance": {"from": "0.1 mm", "to": "0.5 mm"}}, {}, "do not apply to this mechanism"),
+    ],
+)
+def test_an_invalid_definition_of_the_printed_numbers_is_an_error(parameters, keys, message):
+    with pytest.raises(InputError) as error:
+        designs_of(printed_of(parameters, **keys))
+    assert message in str(error.value)

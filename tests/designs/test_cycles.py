@@ -44,7 +44,7 @@ BY_HAND = events(
 )
 
 
-def test_time_is_shared_out_among_flight_impact_and_contact():
+def test_shares_of_flight_impact_and_contact_add_up_to_the_time():
     found = contacts(BY_HAND, "crank_pin")
     assert time_shares(found, 0.0, 10.0) == pytest.approx(
         {"flight": 0.45, "impact": 0.05, "contact": 0.5}
@@ -59,7 +59,7 @@ def test_time_is_shared_out_among_flight_impact_and_contact():
     }
 
 
-def test_a_motion_that_repeats_after_some_revolutions_has_that_period_and_another_none_but_how_near_it_comes():
+def test_the_period_is_the_number_of_revolutions_after_which_the_motion_repeats():
     for period in (1, 3):
         turns = np.arange(12 * 100 + 1) / 100
         vectors = 1e-3 * np.stack(
@@ -86,9 +86,9 @@ def settled():
     return made, wanted, simulate(made, wanted)
 
 
-def test_statistics_of_a_settled_motion_say_that_it_repeats_in_contact(settled):
+def test_a_settled_motion_with_friction_has_period_1_and_lasting_contact(settled):
     made, wanted, run = settled
-    found = cycles(run.samples, run.events, made, wanted, first=11)
+    found = cycles(run.samples, run.events, made, wanted, settled_revolution=11)
     assert found.periodicity.period == 1
     last = found.revolutions[found.revolutions["revolution"] == 12]
     assert list(last["share_contact"]) == [1.0, 1.0, 1.0]
@@ -104,16 +104,18 @@ def test_statistics_of_a_settled_motion_say_that_it_repeats_in_contact(settled):
     assert apart.to_numpy().max() < 1e-5
 
 
-def test_the_section_takes_each_revolution_once_at_the_angle_asked_for(settled):
+def test_the_section_has_each_revolution_once_at_the_requested_angle(settled):
     _, _, run = settled
-    section = poincare_section(run.samples, ["crank_pin"], 360, math.radians(90.2), first=11)
+    section = poincare_section(
+        run.samples, ["crank_pin"], 360, math.radians(90.2), settled_revolution=11
+    )
     assert list(section["revolution"]) == [11, 12]
     assert np.degrees(section["crank_angle"]).to_numpy() == pytest.approx([3690, 4050])
     assert math.hypot(section["x"][0], section["y"][0]) == pytest.approx(
         run.samples.iloc[3690]["r2"], rel=1e-12
     )
     with pytest.raises(InputError, match="the motion has 12 revolutions"):
-        poincare_section(run.samples, ["crank_pin"], 360, first=13)
+        poincare_section(run.samples, ["crank_pin"], 360, settled_revolution=13)
 
 
 def test_the_command_prints_and_writes_the_statistics_of_a_simulated_motion(tmp_path):
@@ -121,7 +123,6 @@ def test_the_command_prints_and_writes_the_statistics_of_a_simulated_motion(tmp_
         "mechanism": mechanism(friction=0.2).model_dump(),
         "simulate": {"revolutions": 3, "samples_per_revolution": 360, "tolerance": 1e-9},
     }
-    motion = ["--trajectory", tmp_path / "motion.parquet", "--events", tmp_path / "events.parquet"]
 
     def call(*arguments) -> str:
         command = [*map(str, arguments)]
@@ -129,9 +130,10 @@ def test_the_command_prints_and_writes_the_statistics_of_a_simulated_motion(tmp_
         assert done.exit_code == 0, done.output
         return done.output
 
-    given = ["--options", json.dumps(sections), *motion]
-    call("simulate", *given)
-    output = call("cycles", *given, "--folder", tmp_path / "cycles", "--angle", "90 deg")
+    options, folder = ["--options", json.dumps(sections)], tmp_path / "simulate"
+    call("simulate", *options, "--results", tmp_path)
+    motion = ["--trajectory", folder / "trajectory.parquet", "--events", folder / "events.parquet"]
+    output = call("cycles", *options, *motion, "--folder", tmp_path / "cycles", "--angle", "90 deg")
     assert "from revolution 2 on: " in output and "crank_pin: flight" in output
     section = parquet.read(schema.POINCARE_SECTION, tmp_path / "cycles/section.parquet")
     assert list(section["revolution"]) == [2, 3, 2, 3]

@@ -1,7 +1,6 @@
-"""Indices of what decides: right where they are known, absent where the surrogate is poor."""
+"""Sobol indices: functions with known indices, and measures without an accurate surrogate."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -13,7 +12,7 @@ from jointgap.core.errors import InputError
 from jointgap.core.schema import MEASURES
 from jointgap.designs.dataset import DIGEST, table_of
 from jointgap.designs.sampling import Designs, designs_of
-from jointgap.designs.sensitivity import SensitivityResult, compute_indices, sensitivity_indices
+from jointgap.designs.sensitivity import SensitivityResult, compute_indices
 from jointgap.designs.stages import sensitivity
 from jointgap.scenario.results import ScenarioResults
 from tests.dynamics.cases import mechanism, options
@@ -25,36 +24,30 @@ EVEN = {
     "friction": {"from": 0, "to": 0.2},
     "speed": {"from": "300 rpm", "to": "900 rpm"},
 }
-"""Three parameters of which a function knows the quantiles."""
+"""Three parameters whose quantiles `quantiles` computes."""
 
 
-def designs(parameters: dict, **more) -> Designs:
-    return designs_of(
-        Scenario(mechanism=MADE, simulate=COARSE, sweep={"parameters": parameters, **more})
-    )
+def designs(parameters: dict, **keys) -> Designs:
+    swept = {"parameters": parameters, **keys}
+    return designs_of(Scenario(mechanism=MADE, simulate=COARSE, sweep=swept))
 
 
-def swept(drawn: Designs, measure, reason=None) -> pd.DataFrame:
-    """What a sweep would hold whose measure `stroke` is a function of the parameters' columns."""
+def frame_of(drawn: Designs, measure, has_failed=None) -> pd.DataFrame:
+    """Designs whose measure `stroke` is a function of the parameters."""
     frame = pd.DataFrame(drawn.values(0, drawn.number))
-    failed = np.zeros(len(frame), dtype=bool) if reason is None else reason(frame)
-    values = np.where(failed, np.nan, measure(frame))
-    return frame.assign(stroke=values, reason=np.where(failed, "it broke", None))
+    failed = np.zeros(len(frame), dtype=bool) if has_failed is None else has_failed(frame)
+    stroke = np.where(failed, np.nan, measure(frame))
+    return frame.assign(stroke=stroke, reason=np.where(failed, "it broke", None))
 
 
-def decide(drawn: Designs, measure, reason=None, seed=0) -> SensitivityResult:
-    return compute_indices(drawn, swept(drawn, measure, reason), ["stroke"], seed)
+def indices_of(drawn: Designs, measure, has_failed=None, seed=0) -> SensitivityResult:
+    return compute_indices(drawn, frame_of(drawn, measure, has_failed), ["stroke"], seed)
 
 
 def quantiles(frame: pd.DataFrame) -> np.ndarray:
     """(n, 3) in [0, 1) of the parameters `EVEN`."""
-    return np.column_stack(
-        [
-            np.log10(frame["clearance"] / 1e-4),
-            frame["friction"] / 0.2,
-            frame["speed"] * 30 / math.pi / 600 - 0.5,
-        ]
-    )
+    speed = frame["speed"] * 30 / math.pi / 600 - 0.5
+    return np.column_stack([np.log10(frame["clearance"] / 1e-4), frame["friction"] / 0.2, speed])
 
 
 def ishigami(frame: pd.DataFrame) -> np.ndarray:
@@ -70,39 +63,30 @@ def additive(frame: pd.DataFrame) -> np.ndarray:
     return quantiles(frame) @ [3.0, 2.0, 1.0]
 
 
-def check(found: SensitivityResult, known: dict, within: float, beside: float = 1e-6) -> None:
-    """Indices are known `within` so much, their intervals hold them or lie `beside` them by no
-    more."""
-    indices = found.indices.set_index("parameter")
-    assert list(indices.index) == list(known)
-    for parameter, pair in known.items():
+def check_indices(result: SensitivityResult, expected: dict, within: float) -> None:
+    """Indices and intervals against known pairs of first-order and total index."""
+    indices = result.indices.set_index("parameter")
+    assert list(indices.index) == list(expected)
+    for parameter, pair in expected.items():
         row = indices.loc[parameter]
         for index, value in zip(("first_order", "total"), pair, strict=True):
             assert row[index] == pytest.approx(value, abs=within)
-            assert row[f"{index}_low"] - beside <= value <= row[f"{index}_high"] + beside
+            assert row[f"{index}_low"] - 1e-6 <= value <= row[f"{index}_high"] + 1e-6
 
 
-def test_the_indices_of_ishigami_s_function_come_out_within_their_intervals():
-    found = decide(designs(EVEN, number=512), ishigami)
-    check(found, ISHIGAMI, within=0.02)
-    assert found.surrogates.loc[0, "q2"] > 0.98
+def test_the_indices_of_the_ishigami_function_lie_in_their_intervals():
+    result = indices_of(designs(EVEN, number=512), ishigami)
+    check_indices(result, ISHIGAMI, within=0.02)
+    assert result.surrogates.loc[0, "q2"] > 0.98
 
 
-def test_a_sum_has_the_shares_of_its_variances_whatever_the_distributions():
+def test_a_sum_has_the_shares_of_its_variances_for_all_distributions():
+    normal = {"distribution": "normal", "deviation": "0.1 mm"}
+    triangular = {"from": "0.1 mm", "peak": "0.2 mm", "to": "0.7 mm"}
     parameters = {
-        "clearance": {
-            "distribution": "triangular",
-            "from": "0.1 mm",
-            "peak": "0.2 mm",
-            "to": "0.7 mm",
-        },
-        "crank_length": {"distribution": "normal", "mean": "150 mm", "deviation": "0.1 mm"},
-        "rod_length": {
-            "distribution": "normal",
-            "mean": "564 mm",
-            "deviation": "0.1 mm",
-            "from": "563.9 mm",
-        },
+        "clearance": {"distribution": "triangular", **triangular},
+        "crank_length": normal | {"mean": "150 mm"},
+        "rod_length": normal | {"mean": "564 mm", "from": "563.9 mm"},
         "speed": {"distribution": "log_uniform", "from": "300 rpm", "to": "900 rpm"},
         "mechanism.slider.mass": [1.0, 2.0, 6.0],
         "mechanism.joints.crank_pin.journal": ["crank", "rod"],
@@ -112,118 +96,102 @@ def test_a_sum_has_the_shares_of_its_variances_whatever_the_distributions():
     deviations = [axis.law.std() if axis.law else np.std(axis.values) for axis in drawn.axes[:5]]
     weights = np.arange(1.0, 6.0) / deviations
 
-    def weighed(frame):
-        return (
-            frame.iloc[:, :5].to_numpy(dtype=float) @ weights
-            + 6 * (frame.iloc[:, 5] == "rod") / 0.5
-        )
+    def weighted_sum(frame):
+        numbers = frame.iloc[:, :5].to_numpy(dtype=float)
+        return numbers @ weights + 6 * (frame.iloc[:, 5] == "rod") / 0.5
 
     shares = np.arange(1.0, 7.0) ** 2 / 91
-    check(
-        decide(drawn, weighed),
-        dict(zip(parameters, zip(shares, shares, strict=True), strict=False)),
-        within=0.01,
-    )
+    expected = {key: (share, share) for key, share in zip(parameters, shares, strict=False)}
+    check_indices(indices_of(drawn, weighted_sum), expected, within=0.01)
 
 
-def fine_waves(frame: pd.DataFrame, variance: float) -> np.ndarray:
-    """Of the speed alone, too fine for any surrogate."""
-    return math.sqrt(2 * variance) * np.sin(2 * math.pi * 997 * quantiles(frame)[:, 2])
+def intervals_hold(seed: int) -> list[bool]:
+    """Which intervals contain the indices of a sum with a tenth of the variance as waves of the
+    speed that are too short for a surrogate."""
 
+    def measure(frame):
+        amplitude = math.sqrt(2 * 14 / 12 / 9)
+        return additive(frame) + amplitude * np.sin(2 * math.pi * 997 * quantiles(frame)[:, 2])
 
-def held_in_intervals(seed: int) -> list[bool]:
-    """Which intervals hold the indices of a sum with fine waves of a tenth of the variance."""
-    found = decide(
-        designs(EVEN, number=256, seed=seed),
-        lambda f: additive(f) + fine_waves(f, 14 / 12 / 9),
-        seed=seed,
-    )
-    known = 0.9 * np.array([9, 4, 1]) / 14 + [0, 0, 0.1]
+    result = indices_of(designs(EVEN, number=256, seed=seed), measure, seed=seed)
+    expected = 0.9 * np.array([9, 4, 1]) / 14 + [0, 0, 0.1]
     return [
         bool(row[f"{index}_low"] <= value <= row[f"{index}_high"])
-        for row, value in zip(found.indices.to_dict("records"), known, strict=True)
+        for row, value in zip(result.indices.to_dict("records"), expected, strict=True)
         for index in ("first_order", "total")
     ]
 
 
-def test_an_interval_holds_an_index_that_the_surrogate_knows_in_part():
-    assert all(held_in_intervals(0))
+def test_intervals_contain_indices_that_the_surrogate_explains_in_part():
+    assert all(intervals_hold(0))
 
 
 @pytest.mark.slow
-def test_intervals_hold_indices_as_often_as_they_say():
-    held = np.array([held_in_intervals(seed) for seed in range(40)])
+def test_intervals_contain_indices_in_at_least_90_percent_of_the_draws():
+    held = np.array([intervals_hold(seed) for seed in range(40)])
     # 90 % of 40 less two standard deviations of that number
     assert (held.sum(axis=0) >= 32).all()
 
 
-def test_failed_designs_are_left_out_and_counted():
+def test_failed_designs_are_excluded_and_counted():
     def corner(frame):
         return (quantiles(frame) > [0.7, 0.7, 0.3]).all(axis=1)
 
-    found = decide(designs(EVEN, number=512), additive, corner)
-    assert 20 < found.failed < 51
-    assert found.surrogates.loc[0, "failed"] == found.failed
-    check(
-        found, {key: (w / 14, w / 14) for key, w in zip(EVEN, (9, 4, 1), strict=True)}, within=0.01
-    )
+    result = indices_of(designs(EVEN, number=512), additive, corner)
+    assert 20 < result.failed < 51
+    assert result.surrogates.loc[0, "failed"] == result.failed
+    expected = {
+        key: (weight / 14, weight / 14) for key, weight in zip(EVEN, (9, 4, 1), strict=True)
+    }
+    check_indices(result, expected, within=0.01)
 
 
-def test_too_many_failed_or_too_few_designs_a_constant_and_a_rough_measure_have_no_index():
-    def half(frame):
-        return quantiles(frame)[:, 0] > 0.5
+def noisy(frame: pd.DataFrame) -> np.ndarray:
+    return additive(frame) + 3 * np.random.default_rng(1).normal(size=len(frame))
 
-    noise = np.random.default_rng(1)
-    for number, measure, failed, reason in (
-        (64, additive, half, "undefined for 50 % of the designs (32 failed), more than 10 %"),
+
+@pytest.mark.parametrize(
+    "number, measure, has_failed, reason",
+    [
+        (
+            64,
+            additive,
+            lambda frame: quantiles(frame)[:, 0] > 0.5,
+            "undefined for 50 % of the designs (32 failed), more than 10 %",
+        ),
         (32, additive, None, "32 designs with a value, fewer than 50"),
         (64, lambda frame: np.full(len(frame), 0.3), None, "equal for all designs"),
-        (
-            128,
-            lambda frame: additive(frame) + 3 * noise.normal(size=len(frame)),
-            None,
-            "less than 80 %",
-        ),
-    ):
-        found = decide(designs(EVEN, number=number), measure, failed)
-        assert found.indices.empty and reason in found.surrogates.loc[0, "reason"]
+        (128, noisy, None, "less than 80 %"),
+    ],
+)
+def test_a_measure_without_an_accurate_surrogate_has_no_index(number, measure, has_failed, reason):
+    result = indices_of(designs(EVEN, number=number), measure, has_failed)
+    assert result.indices.empty and reason in result.surrogates.loc[0, "reason"]
+
+
+def test_parameters_with_one_value_have_no_indices():
     with pytest.raises(InputError, match="every parameter has one value"):
-        decide(designs({"friction": [0.1]}, number=64), lambda frame: frame["friction"])
+        indices_of(designs({"friction": [0.1]}, number=64), lambda frame: frame["friction"])
 
 
-def dataset(drawn: Designs, folder: Path) -> None:
-    """A sweep's dataset without a simulation: its stroke is `additive`, nothing else was
-    measured."""
-    frame = swept(drawn, additive)
-    blank = {name: np.nan for name in MEASURES.names if name != "stroke"}
-    frame = frame.assign(design=np.arange(len(frame)), start=0, steps=1, **blank)
-    parquet.write(table_of(drawn), frame, folder / "part_000000.parquet", {DIGEST: drawn.digest})
-
-
-def scenario(number: int) -> Scenario:
-    sweep = {"parameters": EVEN, "number": number}
-    return Scenario(
+def test_the_stage_writes_page_figures_and_reproducible_tables(tmp_path):
+    made = Scenario(
         mechanism=MADE,
         simulate=COARSE,
-        sweep=sweep,
+        sweep={"parameters": EVEN, "number": 64},
         sensitivity={"measures": ["stroke", "noise_share"]},
     )
-
-
-def test_the_stage_says_on_its_page_what_decides_and_finds_the_same_again(tmp_path):
-    made = scenario(64)
-    drawn, folder = designs_of(made), tmp_path / "sensitivity"
-    dataset(drawn, tmp_path / "sweep/designs")
-    text = sensitivity(ScenarioResults(tmp_path, made))
+    drawn = designs_of(made)
+    undefined = {name: np.nan for name in MEASURES.names if name != "stroke"}
+    frame = frame_of(drawn, additive).assign(design=np.arange(64), start=0, steps=1, **undefined)
+    path = tmp_path / "sweep/designs/part_000000.parquet"
+    parquet.write(table_of(drawn), frame, path, {DIGEST: drawn.digest})
+    text, folder = sensitivity(ScenarioResults(tmp_path, made)), tmp_path / "sensitivity"
     assert "Clearance has the largest total index for 1 of 1 measures" in text
     assert "noise" not in text  # no design has it
-    again = sensitivity_indices(drawn, tmp_path / "sweep/designs", made.sensitivity)
-    for table, frame in again.tables.items():
-        parquet.write(table, frame, written := tmp_path / Path(table.path).name)
-        assert written.read_bytes() == (folder / written.name).read_bytes()
-    assert (folder / "summary.html").exists()
-    assert {path.stem for path in (folder / "figures").iterdir()} == {
-        "indices",
-        "main_effects_stroke",
-        "map_stroke",
-    }
+    tables = {path: path.read_bytes() for path in folder.glob("*.parquet")}
+    sensitivity(ScenarioResults(tmp_path, made))
+    assert len(tables) == 3
+    assert all(path.read_bytes() == content for path, content in tables.items())
+    figures = {path.stem for path in (folder / "figures").iterdir()}
+    assert figures == {"indices", "main_effects_stroke"}

@@ -1,4 +1,4 @@
-"""The settings that the paper does not print: shares and nearest designs that are known."""
+"""Inference of settings that the paper does not print: known shares and nearest designs."""
 
 import numpy as np
 import pandas as pd
@@ -13,11 +13,11 @@ from jointgap.designs.infer_settings import (
     NUMBERS,
     accept,
     check,
-    departures,
-    page,
+    inference_study,
+    relative_errors,
 )
 from jointgap.designs.sampling import designs_of
-from jointgap.designs.stages import infer_settings, sweep
+from jointgap.designs.stages import infer_settings, write_sweep
 from jointgap.scenario.results import ScenarioResults
 from tests.draws import check_rate
 from tests.dynamics.cases import mechanism, options
@@ -31,36 +31,35 @@ SETTINGS = {
 }
 
 
-def asked(number=2048, parameters=SETTINGS, **more) -> Scenario:
-    swept = {"parameters": parameters, "number": number, "printed_numbers": True}
-    return Scenario(mechanism=PAPER, simulate=COARSE, sweep=swept, infer_settings=more)
+def scenario(number=2048, within=0.05) -> Scenario:
+    swept = {"parameters": SETTINGS, "number": number, "printed_numbers": True}
+    options = {"within": within}
+    return Scenario(mechanism=PAPER, simulate=COARSE, sweep=swept, infer_settings=options)
 
 
-def found(departure, number=2048, parameters=SETTINGS, **more):
-    """Inferred from designs in which every printed number is off by a function of the parameters,
-    as a share."""
-    designs = designs_of(asked(number, parameters, **more))
-    frame = pd.DataFrame(designs.values(0, number))
-    off = departure(frame)
-    for one in NUMBERS:
-        frame[one.column] = one.printed + one.scale * off
-    frame = frame.assign(design=np.arange(number), reason=None)
-    return accept(designs, frame, more.get("within", 0.05))
+def inferred(designs, errors: np.ndarray, within=0.05):
+    """Inferred from designs with these relative errors of each printed number."""
+    frame = pd.DataFrame(designs.values(0, designs.number))
+    for number in NUMBERS:
+        frame[number.column] = number.printed + number.scale * errors
+    return accept(designs, frame.assign(design=np.arange(len(frame)), reason=None), within)
 
 
-def by_friction(frame: pd.DataFrame) -> np.ndarray:
-    """No departure at a friction of 0.1, and 1 at 0.2."""
-    return (frame["friction"].to_numpy() - 0.1) / 0.1
+def inferred_by_friction(within=0.05):
+    """No error at a friction of 0.1, and 1 at 0.2."""
+    designs = designs_of(scenario())
+    friction = np.array([values["friction"] for values in designs.values(0, designs.number)])
+    return inferred(designs, (friction - 0.1) / 0.1, within)
 
 
-def test_a_number_comes_out_in_the_share_of_the_range_that_is_near_enough():
-    known = found(by_friction, within=0.1)
-    assert (departures(known.frame) <= 0.1).mean(axis=0) == pytest.approx(0.1, abs=0.002)
+def test_a_number_is_reproduced_in_the_share_of_the_range_that_is_near_enough():
+    known = inferred_by_friction(within=0.1)
+    assert (relative_errors(known.frame) <= 0.1).mean(axis=0) == pytest.approx(0.1, abs=0.002)
     assert known.frame["together"].mean() == pytest.approx(0.1, abs=0.002)
 
 
 def test_a_setting_on_which_the_numbers_depend_is_informative_and_the_others_are_not():
-    known = found(by_friction)
+    known = inferred_by_friction()
     chances = known.settings.groupby("setting")["p_value"].first()
     assert chances["friction"] < 1e-3 < 0.01 < min(chances["restitution"], chances["error_measure"])
     own = known.settings[known.settings["setting"] == "friction"].iloc[0]
@@ -68,22 +67,20 @@ def test_a_setting_on_which_the_numbers_depend_is_informative_and_the_others_are
     assert known.settings.groupby("setting")[
         ["drawn", "accepted"]
     ].sum().to_numpy() == pytest.approx(1.0)
-    text = to_markdown(page(known))
+    text = to_markdown(inference_study(known).page)
     assert text.count("| not informative |") == 3 and text.count("| informative |") == 1
 
 
 def test_a_setting_without_influence_is_informative_once_in_a_hundred():
-    """The departures are drawn; a list has fewer probabilities than a range, whose p is at most as
+    """The errors are random; a list has fewer probabilities than a range, whose p is at most as
     small as stated."""
-    random = np.random.default_rng(1)
-    p = [
-        found(lambda frame: random.random(len(frame)), number=512, within=0.1).settings
-        for _ in range(100)
-    ]
+    random, designs = np.random.default_rng(1), designs_of(scenario(512))
+    tables = [inferred(designs, random.random(512), within=0.1).settings for _ in range(100)]
     for setting, at_least in (("friction", 0.05), ("error_measure", 0.0)):
-        own = np.array([one.loc[one["setting"] == setting, "p_value"].iloc[0] for one in p])
-        check_rate(own < 0.1, at_least, 0.1)
-        check_rate(own < 0.01, 0.0, 0.01)
+        rows = pd.concat(table[table["setting"] == setting].iloc[:1] for table in tables)
+        p_value = rows["p_value"].to_numpy()
+        check_rate(p_value < 0.1, at_least, 0.1)
+        check_rate(p_value < 0.01, 0.0, 0.01)
 
 
 @pytest.mark.parametrize(
@@ -97,27 +94,26 @@ def test_a_setting_without_influence_is_informative_once_in_a_hundred():
         ),
     ],
 )
-def test_what_cannot_be_inferred_is_refused_before_anything_is_simulated(sweep, message):
+def test_an_infeasible_section_is_an_error_before_any_simulation(sweep, message):
     with pytest.raises(InputError) as raised:
         check(Scenario(mechanism=PAPER, simulate=COARSE, sweep=sweep, infer_settings={}))
     assert message in str(raised.value)
 
 
 @pytest.mark.integration
-def test_from_a_sweep_come_page_tables_and_a_scenario_of_the_nearest_settings(tmp_path):
-    scenario = asked(16)
-    results = ScenarioResults(tmp_path, scenario)
-    sweep(results, workers=1)
-    text = infer_settings(results)
-    assert "## Nearest designs" in text and "nan" not in text
+def test_the_stage_writes_page_tables_and_the_nearest_settings_as_a_scenario(tmp_path):
+    made = scenario(16)
+    write_sweep(made, tmp_path / "sweep", 1)
+    text = infer_settings(ScenarioResults(tmp_path, made))
+    assert "Nearest designs" in text and "nan" not in text
     nearest = (
         pd.read_parquet(tmp_path / "infer_settings/designs.parquet")
         .query("error_measure == 'rms'")
         .iloc[0]
     )
     written = yaml.safe_load((tmp_path / "infer_settings/nearest_scenario.yaml").read_text())
-    made = resolve(written, (tmp_path,), whole=False)[NEAREST_NAME]
-    contact = made.mechanism.joint("piston_pin").contact
+    nearest_made = resolve(written, (tmp_path,), whole=False)[NEAREST_NAME]
+    contact = nearest_made.mechanism.joint("piston_pin").contact
     assert (contact.friction, contact.restitution) == pytest.approx(
         (nearest["friction"], nearest["restitution"])
     )

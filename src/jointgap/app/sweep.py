@@ -11,12 +11,11 @@ import pandas as pd
 from jointgap.app.motion import checked_mechanism, simulate_options, without_none
 from jointgap.app.result import Result
 from jointgap.config import Mechanism, Scenario, Simulate, load
-from jointgap.config.designs import ALL_MEASURES, Sweep
+from jointgap.config.designs import Sweep
 from jointgap.core import parquet
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.facts import Fact
 from jointgap.core.units import plain_numbers
-from jointgap.core.words import reading_unit
 from jointgap.designs.dataset import failures, table_of
 from jointgap.designs.sampling import designs_of
 from jointgap.designs.stages import write_sweep
@@ -90,48 +89,23 @@ class SweptDesigns(Result):
     @property
     def figures(self) -> Mapping[str, str]:
         """Names for `plot`, those of the measures, with their labels; the first is the default."""
-        return {
-            name: column.description for name, column in _MEASURES.items() if name in self._measured
-        }
-
-    @cached_property
-    def _measured(self) -> dict[str, float]:
-        """Medians by measure [SI], without undefined ones."""
-        names = [column.name for column in self._drawn.measured]
-        frame = self.read(*names)
-        return {name: float(frame[name].median()) for name in names if frame[name].notna().any()}
+        frame = self.read(*(column.name for column in self._drawn.measured))
+        descriptions = {column.name: column.description for column in self._drawn.measured}
+        return {name: descriptions[name] for name in frame if frame[name].notna().any()}
 
     def _draw(self, name: str):
-        from jointgap.designs.sweep import measure_over_parameters
+        from jointgap.designs.figures import measure_over_parameters
 
         axes = self._drawn.axes
         return measure_over_parameters(self.read(*(axis.key for axis in axes), name), axes, name)
 
     @property
     def facts(self) -> list[Fact]:
-        """Number of designs, range of each parameter, median of each measure."""
-        facts = [
-            Fact("designs", self._drawn.number),
-            Fact("failed", failures(self.dataset).total()),
-        ]
-        for axis in self._drawn.axes:
-            values = self.read(axis.key)[axis.key]
-            if axis.column.kind != "float":
-                words = ", ".join(sorted(map(str, values.unique())))
-                facts.append(Fact(f"{axis.key}/values", words, "", f"{axis.key}, varied"))
-                continue
-            unit, factor = reading_unit(axis.unit)
-            for which, value in {"smallest": values.min(), "largest": values.max()}.items():
-                label = f"{axis.key}, {which}"
-                facts.append(Fact(f"{axis.key}/{which}", factor * float(value), unit, label))
-        for name, median in self._measured.items():
-            unit, factor = reading_unit(_MEASURES[name].unit)
-            label = _MEASURES[name].description.partition(";")[0]
-            facts.append(Fact(name, factor * median, "" if unit == "1" else unit, label))
-        return facts
+        """Number of designs and of failures, and the median of each measure."""
+        from jointgap.designs.sweep import sweep_study
 
-
-_MEASURES = {column.name: column for column in ALL_MEASURES}
+        facts = sweep_study(self._drawn, self.dataset).facts
+        return [fact for fact in facts if "/" not in fact.name or fact.name.endswith("/median")]
 
 
 def sweep(

@@ -201,11 +201,9 @@ class InferSettings(ConfigModel):
 class OptimiseRobust(ConfigModel):
     """Optimisation of the link lengths for the transmission angle under uncertainty."""
 
+    removed: ClassVar = {"revolution": "the settled revolution counts; remove this key"}
     uncertain: dict[str, Distribution] = Field(
         {}, description="as in sweep.parameters; of lengths their tolerances"
-    )
-    revolution: Literal["first", "settled"] = Field(
-        "settled", description="revolution of the error"
     )
     measure: Literal["mean_plus_deviations", "quantile"] = Field(
         "mean_plus_deviations", description="objective"
@@ -220,9 +218,7 @@ class OptimiseRobust(ConfigModel):
     )
     grid: whole_number(ge=3, le=100) = Field(9, description="initial points along each length")
     population: whole_number(ge=4, le=10_000) = Field(16, description="candidates of a generation")
-    generations: whole_number(ge=1, le=10_000) = Field(
-        12, description="generations of each search after the first"
-    )
+    generations: whole_number(ge=1, le=10_000) = Field(12, description="generations of the search")
     fresh_draws: whole_number(ge=16, le=1_000_000) = Field(
         512, description="independent samples for the validation"
     )

@@ -41,12 +41,12 @@ def table_of(designs: Designs) -> Table:
 
 
 def simulate_designs(
-    designs: Designs, first: int, count: int, workers: int | None = None
+    designs: Designs, begin: int, count: int, workers: int | None = None
 ) -> pd.DataFrame:
-    """Simulate and measure `count` designs from number `first`; infeasible or failed ones are rows
+    """Simulate and measure `count` designs from number `begin`; infeasible or failed ones are rows
     with a reason."""
-    numbered = list(enumerate(designs.values(first, count), first))
-    chunks = [numbered[begin : begin + _CHUNK] for begin in range(0, count, _CHUNK)]
+    numbered = list(enumerate(designs.values(begin, count), begin))
+    chunks = [numbered[index : index + _CHUNK] for index in range(0, count, _CHUNK)]
     rows = chain.from_iterable(
         side_by_side(lambda chunk: _simulate_chunk(designs, chunk), chunks, workers)
     )
@@ -103,14 +103,14 @@ DIGEST, CODE = "jointgap_sweep", "jointgap_code"
 class _Part(NamedTuple):
     """Content of a file of the dataset."""
 
-    first: int  # First design
+    begin: int  # First design
     end: int  # Last design + 1
     code: str
 
 
 def write_designs(
     designs: Designs,
-    first: int,
+    begin: int,
     count: int,
     path: Path | str,
     code: str,
@@ -128,13 +128,13 @@ def write_designs(
         part = _part(designs, path, parquet.read_footer(path))
     except InputError:
         part = None
-    frames, done = [], 0
-    if part and part.code == code and part.first == first and part.end <= first + count:
-        frames, done = [parquet.read(table, path)], part.end - first
-    if done == count:
+    frames, completed = [], 0
+    if part and part.code == code and part.begin == begin and part.end <= begin + count:
+        frames, completed = [parquet.read(table, path)], part.end - begin
+    if completed == count:
         return
     parquet.check_writable(path)
-    frames.append(simulate_designs(designs, first + done, count - done, workers))
+    frames.append(simulate_designs(designs, begin + completed, count - completed, workers))
     metadata = {DIGEST: designs.digest, CODE: code}
     parquet.write(table, pd.concat(frames, ignore_index=True), path, metadata)
 
@@ -144,8 +144,8 @@ def write_dataset(
 ) -> None:
     """Complete all parts of the dataset in a `folder`."""
     check_folder(designs, folder, per_job)
-    for name, (first, count) in parts(designs.number, per_job).items():
-        write_designs(designs, first, count, folder / f"{name}.parquet", code, workers)
+    for name, (begin, count) in parts(designs.number, per_job).items():
+        write_designs(designs, begin, count, folder / f"{name}.parquet", code, workers)
     check_dataset(designs, folder)
 
 
@@ -157,10 +157,10 @@ def check_folder(designs: Designs, folder: Path, per_job: int) -> None:
     """
     expected = parts(designs.number, per_job)
     for path, part in _parts(designs, folder, may_be_damaged=expected).items():
-        first, count = expected.get(path.stem, (-1, 0))
-        if part.first != first or part.end > first + count:
+        begin, count = expected.get(path.stem, (-1, 0))
+        if part.begin != begin or part.end > begin + count:
             raise InputError(
-                f"{path}: contains designs {part.first} to {part.end - 1}, which do not match parts"
+                f"{path}: contains designs {part.begin} to {part.end - 1}, which do not match parts"
                 f" of {per_job}; set sweep.designs_per_job to its value when the folder was"
                 " written, or give another folder"
             )
@@ -188,12 +188,12 @@ def check_dataset(designs: Designs, folder: Path) -> None:
         )
     complete_to = 0
     for path, part in sorted(by_path.items(), key=lambda item: item[1]):
-        if part.first < complete_to:
+        if part.begin < complete_to:
             raise InputError(
-                f"{path}: design {part.first} is a duplicate; remove this file and run the sweep"
+                f"{path}: design {part.begin} is a duplicate; remove this file and run the sweep"
                 " again"
             )
-        if part.first > complete_to:
+        if part.begin > complete_to:
             break
         complete_to = part.end
     if complete_to < designs.number:
@@ -218,7 +218,7 @@ def _parts(
     for path, part in by_path.items():
         if part.end > designs.number:
             raise InputError(
-                f"{path}: contains designs {part.first} to {part.end - 1}, more than sweep.number ="
+                f"{path}: contains designs {part.begin} to {part.end - 1}, more than sweep.number ="
                 f" {designs.number}; set it to {number} or more, or give another folder"
             )
     return by_path
@@ -238,8 +238,8 @@ def _part(designs: Designs, path: Path, footer: FileMetaData) -> _Part:
     ranges = [
         footer.row_group(group).column(column).statistics for group in range(footer.num_row_groups)
     ]
-    first, last = min(span.min for span in ranges), max(span.max for span in ranges)
-    return _Part(first, last + 1, code)
+    begin, end = min(span.min for span in ranges), max(span.max for span in ranges) + 1
+    return _Part(begin, end, code)
 
 
 def write_trajectories(designs: Designs, folder: Path) -> None:

@@ -18,28 +18,27 @@ from scipy import stats
 
 from jointgap.config import Scenario
 from jointgap.config.designs import InferSettings
-from jointgap.core import parquet
 from jointgap.core.errors import InputError
-from jointgap.core.page import Heading, Page, Paragraph, TableBlock
-from jointgap.core.schema import INFER_SETTINGS_DESIGNS, INFER_SETTINGS_SETTINGS, Table
+from jointgap.core.facts import Fact
+from jointgap.core.page import TableBlock
+from jointgap.core.schema import INFER_SETTINGS_DESIGNS, INFER_SETTINGS_SETTINGS
 from jointgap.core.words import format_range
-from jointgap.core.words import number as in_digits
+from jointgap.core.words import number as format_number
+from jointgap.designs.dataset import read_designs
+from jointgap.designs.figures import format_parameter, format_value
 from jointgap.designs.sampling import Axis, Designs, designs_of
-from jointgap.designs.sweep import format_parameter, format_value
+from jointgap.designs.study import Study
 from jointgap.paper.printed import CRANK_M, OPTIMA, ROD_M
 
 NEAREST_FILE, NEAREST_NAME = "nearest_scenario.yaml", "nearest_settings"
 """File of the nearest settings that can be run as a scenario, and the scenario's name in it."""
 
-_LEVEL = 0.01  # significance level for whether a setting is informative
-_FEW = 30  # accepted designs below which settings are not tested
-_SHOWN = 8  # nearest designs on the page
-_SAMPLING = (
-    "revolutions",
-    "samples_per_revolution",
-    "tolerance",
-)  # may be coarser in a sweep than in a scenario
-_NONE = (
+_SIGNIFICANCE = 0.01  # level for whether a setting is informative
+_MIN_ACCEPTED = 30  # accepted designs below which settings are not tested
+_NEAREST_ROWS = 8  # nearest designs on the page
+# may be coarser in a sweep than in a scenario
+_SAMPLING_KEYS = ("revolutions", "samples_per_revolution", "tolerance")
+_NO_SCENARIO = (
     "No design has the RMS over the first revolution as its error, which a scenario's optimum"
     " requires."
 )
@@ -49,23 +48,26 @@ class PrintedNumber(NamedTuple):
     """A printed number that is computed for each design."""
 
     column: str  # Of the sweep's designs
-    words: str
+    label: str
     printed: float  # [1]
     scale: float  # Reference of its relative error [1]
-    text: str = "{:.2%}"  # Format
+    template: str = "{:.2%}"
 
-    def shown(self, value: float) -> str:
+    def format(self, value: float) -> str:
         """The formatted value."""
-        return self.text.format(value).replace("%", " %")
+        return self.template.format(value).replace("%", " %")
 
 
 _RATIO = OPTIMA[0].crank_length / OPTIMA[0].rod_length
 NUMBERS = (
     *(
         PrintedNumber(
-            f"reduction_at_{one.key}", f"reduction, {one.name}", one.reduction, one.reduction
+            f"reduction_at_{optimum.key}",
+            f"reduction, {optimum.name}",
+            optimum.reduction,
+            optimum.reduction,
         )
-        for one in OPTIMA
+        for optimum in OPTIMA
     ),
     PrintedNumber(
         "best_ratio_in_window",
@@ -102,7 +104,7 @@ class InferredSettings:
 
     designs: Designs
     within: float
-    frame: pd.DataFrame  # Table `inferred_designs`: designs that did not fail, sorted by distance
+    frame: pd.DataFrame  # Columns of `INFER_SETTINGS_DESIGNS`, sorted by distance
     failed: int
 
     @property
@@ -112,34 +114,26 @@ class InferredSettings:
 
     @cached_property
     def settings(self) -> pd.DataFrame:
-        """Ranges of the accepted settings: the table `INFERRED_SETTINGS`."""
-        rows, accepted = [], self.frame["together"]
+        """Ranges of the accepted settings: the table `INFER_SETTINGS_SETTINGS`."""
+        rows, is_accepted = [], self.frame["together"]
         for axis in self.varied:
-            own, common = self.frame[axis.key], {"setting": axis.key, "unit": axis.unit}
-            kept = own[accepted]
+            drawn = self.frame[axis.key]
+            accepted, rejected = drawn[is_accepted], drawn[~is_accepted]
+            row = {"setting": axis.key, "unit": axis.unit, "p_value": np.nan}
             if axis.values is None:
-                chance = (
-                    stats.ks_2samp(kept, own[~accepted]).pvalue
-                    if 0 < len(kept) < len(own)
-                    else np.nan
-                )
-                ends = dict(
-                    zip(("low", "median", "high"), kept.quantile((0.05, 0.5, 0.95)), strict=True)
-                )
-                rows.append(common | ends | {"drawn": 1.0, "accepted": 1.0, "p_value": chance})
+                if len(accepted) and len(rejected):
+                    row["p_value"] = stats.ks_2samp(accepted, rejected).pvalue
+                quantiles = accepted.quantile((0.05, 0.5, 0.95))
+                row |= dict(zip(("low", "median", "high"), quantiles, strict=True))
+                rows.append(row | {"drawn": 1.0, "accepted": 1.0})
                 continue
-            counts = pd.crosstab(own, accepted)
-            chance = stats.chi2_contingency(counts).pvalue if min(counts.shape) > 1 else np.nan
+            counts = pd.crosstab(drawn, is_accepted)
+            if min(counts.shape) > 1:
+                row["p_value"] = stats.chi2_contingency(counts).pvalue
             for value in axis.values:
-                shares = {"drawn": (own == value).mean(), "accepted": (kept == value).mean()}
-                rows.append(common | shares | {"value": str(value), "p_value": chance})
+                shares = {"drawn": (drawn == value).mean(), "accepted": (accepted == value).mean()}
+                rows.append(row | shares | {"value": str(value)})
         return pd.DataFrame(rows, columns=INFER_SETTINGS_SETTINGS.names)
-
-    @property
-    def tables(self) -> dict[Table, pd.DataFrame]:
-        """The tables of the stage."""
-        designs = INFER_SETTINGS_DESIGNS.filled(swept=[axis.column for axis in self.designs.axes])
-        return {INFER_SETTINGS_SETTINGS: self.settings, designs: self.frame[designs.names]}
 
     @property
     def nearest_scenario(self) -> pd.Series | None:
@@ -154,168 +148,141 @@ class InferredSettings:
 
 def infer(designs: Designs, options: InferSettings | None, dataset: Path) -> InferredSettings:
     """The settings that reproduce the printed numbers, from the dataset of a sweep."""
-    columns = [
-        "design",
-        *(axis.key for axis in designs.axes),
-        *(one.column for one in NUMBERS),
-        "reason",
-    ]
-    return accept(
-        designs,
-        parquet.read_columns(dataset, columns).to_pandas(),
-        (options or InferSettings()).within,
-    )
+    keys = [axis.key for axis in designs.axes]
+    columns = ["design", *keys, *(number.column for number in NUMBERS), "reason"]
+    frame = read_designs(designs, dataset, *columns)
+    return accept(designs, frame, (options or InferSettings()).within)
 
 
 def accept(designs: Designs, frame: pd.DataFrame, within: float) -> InferredSettings:
     """The same from a `frame` with the parameters, printed numbers and `reason` of the
     `designs`."""
-    fine = frame["reason"].isna() & np.isfinite(frame[[one.column for one in NUMBERS]]).all(axis=1)
-    if not fine.any():
+    computed = np.isfinite(frame[[number.column for number in NUMBERS]]).all(axis=1)
+    computed &= frame["reason"].isna()
+    if not computed.any():
         raise InputError(
             "infer_settings: all designs failed; see the reasons on the page of the sweep"
         )
-    kept = frame[fine].drop(columns="reason").sort_values("design")
-    farthest = departures(kept).max(axis=1)
-    kept = kept.assign(farthest=farthest, together=farthest <= within)
-    kept = kept.sort_values("farthest", kind="stable", ignore_index=True)
-    return InferredSettings(designs, within, kept, int((~fine).sum()))
+    valid = frame[computed].drop(columns="reason").sort_values("design")
+    farthest = relative_errors(valid).max(axis=1)
+    valid = valid.assign(farthest=farthest, together=farthest <= within)
+    valid = valid.sort_values("farthest", kind="stable", ignore_index=True)
+    return InferredSettings(designs, within, valid, int((~computed).sum()))
 
 
-def departures(frame: pd.DataFrame) -> np.ndarray:
+def relative_errors(frame: pd.DataFrame) -> np.ndarray:
     """Relative errors of `NUMBERS`, (n, 4), of n designs."""
-    return np.abs(
-        np.column_stack([(frame[one.column] - one.printed) / one.scale for one in NUMBERS])
-    )
+    errors = [(frame[number.column] - number.printed) / number.scale for number in NUMBERS]
+    return np.abs(np.column_stack(errors))
 
 
-def nearest_configuration(found: InferredSettings) -> str:
+def nearest_configuration(inferred: InferredSettings) -> str:
     """The nearest settings as a YAML scenario; only a comment where there are none."""
-    chosen = found.nearest_scenario
-    if chosen is None:
-        return f"# {_NONE}\n"
-    made = found.designs.scenario({axis.key: chosen[axis.key] for axis in found.designs.axes})
-    content = made.model_dump(
-        mode="json", include={"mechanism", "simulate"}, exclude_none=True, by_alias=True
-    )
-    content["simulate"] = {
-        key: value for key, value in content["simulate"].items() if key not in _SAMPLING
-    }
+    nearest, designs = inferred.nearest_scenario, inferred.designs
+    if nearest is None:
+        return f"# {_NO_SCENARIO}\n"
+    design = designs.scenario({axis.key: nearest[axis.key] for axis in designs.axes})
+    sections = {"mechanism", "simulate"}
+    content = design.model_dump(mode="json", include=sections, exclude_none=True, by_alias=True)
+    for key in _SAMPLING_KEYS:
+        content["simulate"].pop(key, None)
     content["description"] = (
-        f"The nearest settings to all printed numbers of the paper: design {int(chosen['design'])}"
-        f" of a sweep; largest error {_percent(chosen['farthest'])}."
+        f"The nearest settings to all printed numbers of the paper: design {int(nearest['design'])}"
+        f" of a sweep; largest error {_percent(nearest['farthest'])}."
     )
-    content["optimise"] = {"window": list(found.designs.error_definition(chosen).window)}
+    content["optimise"] = {"window": list(designs.error_definition(nearest).window)}
     content["surrogate"] = {"iterations": 2000, "seeds": [0]}
-    whole = {
+    configuration = {
         "run": [NEAREST_NAME],
         "networks": True,
         "paper": True,
         "scenarios": {NEAREST_NAME: content},
     }
-    return yaml.safe_dump(whole, sort_keys=False)
+    return yaml.safe_dump(configuration, sort_keys=False)
 
 
-def page(found: InferredSettings) -> Page:
-    frame, chosen, accepted = (
-        found.frame,
-        found.nearest_scenario,
-        int(found.frame["together"].sum()),
-    )
+def inference_study(inferred: InferredSettings) -> Study:
+    """The study of the inferred settings."""
+    frame, nearest = inferred.frame, inferred.nearest_scenario
+    share, smallest_error = frame["together"].mean(), frame["farthest"].min()
+    shares = (relative_errors(frame) <= inferred.within).mean(axis=0)
     headline = (
-        f"{accepted or 'None'} of {len(frame)} parameter sets ({_percent(accepted / len(frame))})"
-        f" reproduce all printed numbers within {_percent(found.within)}; in the nearest one the"
-        f" largest error is {_percent(frame['farthest'].iloc[0])}."
+        f"{int(frame['together'].sum()) or 'None'} of {len(frame)} parameter sets"
+        f" ({_percent(share)}) reproduce all printed numbers within {_percent(inferred.within)}; in"
+        f" the nearest one the largest error is {_percent(smallest_error)}."
     )
-    numbers = []
-    for one, off in zip(NUMBERS, departures(frame).T, strict=True):
-        low, middle, high = map(one.shown, frame[one.column].quantile((0.05, 0.5, 0.95)))
-        row = {"number": one.words, "printed": one.shown(one.printed)}
-        row |= {
-            "reproduced in": _percent((off <= found.within).mean()),
-            "median": middle,
-            "5 to 95 %": format_range(low, high),
-        }
-        numbers.append(row | {"nearest": one.shown(frame[one.column].iloc[0])})
-    nearest = [
-        _design(found, str(rank), row) for rank, (_, row) in enumerate(frame[:_SHOWN].iterrows(), 1)
+    facts = [
+        Fact("printed/together_percent", 100.0 * share, "%", sentence=headline),
+        Fact("printed/farthest_off_in_nearest_percent", 100.0 * smallest_error, "%"),
     ]
-    nearest += [] if chosen is None else [_design(found, "scenario", chosen)]
-    blocks = (
-        Paragraph(headline, strong=True),
-        Heading("Printed numbers"),
-        TableBlock.of(numbers, "lrrrrr"),
-        Heading("Settings of the accepted designs"),
-        TableBlock(
-            ("setting", "5 to 95 %, or value", "drawn", "accepted", "p-value", "verdict"),
-            tuple(_settings(found, accepted)),
-            "llrrrl",
-            "p-value of a test that accepted and rejected designs have the same distribution"
-            " (Kolmogorov-Smirnov for ranges, chi-square for lists).",
-        ),
-        Heading("Nearest designs"),
-        TableBlock.of(nearest, "l" * (1 + len(found.varied)) + "r" * 5),
-        Paragraph(
-            "The row *scenario* is the nearest design that counts the RMS over the first"
+    printed_rows = []
+    for number, within in zip(NUMBERS, shares, strict=True):
+        facts.append(Fact(f"printed/{number.column}_percent", 100.0 * within, "%", number.label))
+        values = frame[number.column]
+        low, median, high = map(number.format, values.quantile((0.05, 0.5, 0.95)))
+        row = {"number": number.label, "printed": number.format(number.printed)}
+        row |= {"reproduced in": _percent(within), "median": median}
+        row |= {"5 to 95 %": format_range(low, high), "nearest": number.format(values.iloc[0])}
+        printed_rows.append(row)
+    designs = [
+        _design_row(inferred, str(rank), row)
+        for rank, (_, row) in enumerate(frame[:_NEAREST_ROWS].iterrows(), 1)
+    ]
+    scenario = _NO_SCENARIO
+    if nearest is not None:
+        designs.append(_design_row(inferred, "scenario", nearest))
+        scenario = (
+            "The row `scenario` is the nearest design that counts the RMS over the first"
             f" revolution: `{NEAREST_FILE}`."
-            if chosen is not None
-            else _NONE
-        ),
-        Paragraph(
-            f"Designs that failed: {found.failed}. All numbers: `designs.parquet` and"
-            " `settings.parquet`."
-        ),
+        )
+    align = "l" * (1 + len(inferred.varied)) + "r" * 5
+    tables = (
+        TableBlock.of(printed_rows, "lrrrrr", "Printed numbers"),
+        TableBlock.of(_setting_rows(inferred), "llrrrl", "Settings of the accepted designs"),
+        TableBlock.of(designs, align, "Nearest designs"),
     )
-    return Page("Unreported settings of the paper", blocks)
+    table = INFER_SETTINGS_DESIGNS.filled(swept=[axis.column for axis in inferred.designs.axes])
+    return Study(
+        "Unreported settings of the paper",
+        facts,
+        f"Designs that failed: {inferred.failed}.",
+        tables,
+        f"{scenario} p-value of a test that accepted and rejected designs have the same"
+        " distribution (Kolmogorov-Smirnov for ranges, chi-square for lists). All numbers:"
+        " `designs.parquet` and `settings.parquet`.",
+        frames={INFER_SETTINGS_SETTINGS: inferred.settings, table: frame[table.names]},
+    )
 
 
-def _design(found: InferredSettings, rank: str, row: pd.Series) -> dict[str, str]:
+def _design_row(inferred: InferredSettings, rank: str, row: pd.Series) -> dict[str, str]:
     settings = {
-        format_parameter(axis.key): format_value(axis, row[axis.key]) for axis in found.varied
+        format_parameter(axis.key): format_value(axis, row[axis.key]) for axis in inferred.varied
     }
-    numbers = {one.words: one.shown(row[one.column]) for one in NUMBERS}
+    numbers = {number.label: number.format(row[number.column]) for number in NUMBERS}
     return {"": rank} | settings | numbers | {"largest error": _percent(row["farthest"])}
 
 
-def _settings(found: InferredSettings, accepted: int) -> Iterator[tuple[str, ...]]:
-    axes = {axis.key: axis for axis in found.varied}
-    for row in found.settings.to_dict("records"):
-        axis, chance = axes[row["setting"]], row["p_value"]
-        where = {str(value): format_value(axis, value) for value in axis.values or ()}.get(
-            row["value"]
-        )
-        if axis.values is None:
-            where = (
-                " to ".join(format_value(axis, row[end]) for end in ("low", "high"))
-                if accepted
-                else ""
-            )
-        verdict = (
-            "too few accepted"
-            if accepted < _FEW
-            else "informative"
-            if chance < _LEVEL
-            else "not informative"
-        )
-        shares = (_percent(row["drawn"]), _percent(row["accepted"]) if accepted else "")
-        yield format_parameter(axis.key), where, *shares, in_digits(chance), verdict
+def _setting_rows(inferred: InferredSettings) -> Iterator[dict[str, str]]:
+    axes = {axis.key: axis for axis in inferred.varied}
+    accepted = int(inferred.frame["together"].sum())
+    for row in inferred.settings.to_dict("records"):
+        axis, p_value = axes[row["setting"]], row["p_value"]
+        if axis.values is not None:
+            by_name = {str(value): format_value(axis, value) for value in axis.values}
+            values = by_name[row["value"]]
+        else:
+            ends = (format_value(axis, row[end]) for end in ("low", "high"))
+            values = " to ".join(ends) if accepted else ""
+        verdict = "informative" if p_value < _SIGNIFICANCE else "not informative"
+        yield {
+            "setting": format_parameter(axis.key),
+            "5 to 95 %, or value": values,
+            "drawn": _percent(row["drawn"]),
+            "accepted": _percent(row["accepted"]) if accepted else "",
+            "p-value": format_number(p_value),
+            "verdict": verdict if accepted >= _MIN_ACCEPTED else "too few accepted",
+        }
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %"
-
-
-def metrics(scenario: Scenario, folder: Path) -> dict[str, float]:
-    """Shares of the designs that reproduce the paper's printed numbers, singly and together, for
-    MLflow."""
-    names = ["together", "farthest", *(one.column for one in NUMBERS)]
-    designs = parquet.read_columns(folder / "infer_settings/designs.parquet", names).to_pandas()
-    shares = (departures(designs) <= scenario.infer_settings.within).mean(axis=0)
-    return {
-        "printed/together_percent": 100 * designs["together"].mean(),
-        "printed/farthest_off_in_nearest_percent": 100 * designs["farthest"].min(),
-        **{
-            f"printed/{one.column}_percent": 100 * share
-            for one, share in zip(NUMBERS, shares, strict=True)
-        },
-    }
+    return f"{format_number(100 * share, 2)} %"

@@ -92,11 +92,11 @@ def high_order_rms(values: np.ndarray) -> float:
 def _extreme(values: np.ndarray, angle: np.ndarray) -> tuple[float, float]:
     """Maximum of periodic samples, by parabolic interpolation, and its angle in [0, 2 pi)."""
     top = int(np.argmax(values))
-    before, peak, after = values[top - 1], values[top], values[(top + 1) % len(values)]
-    curvature = before - 2.0 * peak + after
-    shift = 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0
+    previous, peak, following = values[top - 1], values[top], values[(top + 1) % len(values)]
+    curvature = previous - 2.0 * peak + following
+    shift = 0.5 * (previous - following) / curvature if curvature < 0.0 else 0.0
     top_angle = angle[top] + shift * 2.0 * math.pi / len(values)
-    return float(peak - 0.25 * (before - after) * shift), float(top_angle % (2.0 * math.pi))
+    return float(peak - 0.25 * (previous - following) * shift), float(top_angle % (2.0 * math.pi))
 
 
 def _repeat_distance(result: IntegrationResult, mechanism: Mechanism, per_turn: int) -> float:
@@ -113,9 +113,9 @@ def _repeat_distance(result: IntegrationResult, mechanism: Mechanism, per_turn: 
 def best_lengths(outcome: Outcome, definition: ErrorDefinition) -> dict[str, float]:
     """The numbers `BEST_LENGTHS` of a successful run; NaN where undefined."""
     per_turn = outcome.run.options.samples_per_revolution
-    last = _objective(outcome, slice(-per_turn - 1, -1), _WHOLE_TURN)
+    last_turn = _objective(outcome, slice(-per_turn - 1, -1), _WHOLE_TURN)
     in_window = _objective_of(outcome, definition)
-    return dict(zip(BEST_LENGTHS.names, (*_best(last), *_best(in_window)), strict=True))
+    return dict(zip(BEST_LENGTHS.names, (*_best(last_turn), *_best(in_window)), strict=True))
 
 
 def printed_reductions(outcome: Outcome, definition: ErrorDefinition) -> dict[str, float]:

@@ -111,9 +111,9 @@ class Designs:
         """Columns of the measures of each design."""
         return measured(self.sweep.best_lengths, self.sweep.printed_numbers)
 
-    def values(self, first: int, count: int) -> list[dict[str, Any]]:
-        """Values by key of `count` designs from number `first`."""
-        return values_at(self.axes, self._quantiles(first, count))
+    def values(self, begin: int, count: int) -> list[dict[str, Any]]:
+        """Values by key of `count` designs from number `begin`."""
+        return values_at(self.axes, self._quantiles(begin, count))
 
     def scenario(self, values: Mapping[str, Any]) -> DrivenMechanism:
         """Mechanism and simulation of a design; InputError where it is infeasible."""
@@ -174,22 +174,22 @@ class Designs:
         text = json.dumps(content, sort_keys=True, default=float)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
-    def _quantiles(self, first: int, count: int) -> np.ndarray:
+    def _quantiles(self, begin: int, count: int) -> np.ndarray:
         """(count, axes) in [0, 1)."""
         dimensions, seed = len(self.axes), self.sweep.seed
         if self.sweep.design == "sobol":
             engine = qmc.Sobol(dimensions, scramble=True, rng=seed)
-            if first:
-                engine.fast_forward(first)
+            if begin:
+                engine.fast_forward(begin)
             with warnings.catch_warnings():
                 # about parts whose size is no power of two; these belong to a longer sequence
                 warnings.filterwarnings("ignore", "The balance properties", UserWarning)
                 return engine.random(count)
         if self.sweep.design == "latin_hypercube":
             samples = qmc.LatinHypercube(dimensions, rng=seed).random(self.number)
-            return samples[first : first + count]
+            return samples[begin : begin + count]
         sizes = [len(axis.values) for axis in self.axes]
-        indices = np.unravel_index(np.arange(first, first + count), sizes)
+        indices = np.unravel_index(np.arange(begin, begin + count), sizes)
         return (np.stack(indices, axis=1) + 0.5) / sizes
 
 

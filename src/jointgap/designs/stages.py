@@ -1,29 +1,24 @@
 """The stages for many designs of a scenario: the sweep, and the studies of its designs.
 
-A study is a section of a scenario, its tables, a stage and a module of the same name, which has
-`metrics(scenario, folder)` for MLflow and optionally `check(scenario)`, which rejects infeasible
-options.
+A study is a section of a scenario, its tables, a stage and a module of the same name, which may
+have `check(scenario)`, which rejects infeasible options.
 """
 
 import json
 import shutil
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any
 
 from jointgap.core.files import check_writable, write_text
-from jointgap.core.schema import TABLES, Table
+from jointgap.core.schema import TABLES
 from jointgap.core.stage import Option, Stages, Workers
 from jointgap.scenario.stages import open_results, run_scenario_stage
 
 if TYPE_CHECKING:  # slow to load
-    import pandas as pd
-
     from jointgap.config import Scenario
-    from jointgap.core.page import Page
-    from jointgap.core.plot import Drawing
     from jointgap.core.publish import Record
     from jointgap.scenario.results import ScenarioResults
 
@@ -37,19 +32,22 @@ _SWEPT = ("mechanism", "simulate", "sweep")
 def _study(
     sections: tuple[str, ...], files: tuple[str, ...] = (), **record: Any
 ) -> Callable[[Callable], Callable]:
-    """A decorator for the stage of a study, which writes the tables of its folder, a page and
-    further `files`."""
+    """A decorator for the stage of a study, which writes the tables of its folder, a page, its
+    numbers and further `files`."""
 
-    def keep(function: Callable) -> Callable:
+    def register(function: Callable) -> Callable:
         name = function.__name__
         tables = tuple(table for table in TABLES.values() if table.path.startswith(f"{name}/"))
-        written = tuple(f"{name}/{file}" for file in ("summary.md", "summary.html", *files))
+        paths = ("summary.md", "summary.html", "summary.json", *files)
         attributes = {"does": name.replace("_", " "), "memory": 2500} | record
-        return DESIGN_STAGES.stage(writes=tables, files=written, sections=sections, **attributes)(
-            function
-        )
+        return DESIGN_STAGES.stage(
+            writes=tables,
+            files=tuple(f"{name}/{path}" for path in paths),
+            sections=sections,
+            **attributes,
+        )(function)
 
-    return keep
+    return register
 
 
 def studies_of(scenario: "Scenario", checked: bool = False) -> list[str]:
@@ -57,44 +55,23 @@ def studies_of(scenario: "Scenario", checked: bool = False) -> list[str]:
     is infeasible."""
     from jointgap.config.load import validate
 
-    asked = []
+    requested = []
     for name, (stage,) in DESIGN_STAGES.jobs().items():
         section = getattr(scenario, name.replace("-", "_"), None)
-        if section is None or not all(
-            getattr(section, key, True) for key in ("parameters", "uncertain")
-        ):
+        keys = ("parameters", "uncertain")
+        if section is None or not all(getattr(section, key, True) for key in keys):
             continue
         if checked and (check := getattr(_module(name), "check", None)):
-            # check the sections that the job reads, with their defaults
-            check(
-                validate(type(scenario), json.loads(stage.options(scenario)), "its configuration")
-            )
+            # the sections that the job reads, with their defaults
+            sections = json.loads(stage.options(scenario))
+            check(validate(type(scenario), sections, "its configuration"))
         if scenario.sweep.parameters or "sweep" not in stage.sections:
-            asked.append(name)
-    return asked
+            requested.append(name)
+    return requested
 
 
 def _module(name: str) -> ModuleType:
     return import_module(f"jointgap.designs.{name.replace('-', '_')}")
-
-
-def _write(
-    folder: Path,
-    page: "Page",
-    tables: "Mapping[Table, pd.DataFrame]",
-    figures: "Iterable[tuple[str, Drawing]]",
-    figures_folder: str = ".",
-) -> str:
-    """Write tables, figures and page of a study; returns the page as Markdown."""
-    from jointgap.core import plot
-    from jointgap.core.page import write_page
-    from jointgap.core.parquet import write
-
-    for name, drawing in figures:
-        plot.save(drawing, folder / figures_folder / name)
-    for table, frame in tables.items():
-        write(table, frame, folder / Path(table.path).name)
-    return write_page(folder / "summary", page, figures_folder)
 
 
 @DESIGN_STAGES.stage(sections=_SWEPT)
@@ -120,14 +97,8 @@ def sweep_designs(
     from jointgap.designs.dataset import write_designs
     from jointgap.designs.sampling import designs_of
 
-    write_designs(
-        designs_of(results.scenario),
-        first,
-        number,
-        designs,
-        DESIGN_STAGES["sweep-designs"].digest,
-        workers,
-    )
+    code = DESIGN_STAGES["sweep-designs"].digest
+    write_designs(designs_of(results.scenario), first, number, designs, code, workers)
 
 
 @_study(_SWEPT, minutes=60)
@@ -166,15 +137,14 @@ def write_sweep(scenario: "Scenario", folder: Path, workers: int | None = None) 
     returns the page as Markdown."""
     from jointgap.designs.dataset import write_dataset, write_trajectories
     from jointgap.designs.sampling import designs_of
-    from jointgap.designs.sweep import draw, page, with_largest_force
+    from jointgap.designs.sweep import sweep_study
 
     designs, dataset = designs_of(scenario), folder / "designs"
     check_writable(folder / "summary.html", folder / "summary.md")
     code = DESIGN_STAGES["sweep-designs"].digest
     write_dataset(designs, dataset, scenario.sweep.designs_per_job, code, workers)
     write_trajectories(designs, folder / "trajectories")
-    frame = with_largest_force(designs, dataset)
-    return _write(folder, page(designs, dataset, frame), {}, draw(designs, frame))
+    return sweep_study(designs, dataset).write(folder)
 
 
 @_study((*_SWEPT, "sensitivity"), minutes=60)
@@ -196,17 +166,15 @@ def sensitivity(results: "ScenarioResults") -> str:
     """
     from jointgap.config.designs import Sensitivity
     from jointgap.designs.dataset import checked_dataset
-    from jointgap.designs.sensitivity import draw, page, sensitivity_indices
+    from jointgap.designs.sensitivity import sensitivity_indices
+    from jointgap.designs.sensitivity_study import FIGURES, sensitivity_study
 
-    scenario, designs = results.scenario, results.path / SWEPT_DESIGNS
-    folder = results.path / "sensitivity"
-    found = sensitivity_indices(
-        checked_dataset(scenario, designs), designs, scenario.sensitivity or Sensitivity()
-    )
-    shutil.rmtree(
-        folder / "figures", ignore_errors=True
-    )  # figures of measures that no longer have indices
-    return _write(folder, page(found), found.tables, draw(found), "figures")
+    scenario, dataset = results.scenario, results.path / SWEPT_DESIGNS
+    designs, folder = checked_dataset(scenario, dataset), results.path / "sensitivity"
+    result = sensitivity_indices(designs, dataset, scenario.sensitivity or Sensitivity())
+    # figures of measures that no longer have indices
+    shutil.rmtree(folder / FIGURES, ignore_errors=True)
+    return sensitivity_study(result).write(folder)
 
 
 @_study((*_SWEPT, "infer_settings"), files=("nearest_scenario.yaml",), minutes=60)
@@ -231,21 +199,16 @@ def infer_settings(results: "ScenarioResults") -> str:
       jointgap sweep --options mine.yaml --results results/mine
       jointgap infer-settings --options mine.yaml --results results/mine
     """
+    from jointgap.designs import infer_settings as module
     from jointgap.designs.dataset import checked_dataset
-    from jointgap.designs.infer_settings import (
-        NEAREST_FILE,
-        check,
-        infer,
-        nearest_configuration,
-        page,
-    )
 
-    scenario, designs = results.scenario, results.path / SWEPT_DESIGNS
+    scenario, dataset = results.scenario, results.path / SWEPT_DESIGNS
     folder = results.path / "infer_settings"
-    check(scenario)
-    found = infer(checked_dataset(scenario, designs), scenario.infer_settings, designs)
-    write_text(folder / NEAREST_FILE, nearest_configuration(found))
-    return _write(folder, page(found), found.tables, ())
+    module.check(scenario)
+    designs = checked_dataset(scenario, dataset)
+    inferred = module.infer(designs, scenario.infer_settings, dataset)
+    write_text(folder / module.NEAREST_FILE, module.nearest_configuration(inferred))
+    return module.inference_study(inferred).write(folder)
 
 
 @_study(("mechanism", "simulate", "optimise", "optimise_robust"), minutes=120, threads=8)
@@ -271,13 +234,14 @@ def optimise_robust(results: "ScenarioResults", workers: Workers) -> str:
       END
       jointgap optimise-robust --options mine.yaml --results results/mine
     """
-    from jointgap.designs.optimise_robust import draw, headline, page, verdict
-    from jointgap.designs.optimise_robust import optimise_robust as optimised
+    from jointgap.core.facts import sentences
+    from jointgap.designs.optimise_robust import optimise_robust as optimise
+    from jointgap.designs.robust_study import robust_study
 
-    found = optimised(results.scenario, workers)
-    shown = page(found, results.scenario, results.path.resolve().name)
-    _write(results.path / "optimise_robust", shown, found.tables, draw(found))
-    return "\n".join([headline(found), *verdict(found)])
+    scenario, name = results.scenario, results.path.resolve().name
+    study = robust_study(optimise(scenario, workers), scenario, name)
+    study.write(results.path / "optimise_robust")
+    return "\n".join([study.title, *sentences(study.facts)])
 
 
 @DESIGN_STAGES.stage(
@@ -285,7 +249,7 @@ def optimise_robust(results: "ScenarioResults", workers: Workers) -> str:
     files=("track_sweep/published.json",),
     sections=(
         "description",
-        *dict.fromkeys(one for stage in DESIGN_STAGES.values() for one in stage.sections),
+        *dict.fromkeys(name for stage in DESIGN_STAGES.values() for name in stage.sections),
     ),
     does="publish the sweep to MLflow",
     minutes=20,
@@ -297,52 +261,51 @@ def track_sweep(results: "ScenarioResults") -> None:
     from jointgap.core.publish import publish_records
 
     scenario, folder = results.scenario, results.path.resolve()
-    content = [sweep_record(scenario, results.path)]
-    summary = publish_records(folder.name, scenario.description, content, None, folder.parent)
+    records = [sweep_record(scenario, results.path)]
+    summary = publish_records(folder.name, scenario.description, records, None, folder.parent)
     write_text(results.path / "track_sweep/published.json", json.dumps(summary, indent=2) + "\n")
 
 
-_SHOWN = (".md", ".html", ".svg", ".png", ".yaml")
+_ARTIFACTS = (".md", ".html", ".svg", ".png", ".yaml")
 
 
 def sweep_record(scenario: "Scenario", folder: Path) -> "Record":
     """The MLflow run of a scenario's studies, from their results in `folder`."""
     from jointgap.core.errors import InputError
     from jointgap.core.publish import Dataset, Record, configuration, costs
+    from jointgap.designs.dataset import checked_dataset
+    from jointgap.designs.study import read_numbers
 
-    names = {folder / table.path: name for name, table in TABLES.items()}
+    table_names = {folder / table.path: name for name, table in TABLES.items()}
     metrics, datasets, files, spent = {}, [], {}, {}
-    for name in studies_of(scenario):
-        study = name.replace("-", "_")
-        metrics |= _module(name).metrics(scenario, folder)
-        datasets += (
-            [folder / "sweep/designs"]
-            if study == "sweep"
-            else sorted((folder / study).glob("[!.]*.parquet"))
-        )
-        shown = (path for path in sorted((folder / study).rglob("*")) if path.suffix in _SHOWN)
-        files |= {str(path.relative_to(folder)): path for path in shown}
-        benchmark = folder / f"benchmarks/{study}.tsv"
-        spent |= {
-            f"{study}_{name}": cost
-            for name, cost in costs([benchmark] if benchmark.is_file() else []).items()
+    for study in (name.replace("-", "_") for name in studies_of(scenario)):
+        tables = sorted((folder / study).glob("[!.]*.parquet"))
+        if study == "sweep":
+            tables = [folder / SWEPT_DESIGNS]
+            checked_dataset(scenario, *tables)
+        for path in tables:
+            name = table_names.get(path, f"{path.parent.name}_{path.stem}")
+            datasets.append(Dataset(name, path, "result"))
+        metrics |= read_numbers(folder, study)
+        paths = sorted((folder / study).rglob("*"))
+        files |= {
+            str(path.relative_to(folder)): path for path in paths if path.suffix in _ARTIFACTS
         }
+        benchmark = folder / f"benchmarks/{study}.tsv"
+        measured = costs([benchmark] if benchmark.is_file() else [])
+        spent |= {f"{study}_{key}": cost for key, cost in measured.items()}
     if not metrics:
         raise InputError(
             "sweep.parameters, optimise_robust.uncertain: both are empty, so there is nothing to"
             " publish; give the options of the designs"
         )
-    given = configuration(scenario, scenario.model_fields_set - {"description"})
-    held = (
-        Dataset(names.get(path, f"{path.parent.name}_{path.stem}"), path, "result")
-        for path in datasets
-    )
+    options = configuration(scenario, scenario.model_fields_set - {"description"})
     return Record(
         "sweep",
         "",
-        given["params"],
+        options["params"],
         metrics,
-        datasets=tuple(held),
-        files=given["files"] | files,
+        datasets=tuple(datasets),
+        files=options["files"] | files,
         costs=spent,
     )

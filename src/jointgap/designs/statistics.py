@@ -1,5 +1,6 @@
 """Statistics of one motion: contacts, journal orbits, Poincaré section, periodicity."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -26,11 +27,12 @@ class Periodicity:
     @property
     def period(self) -> int | None:
         """Period in revolutions; None where the motion is not periodic."""
-        repeats = np.flatnonzero(self.distances <= REPEATS * self.clearance)
-        return int(repeats[0]) + 1 if len(repeats) else None
+        repeating = np.flatnonzero(self.distances <= REPEATS * self.clearance)
+        return int(repeating[0]) + 1 if len(repeating) else None
 
     @property
-    def verdict(self) -> str:
+    def summary(self) -> str:
+        """Period, and closest return, in a sentence."""
         nearest = self.period or int(np.argmin(self.distances)) + 1
         distance, turns = self.distances[nearest - 1], self.period or len(self.distances)
         revolutions = f"{turns} revolution{'s' * (turns > 1)}"
@@ -49,12 +51,13 @@ class Cycles:
     impacts: pd.DataFrame
     eccentricity: pd.DataFrame
     periodicity: Periodicity
-    first: int  # First settled revolution
+    settled_revolution: int
 
     @property
     def summary(self) -> str:
-        lines = [f"from revolution {self.first} on: {self.periodicity.verdict}"]
-        settled = self.revolutions[self.revolutions["revolution"] >= self.first]
+        """Period, and a line for each joint."""
+        lines = [f"from revolution {self.settled_revolution} on: {self.periodicity.summary}"]
+        settled = self.revolutions.query(f"revolution >= {self.settled_revolution}")
         for joint, rows in settled.groupby("joint", sort=False):
             flight, impact, contact = (
                 100.0 * rows[f"share_{mode}"].mean() for mode in ("flight", "impact", "contact")
@@ -72,33 +75,35 @@ def cycles(
     events: pd.DataFrame,
     mechanism: Mechanism,
     options: Simulate,
-    first: int = 2,
+    settled_revolution: int = 2,
     angle: float = 0.0,
 ) -> Cycles:
+    """Statistics of a motion from `settled_revolution` on; the section is at a crank `angle`
+    [rad]."""
     applied, per_turn = mechanism.applied(), options.samples_per_revolution
-    if not applied.loose:
+    joints = applied.loose
+    if not joints:
         raise InputError("statistics of clearances: all joints are ideal; make a joint loose")
-    begin = (first - 1) * per_turn
-    vectors = np.hstack([clearance_vectors(samples.iloc[begin:], joint) for joint in applied.loose])
-    begin_time = samples["time"].iloc[min(begin, len(samples) - 1)]
+    settled = samples.iloc[(settled_revolution - 1) * per_turn :]
+    begin = settled["time"].iloc[0] if len(settled) else math.inf
+    vectors = np.hstack([clearance_vectors(settled, joint) for joint in joints])
+    revolutions = max(options.revolutions - settled_revolution + 1, 1)
     return Cycles(
-        section=poincare_section(samples, applied.loose, per_turn, angle, first),
-        revolutions=_joint_revolutions(samples, events, applied.loose, per_turn),
-        impacts=_impact_distribution(
-            events, applied.loose, begin_time, max(options.revolutions - first + 1, 1)
-        ),
-        eccentricity=eccentricity_band(samples, applied.loose, per_turn, first),
-        periodicity=periodicity(
-            vectors, per_turn, min(applied.clearance(joint) for joint in applied.loose)
-        ),
-        first=first,
+        section=poincare_section(samples, joints, per_turn, angle, settled_revolution),
+        revolutions=_joint_revolutions(samples, events, joints, per_turn),
+        impacts=_impact_distribution(events, joints, begin, revolutions),
+        eccentricity=_eccentricity(samples, joints, per_turn, settled_revolution),
+        periodicity=periodicity(vectors, per_turn, min(map(applied.clearance, joints))),
+        settled_revolution=settled_revolution,
     )
 
 
 def contacts(events: pd.DataFrame, joint: str) -> pd.DataFrame:
-    own = events[events["joint"] == joint]
+    """Contacts of a joint: begin, end, approach speed, impulse, peak force, maxima."""
+    of_joint = events[events["joint"] == joint]
     begins, ends = (
-        own[own["event"] == kind].reset_index(drop=True) for kind in ("impact", "separation")
+        of_joint[of_joint["event"] == kind].reset_index(drop=True)
+        for kind in ("impact", "separation")
     )
     begins = begins[["time", "crank_angle", "approach_speed"]].rename(columns={"time": "begin"})
     ends = ends[["time", "impulse", "peak_force", "maxima"]].rename(columns={"time": "end"})
@@ -110,10 +115,10 @@ def time_shares(contact_frame: pd.DataFrame, begin: float, end: float) -> dict[s
 
     An impact is a contact whose penetration has at most one maximum.
     """
-    start, stop = contact_frame["begin"].to_numpy(), contact_frame["end"].fillna(np.inf).to_numpy()
-    length = np.clip(np.minimum(stop, end) - np.maximum(start, begin), 0.0, None) / (end - begin)
-    impacts = contact_frame["maxima"].to_numpy() <= 1  # False for NaN, a contact that has not ended
-    impact, contact = float(length[impacts].sum()), float(length[~impacts].sum())
+    stops = contact_frame["end"].fillna(np.inf).clip(upper=end)
+    shares = (stops - contact_frame["begin"].clip(lower=begin)).clip(lower=0.0) / (end - begin)
+    is_impact = contact_frame["maxima"] <= 1  # False for NaN, a contact that has not ended
+    impact, contact = float(shares[is_impact].sum()), float(shares[~is_impact].sum())
     return {"flight": 1.0 - impact - contact, "impact": impact, "contact": contact}
 
 
@@ -124,14 +129,14 @@ def _joint_revolutions(
     rows, times = [], samples["time"].to_numpy()
     for joint in joints:
         frame, force = contacts(events, joint), samples[f"{joint}_normal_force"].to_numpy()
-        for number, first in enumerate(range(0, len(samples) - 1, per_turn), 1):
-            begin, end = times[first], times[first + per_turn]
-            began = frame[(frame["begin"] >= begin) & (frame["begin"] < end)]
-            ended = began[began["end"] <= end]
-            peaks = force[first : first + per_turn + 1].max(), ended["peak_force"].max()
+        for number, index in enumerate(range(0, len(samples) - 1, per_turn), 1):
+            begin, end = times[index], times[index + per_turn]
+            begun = frame[(frame["begin"] >= begin) & (frame["begin"] < end)]
+            ended = begun[begun["end"] <= end]
+            peak = np.fmax(force[index : index + per_turn + 1].max(), ended["peak_force"].max())
             shares = time_shares(frame, begin, end).values()
-            most = began["approach_speed"].max(), ended["impulse"].max(), np.nanmax(peaks)
-            rows.append((number, joint, *shares, len(began), *most))
+            largest = begun["approach_speed"].max(), ended["impulse"].max(), peak
+            rows.append((number, joint, *shares, len(begun), *largest))
     return pd.DataFrame(rows, columns=schema.JOINT_REVOLUTIONS.names)
 
 
@@ -142,10 +147,12 @@ def _impact_distribution(
     rows = []
     for joint in joints:
         frame = contacts(events, joint)
+        settled = frame[frame["begin"] >= begin]
         for name in ("approach_speed", "impulse", "peak_force"):
-            own = frame.loc[frame["begin"] >= begin, name].dropna()
-            quantiles = own.quantile([0.05, 0.5, 0.95])
-            rows.append((joint, name, len(own) / revolutions, own.mean(), *quantiles, own.max()))
+            values = settled[name].dropna()
+            quantiles = values.quantile([0.05, 0.5, 0.95])
+            row = (joint, name, len(values) / revolutions, values.mean(), *quantiles, values.max())
+            rows.append(row)
     return pd.DataFrame(rows, columns=schema.IMPACT_DISTRIBUTION.names)
 
 
@@ -156,48 +163,53 @@ def clearance_vectors(samples: pd.DataFrame, joint: str, rates: bool = False) ->
     is not stored.
     """
     number = JOINT_NUMBERS[joint]
-    r, gamma = samples[f"r{number}"].to_numpy(), samples[f"gamma{number}"].to_numpy()
-    along = np.stack([np.cos(gamma), np.sin(gamma)], axis=1)
+    names = (f"r{number}", f"gamma{number}", f"r{number}_dot", f"gamma{number}_dot")
+    r, gamma, speed, rate = samples[list(names)].to_numpy()[:, :, None].transpose(1, 0, 2)
+    radial = np.hstack([np.cos(gamma), np.sin(gamma)])
     if not rates:
-        return np.where(r[:, None] == 0.0, 0.0, r[:, None] * along)
-    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    speed, turning = samples[f"r{number}_dot"].to_numpy(), samples[f"gamma{number}_dot"].to_numpy()
-    at_rest = (r == 0.0) & (speed == 0.0)
-    return np.where(at_rest[:, None], 0.0, speed[:, None] * along + (r * turning)[:, None] * across)
+        return np.where(r == 0.0, 0.0, r * radial)
+    tangential = np.hstack([-radial[:, 1:], radial[:, :1]])
+    is_at_rest = (r == 0.0) & (speed == 0.0)
+    return np.where(is_at_rest, 0.0, speed * radial + r * rate * tangential)
 
 
-def eccentricity_band(
-    samples: pd.DataFrame, joints: Iterable[str], per_turn: int, first: int
+def _eccentricity(
+    samples: pd.DataFrame, joints: Iterable[str], per_turn: int, settled_revolution: int
 ) -> pd.DataFrame:
     """Distance of the centres over the crank angle, range over the revolutions: the table
     `ECCENTRICITY`."""
     frames, angle = [], samples["crank_angle"].to_numpy()[:per_turn]
     for joint in joints:
-        r = samples[f"r{JOINT_NUMBERS[joint]}"].to_numpy()[:-1].reshape(-1, per_turn)[first - 1 :]
-        low, high = np.quantile(r, [0.05, 0.95], axis=0)
-        columns = {"crank_angle": angle, "mean": r.mean(axis=0), "low": low, "high": high}
+        r = samples[f"r{JOINT_NUMBERS[joint]}"].to_numpy()
+        by_turn = r[:-1].reshape(-1, per_turn)[settled_revolution - 1 :]
+        low, high = np.quantile(by_turn, [0.05, 0.95], axis=0)
+        columns = {"crank_angle": angle, "mean": by_turn.mean(axis=0), "low": low, "high": high}
         frames.append(pd.DataFrame({"joint": joint} | columns))
     return pd.concat(frames, ignore_index=True)
 
 
 def poincare_section(
-    samples: pd.DataFrame, joints: Iterable[str], per_turn: int, angle: float = 0.0, first: int = 1
+    samples: pd.DataFrame,
+    joints: Iterable[str],
+    per_turn: int,
+    angle: float = 0.0,
+    settled_revolution: int = 1,
 ) -> pd.DataFrame:
     """Clearance vectors and their rates at one crank angle of every revolution:
     `POINCARE_SECTION`."""
     offset = (angle - samples["crank_angle"].iloc[0]) % (2.0 * np.pi)
     row = round(offset / (2.0 * np.pi) * per_turn) % per_turn
-    chosen = samples.iloc[row + (first - 1) * per_turn : -1 : per_turn]
-    if chosen.empty:
+    section = samples.iloc[row + (settled_revolution - 1) * per_turn : -1 : per_turn]
+    if section.empty:
         raise InputError(
-            f"the section from revolution {first} on is empty: the motion has"
+            f"the section from revolution {settled_revolution} on is empty: the motion has"
             f" {(len(samples) - 1) // per_turn} revolutions; simulate more, or begin earlier"
         )
     frames = []
     for joint in joints:
-        vectors = np.hstack([clearance_vectors(chosen, joint, rates) for rates in (False, True)])
-        columns = {"joint": joint, "revolution": first + np.arange(len(chosen))}
-        columns |= {"crank_angle": chosen["crank_angle"].to_numpy()}
+        vectors = np.hstack([clearance_vectors(section, joint, rates) for rates in (False, True)])
+        columns = {"joint": joint, "revolution": settled_revolution + np.arange(len(section))}
+        columns |= {"crank_angle": section["crank_angle"].to_numpy()}
         columns |= dict(zip(("x", "y", "x_dot", "y_dot"), vectors.T, strict=True))
         frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
@@ -205,13 +217,13 @@ def poincare_section(
 
 def periodicity(vectors: ArrayLike, per_turn: int, clearance: float) -> Periodicity:
     """Compare the last n revolutions with the n before, for every possible n."""
-    vectors, distances = np.asarray(vectors), []
+    vectors = np.asarray(vectors)
     revolutions = (len(vectors) - 1) // per_turn
     if revolutions < 2:
         raise InputError(
             f"periodicity needs two settled revolutions, not {revolutions}; simulate more"
         )
-    for length in range(per_turn, revolutions // 2 * per_turn + 1, per_turn):
-        difference = vectors[-length - 1 :] - vectors[-2 * length - 1 : -length]
-        distances.append(np.linalg.norm(difference, axis=1).max())
+    lengths = range(per_turn, revolutions // 2 * per_turn + 1, per_turn)
+    differences = [vectors[-n - 1 :] - vectors[-2 * n - 1 : -n] for n in lengths]
+    distances = [np.linalg.norm(difference, axis=1).max() for difference in differences]
     return Periodicity(np.array(distances), clearance)
