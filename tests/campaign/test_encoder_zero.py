@@ -11,7 +11,7 @@ from jointgap.campaign.analyse import analyse
 from jointgap.campaign.verdict_json import read
 from tests.config.mechanisms import PAPER
 from tests.rig.recorded_files import CAMPAIGN, write_rig
-from tests.rig.test_contradictions import measured
+from tests.rig.test_consistency_checks import measured
 
 pytestmark = pytest.mark.slow
 

@@ -102,13 +102,13 @@ def rig(content: dict | None = None, channels=CHANNELS, **keys) -> SliderCrankMo
     """The model of a campaign with what its sensors read without noise."""
     if "drive" not in keys:  # an angle whose noise is not stated looks computed
         keys["sensors"] = {"crank_angle": {"noise": 1e-6}} | keys.get("sensors", {})
-    own = campaign(content or mechanism(), channels, **keys)
-    return build_model(own, recorded(own))
+    rig_campaign = campaign(content or mechanism(), channels, **keys)
+    return build_model(rig_campaign, recorded(rig_campaign))
 
 
 def chosen(model: SliderCrankModel, label: str) -> Candidate:
     """The candidate with this label."""
-    return next(one for one in model.candidates if one.label == label)
+    return next(item for item in model.candidates if item.label == label)
 
 
 def read(

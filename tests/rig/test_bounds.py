@@ -1,4 +1,4 @@
-"""Bounds of nuisances are refused where nothing can be simulated, before anything is."""
+"""Impossible bounds of nuisances are refused before a simulation."""
 
 import pytest
 

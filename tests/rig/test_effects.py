@@ -44,19 +44,19 @@ def test_an_effect_by_coordinates_is_the_effect_of_a_mechanism_file(made, coordi
     assert chosen(model, made["name"]).parameters(coordinates) == pytest.approx(made["parameters"])
 
 
-def test_a_speed_that_fluctuates_is_phased_by_the_angles_read():
+def test_a_speed_fluctuation_has_the_phase_of_the_measured_angles():
     made = effect("speed_fluctuation", ratio=0.05, order=2, phase_rad=0.6)
     measurements = recorded(campaign(mechanism(effects=[made])))
-    for one in (
+    for item in (
         measurements.runs.values()
     ):  # whole revolutions, so that the mean speed is that of the straight line
-        one.time[:] -= one.time[0]
+        item.time[:] -= item.time[0]
     model = build_model(campaign(mechanism()), measurements)
     values = {"cosine": 0.05 * math.cos(0.6), "sine": 0.05 * math.sin(0.6), "order": 2.0}
     assert worst(read(model, (made["name"], values)), seen(model)) < 2e-3
 
 
-def test_a_harmonic_force_is_phased_by_the_clock_of_the_record_of_each_run():
+def test_a_harmonic_force_has_its_phase_in_the_time_of_each_record():
     made = effect("harmonic_force", force_N=8.0, frequency_Hz=7.3, phase_rad=0.4)
     model = build_model(campaign(mechanism()), recorded(campaign(mechanism(effects=[made]))))
     phase = (
@@ -88,10 +88,10 @@ def test_a_harmonic_force_is_phased_by_the_clock_of_the_record_of_each_run():
 
 
 @pytest.mark.parametrize("loose", [(), PINS])
-def test_every_candidate_changes_something_and_nothing_at_zero_size(loose):
+def test_each_candidate_changes_the_readings_unless_its_size_is_zero(loose):
     model = build_model(campaign(mechanism(loose, effects=[effect("gravity")]), speeds=NEAR))
     values, base = model.nominal("slow"), read(model)
-    assert len({one.label for one in model.candidates}) == len(model.candidates)
+    assert len({item.label for item in model.candidates}) == len(model.candidates)
     for candidate in model.candidates:
         sizes = {
             p.name: p.step
@@ -103,36 +103,36 @@ def test_every_candidate_changes_something_and_nothing_at_zero_size(loose):
             candidate.label
         )
         for name, step in sizes.items():
-            found = model.simulate("slow", values, [(candidate, absent | {name: step})])
-            assert worst(found, base) > 1e-6, candidate.label
+            result = model.simulate("slow", values, [(candidate, absent | {name: step})])
+            assert worst(result, base) > 1e-6, candidate.label
 
 
-def test_every_physical_effect_of_the_catalogue_is_a_candidate_where_it_can_act_or_the_family_of_some():
+def test_each_physical_effect_is_a_candidate_or_the_family_of_candidates():
     shared = {"joint_friction": [0.05, 0.15], "restitution": [0.3, 0.9]}
     own = {"restitution_crank_pin": [0.3, 0.9]}
     loose = [
-        build_model(campaign(mechanism(PINS), nuisance=one, speeds=NEAR)) for one in (shared, own)
+        build_model(campaign(mechanism(PINS), nuisance=item, speeds=NEAR)) for item in (shared, own)
     ]
-    candidates = [one for model in loose for one in model.candidates if not one.sensor]
+    candidates = [item for model in loose for item in model.candidates if not item.sensor]
     families = {
-        (family.law.name, one.name): family.effect_shape
-        for one in candidates
-        for family in one.families
+        (family.law.name, item.name): family.effect_shape
+        for item in candidates
+        for family in item.families
     }
     assert families == {
         (law.NAME, name): shape for law in EFFECTS.values() for name, shape in law.MEMBERS.items()
     }
-    names, laws = {one.name for one in candidates}, {law for law, _ in families}
+    names, laws = {item.name for item in candidates}, {law for law, _ in families}
     assert not names & laws
     known = {"slider_force_table", "crank_brake"}  # measured or stated loads are not searched for
     assert names | laws == {name for name in EFFECTS if not name.startswith("discovered")} - known
 
 
-def test_what_cannot_act_or_a_mechanism_file_refuses_is_no_candidate():
+def test_effects_that_cannot_act_are_no_candidates():
     content = mechanism(effects=[effect("gravity")])
     content["joints"]["crank_pivot"] = "ideal"
     model = build_model(campaign(content, ["time", "crank_torque"], run={"first_angle": 0.0}))
-    labels = {one.label for one in model.candidates}
+    labels = {item.label for item in model.candidates}
     assert not labels & {
         "gravity",
         "crank_pivot_clearance",
@@ -144,19 +144,19 @@ def test_what_cannot_act_or_a_mechanism_file_refuses_is_no_candidate():
     }
     rod = {"length": 0.564, "mass": 0.773, "inertia": 1e-2, "mass_centre": 0.19}
     of_rod, of_middle = (
-        {one.label for one in build_model(campaign(mechanism(**k))).candidates}
+        {item.label for item in build_model(campaign(mechanism(**k))).candidates}
         for k in ({"rod": rod}, {})
     )
     assert of_middle - of_rod == {"rod_flexibility"}
 
 
-def test_an_effect_that_is_a_nuisances_own_parameter_replaces_it():
+def test_an_effect_replaces_the_nuisance_of_the_same_parameter():
     wide = {"joint_friction": [0.0, 0.2], "restitution": [0.3, 0.9]}
     data = {"slider_mass": "5 %", "crank_pin_clearance": "20 %"}
 
     def replaced(loose, nuisance):
         model = build_model(campaign(mechanism(loose), nuisance=nuisance, speeds=NEAR))
-        return {one.label: one.replaces for one in model.candidates if one.replaces}
+        return {item.label: item.replaces for item in model.candidates if item.replaces}
 
     assert replaced(PINS, data | wide) == {
         "added_slider_mass": {"slider_mass": "mass_kg"},

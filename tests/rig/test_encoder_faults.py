@@ -67,23 +67,25 @@ CLOCKWISE = {"direction": "clockwise"}
 def faulty(law, drive: str, run: dict):
     """A campaign and what it reads with an encoder that errs by `law`; and the exact crank angles,
     by run."""
-    own = campaign(
+    rig_campaign = campaign(
         mechanism(), READ, sensors={"crank_angle": {"noise": 1e-6}}, run=run, **DRIVES[drive]
     )
     simulated = (
         {"dropped": 12, "drive": MotorDrive(kind="motor", **MOTOR)} if drive == "motor" else {}
     )
-    measurements = recorded(own, start_angle=0.03, **simulated)  # no sample where the torque is 0
+    measurements = recorded(
+        rig_campaign, start_angle=0.03, **simulated
+    )  # no sample where the torque is 0
     exact, side = {}, -1.0 if run else 1.0
-    for name, one in measurements.runs.items():
-        exact[name] = one.crank_angle.copy()
-        one.crank_angle[:] += side * law(
-            side * one.crank_angle, side * one.channels["crank_torque"]
+    for name, item in measurements.runs.items():
+        exact[name] = item.crank_angle.copy()
+        item.crank_angle[:] += side * law(
+            side * item.crank_angle, side * item.channels["crank_torque"]
         )
         for channel in MIRRORED:
-            if run and channel in one.channels:
-                one.channels[channel] *= -1.0
-    return build_model(own, measurements), measurements, exact
+            if run and channel in item.channels:
+                item.channels[channel] *= -1.0
+    return build_model(rig_campaign, measurements), measurements, exact
 
 
 @pytest.mark.parametrize(
@@ -97,21 +99,21 @@ def faulty(law, drive: str, run: dict):
         (LAWS[2], "measured_angle", CLOCKWISE),
     ],
 )
-def test_a_fault_of_the_encoder_is_read_as_its_law_says_and_moves_nothing_else(fault, drive, run):
+def test_an_encoder_fault_changes_the_reading_by_its_law_alone(fault, drive, run):
     effect, law = fault
     model, _, _ = faulty(law, drive, run)
     inside = (
         slice(20, -20) if drive == "measured_angle" else slice(None)
     )  # the smooth angle is weak at its ends
 
-    def away(found):
+    def away(result):
         """Largest error: of an angle in 0.1 rad, of other channels in standard deviations."""
         sizes = {
             name: 0.1 if name == "crank_angle" else np.std(values)
             for name, values in seen(model).items()
         }
         return max(
-            np.abs((found[name] - seen(model)[name])[inside]).max() / size
+            np.abs((result[name] - seen(model)[name])[inside]).max() / size
             for name, size in sizes.items()
         )
 
@@ -120,27 +122,31 @@ def test_a_fault_of_the_encoder_is_read_as_its_law_says_and_moves_nothing_else(f
 
 @pytest.mark.parametrize("fault", LAWS)
 @pytest.mark.parametrize("run", [CLOCKWISE])
-def test_a_fault_of_the_encoder_can_be_taken_out_of_a_record_with_the_torque(fault, run):
+def test_an_encoder_fault_can_be_removed_from_a_record_with_torque(fault, run):
     (label, values), law = fault
     model, measurements, exact = faulty(law, "constant_speed", run)
     faults = Faults([(chosen(model, label), values)], -1.0 if run else 1.0, {})
-    corrected = faults.taken_out(measurements.runs["slow"]).crank_angle
+    corrected = faults.corrected(measurements.runs["slow"]).crank_angle
     assert corrected == pytest.approx(exact["slow"], abs=1e-6)
 
 
-def test_a_fault_of_the_encoder_is_a_candidate_where_it_could_be_seen():
+def test_an_encoder_fault_is_a_candidate_if_it_is_observable():
     couplings, off_centre = {"encoder_windup", "encoder_backlash"}, {"encoder_eccentricity"}
 
     def offered(model):
-        return {one.name for one in model.candidates} & (couplings | off_centre)
+        return {item.name for item in model.candidates} & (couplings | off_centre)
 
-    own = campaign(mechanism())
+    rig_campaign = campaign(mechanism())
     assert offered(rig()) == couplings | off_centre
-    assert offered(build_model(own)) == couplings | off_centre  # before anything is measured
+    assert (
+        offered(build_model(rig_campaign)) == couplings | off_centre
+    )  # before anything is measured
     assert (
         offered(rig(drive="measured_angle", sensors={"crank_angle": {"noise": 1e-6}})) == off_centre
     )
-    assert offered(build_model(own, recorded(own))) == set()  # an angle that was computed
+    assert (
+        offered(build_model(rig_campaign, recorded(rig_campaign))) == set()
+    )  # an angle that was computed
     assert offered(rig(channels=("time", "crank_angle"))) == set()  # as a fluctuating speed would
     assert offered(build_model(campaign(mechanism(("crank_pin",))))) == off_centre  # chaotic
 
@@ -154,15 +160,15 @@ def test_a_fault_of_the_encoder_is_a_candidate_where_it_could_be_seen():
     ],
     ids=["wind-up", "eccentricity of a measured angle that drives"],
 )
-def test_a_fault_of_the_encoder_is_named_with_its_size_beside_friction(
+def test_an_encoder_fault_and_friction_are_named_with_their_sizes(
     tmp_path, fault, drive, parameters
 ):
     (label, _), law = fault
     document = analyse(beside_friction(tmp_path, law, drive, 1), tmp_path / "results")
-    found = {effect["name"]: effect["parameters"] for effect in document["effects"]}
-    assert (document["verdict"], {*found}) == ("named", {"slider_coulomb_friction", label})
+    result = {effect["name"]: effect["parameters"] for effect in document["effects"]}
+    assert (document["verdict"], {*result}) == ("named", {"slider_coulomb_friction", label})
     for name, true in parameters.items():
-        low, high = found[label][name]["interval_99"]
+        low, high = result[label][name]["interval_99"]
         assert low < true < high
-        assert found[label][name]["value"] == pytest.approx(true, rel=0.05)
+        assert result[label][name]["value"] == pytest.approx(true, rel=0.05)
     assert document["gap"]["confirm"]["after"] == pytest.approx(1.0, abs=0.1)

@@ -59,41 +59,39 @@ def behind(folder: Path, response=None, channel: str = "crank_torque", **keys) -
 
 
 @pytest.mark.parametrize("corner, first", [(0.5, "rest"), (0.5, "cycle"), (1e-4, "cycle")])
-def test_a_high_pass_is_in_its_steady_state_from_the_first_sample_on_if_the_motion_repeats(
-    corner, first
-):
+def test_a_high_pass_of_periodic_motion_starts_in_steady_state(corner, first):
     interval, cycle = 1e-3, 0.4
     time = np.arange(5000) * interval
     wave = 3.0 + np.cos(tau / cycle * time - 0.3)
-    found = sensors.high_passed(wave, interval, cycle if first == "cycle" else 0.0, corner)
+    result = sensors.high_passed(wave, interval, cycle if first == "cycle" else 0.0, corner)
     gain = high_pass(corner)(tau / cycle)
     expected = np.real(gain * np.exp(1j * (tau / cycle * time - 0.3)))
     settled = time > (0.0 if first == "cycle" else 4.0)
-    assert found[settled] == pytest.approx(expected[settled], abs=1e-4)
+    assert result[settled] == pytest.approx(expected[settled], abs=1e-4)
     if first == "rest":
-        assert found[0] == 0.0
+        assert result[0] == 0.0
 
 
-def test_an_average_is_the_mean_over_the_time_before():
+def test_an_average_is_the_mean_over_the_previous_gate():
     time = np.arange(3000) * 1e-3
-    found = sensors.averaged(2.0 + np.sin(9.0 * time), 1e-3, 0.0, 0.05)
+    result = sensors.averaged(2.0 + np.sin(9.0 * time), 1e-3, 0.0, 0.05)
     mean = 2.0 + (np.cos(9.0 * (time - 0.05)) - np.cos(9.0 * time)) / (9.0 * 0.05)
-    assert found[60:] == pytest.approx(mean[60:], abs=1e-9)
-    assert found[0] == pytest.approx(2.0)
+    assert result[60:] == pytest.approx(mean[60:], abs=1e-9)
+    assert result[0] == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("gate", [0.05, 1.7, 500.0])
-def test_a_mean_of_a_motion_that_repeats_includes_the_turns_before_the_record(gate):
+def test_an_average_of_periodic_motion_includes_turns_before_the_record(gate):
     time, cycle = np.arange(1001) * 1e-3, 0.5
-    found = sensors.averaged(2.0 + np.sin(tau / cycle * time), 1e-3, cycle, gate)
+    result = sensors.averaged(2.0 + np.sin(tau / cycle * time), 1e-3, cycle, gate)
     w = tau / cycle
-    assert found == pytest.approx(
+    assert result == pytest.approx(
         2.0 + (np.cos(w * (time - gate)) - np.cos(w * time)) / (w * gate), abs=1e-6
     )
 
 
 @pytest.mark.parametrize("drive", ["constant_speed", "measured_angle"])
-def test_a_stated_high_pass_acts_as_the_fault_does_and_a_stated_average_as_its_frequency_response(
+def test_a_stated_high_pass_or_average_has_its_frequency_response(
     drive,
 ):
     name, options = (
@@ -112,8 +110,8 @@ def test_a_stated_high_pass_acts_as_the_fault_does_and_a_stated_average_as_its_f
         ({"high_pass": "0.5 Hz"}, high_pass(0.5)),
         ({"average": "20 ms"}, lambda w: np.exp(-0.01j * w) * np.sinc(0.01 * w / np.pi)),
     ):
-        found = read(with_key(**key))[name][:-1]  # two turns
-        assert found == pytest.approx(
+        result = read(with_key(**key))[name][:-1]  # two turns
+        assert result == pytest.approx(
             filtered(true[:-1], 0.5 * speed, response), abs=5e-3 * np.std(true)
         )
 
@@ -123,9 +121,7 @@ def test_a_stated_high_pass_acts_as_the_fault_does_and_a_stated_average_as_its_f
     ("channel", "corner"),
     [("slider_acceleration", 0.5), ("crank_torque", 0.05)],
 )
-def test_a_high_pass_of_a_sensor_is_named_with_the_friction_although_it_removes_the_mean(
-    tmp_path, channel, corner
-):
+def test_a_high_pass_and_friction_are_named(tmp_path, channel, corner):
     verdict = analyse(behind(tmp_path, high_pass(corner), channel), tmp_path / "results")
     effects = {
         (effect["name"], effect["site"]): effect["parameters"] for effect in verdict["effects"]
@@ -182,8 +178,8 @@ def swinging(folder: Path, late: float = 0.0, gate: float = 0.0) -> Path:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
         for run in content["runs"]:
             table = pd.read_csv(folder / run["file"])
-            other = table[["time", "crank_torque"]].iloc[3:-2:2]
-            other.assign(time=other["time"] + late).to_csv(
+            second = table[["time", "crank_torque"]].iloc[3:-2:2]
+            second.assign(time=second["time"] + late).to_csv(
                 folder / f"other_{run['id']}.csv", index=False
             )
             table.drop(columns="crank_torque").to_csv(folder / run["file"], index=False)
@@ -194,7 +190,7 @@ def swinging(folder: Path, late: float = 0.0, gate: float = 0.0) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("how", [{"gate": 0.05}, {"late": 0.0123}])
-def test_beside_a_counter_that_reads_means_or_a_second_clock_the_friction_is_named(tmp_path, how):
+def test_friction_is_named_with_a_counter_or_a_second_clock(tmp_path, how):
     verdict = analyse(swinging(tmp_path, **how), tmp_path / "results")
     (effect,) = verdict["effects"]
     (size,) = effect["parameters"].values()
@@ -207,7 +203,7 @@ def test_beside_a_counter_that_reads_means_or_a_second_clock_the_friction_is_nam
         assert offset["value"] == pytest.approx(how["late"], abs=5.0 * offset["sd"] + 1e-5)
 
 
-def test_the_offset_of_a_second_clock_is_searched_within_half_a_revolution_and_then_fitted(
+def test_the_offset_of_a_second_clock_is_found_within_half_a_revolution(
     tmp_path,
 ):
     model = model_of(swinging(tmp_path, late=-0.06))

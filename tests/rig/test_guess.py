@@ -157,9 +157,7 @@ def test_the_campaign_files_of_the_examples_are_guessed_from_their_data(
     ]
 
 
-def test_a_signal_needs_its_factor_a_pressure_its_bore_and_texts_and_constants_are_not_used(
-    tmp_path, monkeypatch
-):
+def test_signals_and_pressures_need_further_keys_and_texts_are_not_used(tmp_path, monkeypatch):
     files = written(
         tmp_path,
         SENSORS | {"crank_torque": ("I", "N*m"), "slider_acceleration": ("acc_V", "m/s^2")},
@@ -199,9 +197,7 @@ def test_files_of_two_loggers_are_joined_by_their_names_and_one_run_is_split(tmp
     assert [run["role"] for run in content["runs"]] == ["split"]
 
 
-def test_what_is_not_filled_in_is_one_error_with_file_and_keys_and_then_the_campaign_is_read(
-    tmp_path, monkeypatch
-):
+def test_values_to_fill_in_are_reported_in_one_error(tmp_path, monkeypatch):
     files = written(tmp_path, SENSORS | {"slider_acceleration": ("acc", "m/s^2")})
     monkeypatch.chdir(tmp_path)
     assert (
@@ -228,7 +224,7 @@ def test_what_is_not_filled_in_is_one_error_with_file_and_keys_and_then_the_camp
 
 
 @pytest.mark.slow
-def test_two_files_of_samples_lead_to_the_hidden_effect(tmp_path, monkeypatch):
+def test_two_files_of_samples_suffice_to_identify_the_effect(tmp_path, monkeypatch):
     guessed(
         tmp_path,
         [ROOT / f"config/campaigns/demonstration/{run}.csv" for run in ("slow", "fast")],
@@ -241,7 +237,7 @@ def test_two_files_of_samples_lead_to_the_hidden_effect(tmp_path, monkeypatch):
     assert "The model lacks Coulomb friction of the slider." in done.output
 
 
-def test_existing_files_are_not_replaced_and_what_cannot_be_a_run_is_refused(tmp_path, monkeypatch):
+def test_existing_files_are_not_replaced_and_unusable_files_are_refused(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     files = written(tmp_path, SENSORS, runs=(200.0, 600.0))
     new_rig(files)

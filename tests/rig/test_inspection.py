@@ -22,14 +22,14 @@ def looked(folder, without=(), **given):
 
 
 def noisy(count=400, turns=8.0):
-    given = table(200, count=count, turns=turns)
-    return given.assign(M=given.M + 0.02 * np.random.default_rng(2).standard_normal(count))
+    frame = table(200, count=count, turns=turns)
+    return frame.assign(M=frame.M + 0.02 * np.random.default_rng(2).standard_normal(count))
 
 
 def test_cycles_speed_with_its_spread_gaps_and_scatter_are_found(tmp_path):
-    given = noisy()
-    given.loc[100:119, "M"] = np.nan
-    numbers, _ = looked(tmp_path, slow=given)
+    frame = noisy()
+    frame.loc[100:119, "M"] = np.nan
+    numbers, _ = looked(tmp_path, slow=frame)
     row = numbers.loc[("slow", "crank_torque")]
     assert (row["cycles"], row["samples"], row["gaps"], row["role"]) == (8, 400, 20, "identify")
     assert row["samples_per_revolution"] == pytest.approx(50.0, rel=1e-9)
@@ -41,9 +41,9 @@ def test_cycles_speed_with_its_spread_gaps_and_scatter_are_found(tmp_path):
         tmp_path, slow=noisy(count=1003)
     )  # samples between those of the cycle before
     assert numbers.loc[("slow", "crank_torque"), "scatter"] == pytest.approx(0.02, rel=0.1)
-    given = table(200, turns=4.0, count=400)
-    given["t"] = np.interp(np.arange(400.0), [0.0, 200.0, 400.0], [0.0, 0.6, 1.2 * 0.6 + 0.6])
-    numbers, _ = looked(tmp_path, slow=given)
+    frame = table(200, turns=4.0, count=400)
+    frame["t"] = np.interp(np.arange(400.0), [0.0, 200.0, 400.0], [0.0, 0.6, 1.2 * 0.6 + 0.6])
+    numbers, _ = looked(tmp_path, slow=frame)
     speeds = math.tau / np.array([0.3, 0.3, 0.36, 0.36])
     assert numbers.loc[("slow", "crank_angle"), "speed_spread"] == pytest.approx(
         np.std(speeds[:3], ddof=1), rel=0.1
@@ -51,10 +51,10 @@ def test_cycles_speed_with_its_spread_gaps_and_scatter_are_found(tmp_path):
 
 
 def test_each_run_has_a_figure_with_every_channel_and_all_samples(tmp_path):
-    given = noisy()
-    given.loc[50:59, "x"] = np.nan
+    frame = noisy()
+    frame.loc[50:59, "x"] = np.nan
     for without in ((), ("time",), ("crank_angle",)):
-        numbers, figures = looked(tmp_path, without=without, slow=given)
+        numbers, figures = looked(tmp_path, without=without, slow=frame)
         assert numbers["mean_speed"].isna().all() == bool(
             without
         )  # unknown unless time and angle are measured
@@ -70,29 +70,29 @@ def test_each_run_has_a_figure_with_every_channel_and_all_samples(tmp_path):
         ).all()
 
 
-def test_a_channel_of_its_own_rate_is_drawn_as_one_line_that_only_longer_gaps_break(tmp_path):
-    given = noisy()
-    given.loc[given.index % 4 > 0, "M"] = np.nan  # of a slower logger
-    given.loc[200:239, "M"] = np.nan
-    torque = looked(tmp_path, slow=given)[1]["slow"].data.query("panel == 'slow: crank torque'")
-    assert given["M"].count() == 90 == torque["y"].count()
+def test_a_channel_with_a_lower_rate_is_one_line_broken_at_gaps(tmp_path):
+    frame = noisy()
+    frame.loc[frame.index % 4 > 0, "M"] = np.nan  # of a slower logger
+    frame.loc[200:239, "M"] = np.nan
+    torque = looked(tmp_path, slow=frame)[1]["slow"].data.query("panel == 'slow: crank torque'")
+    assert frame["M"].count() == 90 == torque["y"].count()
     missing = torque["y"].isna().to_numpy()
     assert 0 < missing.sum() < 45 and np.count_nonzero(np.diff(missing.astype(int)) == 1) == 1
 
 
-def test_gaps_of_the_angle_are_bridged_and_a_clockwise_run_is_drawn_at_the_angles_of_its_file(
+def test_a_clockwise_run_is_drawn_at_the_angles_of_its_file(
     tmp_path,
 ):
-    given = noisy()
-    given.loc[0:30, "theta"] = np.nan
-    torque = looked(tmp_path, slow=given)[1]["slow"].data.query("panel == 'slow: crank torque'")
+    frame = noisy()
+    frame.loc[0:30, "theta"] = np.nan
+    torque = looked(tmp_path, slow=frame)[1]["slow"].data.query("panel == 'slow: crank torque'")
     np.testing.assert_allclose(torque["x"].to_numpy(), noisy()["theta"], atol=1e-6)
-    given = noisy().assign(theta=lambda t: 360 - t.theta)
+    frame = noisy().assign(theta=lambda t: 360 - t.theta)
     clockwise = {"runs": [CAMPAIGN["runs"][0] | {"direction": "clockwise"}, CAMPAIGN["runs"][1]]}
-    numbers, figures = looked(tmp_path, over=clockwise, slow=given)
+    numbers, figures = looked(tmp_path, over=clockwise, slow=frame)
     torque = figures["slow"].data.query("panel == 'slow: crank torque'")
-    np.testing.assert_allclose(np.mod(torque["x"], 360.0), given["theta"], atol=1e-6)
-    np.testing.assert_allclose(torque["y"], given["M"])
+    np.testing.assert_allclose(np.mod(torque["x"], 360.0), frame["theta"], atol=1e-6)
+    np.testing.assert_allclose(torque["y"], frame["M"])
     read = numbers.loc[("slow", "crank_angle")]
-    assert read["high"] == pytest.approx(np.radians(given["theta"][0]))
+    assert read["high"] == pytest.approx(np.radians(frame["theta"][0]))
     assert read["low"] == pytest.approx(read["high"] - 8 * math.tau * 399 / 400)

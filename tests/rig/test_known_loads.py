@@ -123,11 +123,11 @@ def furthest(model: SliderCrankModel) -> float:
     pairs = [
         (read(model, run=run)["crank_torque"], seen(model, run)["crank_torque"]) for run in RPM
     ]
-    return max(float(np.abs(one - other).max() / np.std(other)) for one, other in pairs)
+    return max(float(np.abs(item - second).max() / np.std(second)) for item, second in pairs)
 
 
 @pytest.mark.parametrize("cycle, span", [(compressor, 360.0), (engine, 720.0)])
-def test_every_run_has_the_pressure_of_its_own_table_or_of_its_record(tmp_path, cycle, span):
+def test_the_pressure_of_a_run_is_that_of_its_table_or_record(tmp_path, cycle, span):
     of = {run: lambda degrees, level=level: cycle(degrees, level) for run, level in LEVELS.items()}
     loads = {run: [table(tmp_path, f"p_{run}", of[run], span)] for run in RPM}
     path = rig(tmp_path, loads, hidden=(), noise=0.0)
@@ -206,7 +206,7 @@ def test_implausible_pressures_and_nuisances_without_effect_are_reported(gas, tm
         read_measurements(gas(channel={"ambient_pressure": "1 bar"}))
 
 
-def test_an_engine_without_a_motor_settles_where_its_brake_takes_the_work_of_its_gas(tmp_path):
+def test_an_engine_settles_at_the_speed_where_brake_and_gas_balance(tmp_path):
     gas = table(tmp_path, "gas", lambda degrees: engine(degrees, 4.0), 720.0)
     steady = {"revolutions": 2, "samples_per_revolution": PER_TURN}
     work = -samples(gas, speed=30.0, **steady)["crank_torque"].iloc[1:].mean()
@@ -221,7 +221,7 @@ def test_an_engine_without_a_motor_settles_where_its_brake_takes_the_work_of_its
 def coulomb_alone(found: dict, force: float = 4.0) -> None:
     """Only the hidden friction is named, with its size, and the held-out run is followed within its
     noise."""
-    assert (found["verdict"], [one["name"] for one in found["effects"]]) == (
+    assert (found["verdict"], [item["name"] for item in found["effects"]]) == (
         "named",
         ["slider_coulomb_friction"],
     )
@@ -235,7 +235,7 @@ def coulomb_alone(found: dict, force: float = 4.0) -> None:
 
 
 @pytest.mark.slow
-def test_friction_is_found_beside_tables_of_single_runs(tmp_path):
+def test_friction_is_identified_with_tables_of_single_runs(tmp_path):
     loads = {
         run: [table(tmp_path, run, lambda at, level=level: engine(at, level), 720.0)]
         for run, level in LEVELS.items()
@@ -246,7 +246,7 @@ def test_friction_is_found_beside_tables_of_single_runs(tmp_path):
 
 
 @pytest.mark.slow
-def test_friction_is_found_beside_a_pressure_of_the_record_whose_sensor_has_no_zero(tmp_path):
+def test_friction_is_identified_with_a_recorded_pressure_of_unknown_zero(tmp_path):
     """The sensor's gain is wrong too; its zero is another one in each run."""
     of = {
         run: lambda degrees, level=level: compressor(degrees, level)
@@ -258,18 +258,18 @@ def test_friction_is_found_beside_a_pressure_of_the_record_whose_sensor_has_no_z
     path = rig(
         tmp_path, loads, seen_as, nuisance={"pressure_zero": "0.5 bar", "pressure_gain": "10 %"}
     )
-    found = analyse(path, tmp_path / "results")
-    coulomb_alone(found)
-    low, high = found["nuisances"]["pressure_gain"]["interval_90"]
+    result = analyse(path, tmp_path / "results")
+    coulomb_alone(result)
+    low, high = result["nuisances"]["pressure_gain"]["interval_90"]
     assert low - 0.005 < 1.06 < high + 0.005
     for run in ("slow", "mid"):
-        assert found["nuisances"][f"pressure_zero@{run}"]["value"] == pytest.approx(
+        assert result["nuisances"][f"pressure_zero@{run}"]["value"] == pytest.approx(
             1e5 * zeros[run], abs=2e3
         )
 
 
 @pytest.mark.slow  # the motor's settling makes a simulation last
-def test_friction_and_the_inertia_of_a_flywheel_are_found_under_a_motor(tmp_path):
+def test_friction_and_flywheel_inertia_are_identified_with_a_motor(tmp_path):
     """A brake sets the speed of each run, which varies within a turn by the load of a
     compressor."""
     true = {**MECHANISM, "crank": MECHANISM["crank"] | {"inertia": 0.04}}
@@ -289,7 +289,7 @@ def test_friction_and_the_inertia_of_a_flywheel_are_found_under_a_motor(tmp_path
     path = rig(
         tmp_path, loads, motors=dict.fromkeys(RPM, {"kind": "motor"} | motor), true=true, **keys
     )
-    found = analyse(with_loads(path, {run: [brakes[run]] for run in RPM}), tmp_path / "results")
-    coulomb_alone(found)
-    size = found["nuisances"]["crank_inertia"]
+    result = analyse(with_loads(path, {run: [brakes[run]] for run in RPM}), tmp_path / "results")
+    coulomb_alone(result)
+    size = result["nuisances"]["crank_inertia"]
     assert size["value"] == pytest.approx(0.04, rel=0.05)

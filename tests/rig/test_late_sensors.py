@@ -49,9 +49,7 @@ def late(folder: Path, delay: float = 0.0, lag: float = 0.0) -> Path:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "parameter"), [("delay", "delay_s"), ("lag", "lag_s")])
-def test_of_a_lag_and_a_delay_the_true_one_is_named_with_the_friction_beside_it(
-    tmp_path, name, parameter
-):
+def test_a_lag_and_a_delay_are_distinguished(tmp_path, name, parameter):
     decision, families = asked(model_of(late(tmp_path, **{name: 2.2e-3})))
     label, fit = f"sensor_{name}:crank_torque", decision.chosen
     assert decision.verdict == "named"
@@ -62,7 +60,7 @@ def test_of_a_lag_and_a_delay_the_true_one_is_named_with_the_friction_beside_it(
         "slider_coulomb_friction.force_N": FRICTION,
     }.items():
         assert abs(fit.mapping[key] - true) < 3.0 * errors[keys.index(key)]
-    (family,) = (one for one in families if one.effect == label)
+    (family,) = (item for item in families if item.effect == label)
     assert family.alone
 
 
@@ -84,13 +82,13 @@ def test_a_delay_is_not_biased_by_the_steps_of_a_counter(tmp_path, cut, stated):
     label = "sensor_delay:crank_torque"
     hypothesis = tuple(chosen(model, name) for name in ("slider_coulomb_friction", label))
     start = {"slider_coulomb_friction.force_N": 2.0, f"{label}.delay_s": 1e-3}
-    found = fit_hypothesis(Problem(model, noise_of_model(model)), hypothesis, start)
-    error = np.sqrt(found.covariance()[-1, -1])
-    assert found.mapping[f"{label}.delay_s"] == pytest.approx(1.5e-3, abs=2.5 * error)
+    result = fit_hypothesis(Problem(model, noise_of_model(model)), hypothesis, start)
+    error = np.sqrt(result.covariance()[-1, -1])
+    assert result.mapping[f"{label}.delay_s"] == pytest.approx(1.5e-3, abs=2.5 * error)
 
 
 @pytest.mark.parametrize("sensor", [{}, {"bandwidth": "50 Hz"}])
-def test_a_delay_shifts_a_reading_in_time_and_a_share_of_it_the_lagged_one(sensor):
+def test_a_delay_shifts_the_reading_in_time(sensor):
     name, model = "slider_acceleration", rig(sensors={"slider_acceleration": sensor})
     step = float(np.diff(model.series[0].time)[0])
     law = chosen(model, f"sensor_delay:{name}").families[0].law
@@ -105,7 +103,7 @@ def test_a_delay_shifts_a_reading_in_time_and_a_share_of_it_the_lagged_one(senso
     assert both[3:] == pytest.approx(lagging[:-3], abs=1e-9)
 
 
-def test_with_one_compared_channel_a_late_sensor_and_a_late_encoder_are_one_explanation(tmp_path):
+def test_with_one_channel_a_late_sensor_equals_an_early_encoder(tmp_path):
     """Against a measured angle either says the same: the position is late."""
     rng, runs = np.random.default_rng(4), {}
     for run, rpm in {"slow": 170.0, "mid": 310.0, "fast": 450.0}.items():
@@ -125,9 +123,9 @@ def test_with_one_compared_channel_a_late_sensor_and_a_late_encoder_are_one_expl
     document = analyse(path, tmp_path / "results")
     assert (document["verdict"], document["equivalent"]) == ("named", [])
     (fault,) = document["effects"]
-    (other,) = fault["alternatives"]
-    assert {fault["name"], other["name"]} == {"sensor_delay", "encoder_lag"}
-    for late in (fault, other):
+    (second,) = fault["alternatives"]
+    assert {fault["name"], second["name"]} == {"sensor_delay", "encoder_lag"}
+    for late in (fault, second):
         (size,) = late["parameters"].values()
         assert abs(size["value"]) == pytest.approx(2e-3, abs=4 * size["sd"])
     assert "cannot show which" in answer(document)

@@ -1,4 +1,4 @@
-"""A law that is on nobody's list is named as the family of those that are, with its shape."""
+"""An unlisted law is named as the family of listed laws, with its shape."""
 
 import json
 import math
@@ -28,9 +28,9 @@ def analysed(folder: Path, effect: dict) -> tuple[dict, dict, dict]:
         json.loads((folder / "results" / "verdict.json").read_text(encoding="utf-8")), SCHEMA
     )
     (written,) = yaml.safe_load((folder / "results" / "mechanism.yaml").read_text())["effects"]
-    (found,) = verdict["effects"]
-    assert (verdict["verdict"], written["name"]) == ("named", found["name"])
-    return verdict, found, written["parameters"]
+    (result,) = verdict["effects"]
+    assert (verdict["verdict"], written["name"]) == ("named", result["name"])
+    return verdict, result, written["parameters"]
 
 
 @pytest.mark.parametrize(
@@ -78,10 +78,10 @@ def analysed(folder: Path, effect: dict) -> tuple[dict, dict, dict]:
 def test_a_law_is_named_as_its_family_with_its_shape(
     tmp_path, effect, name, shape, words, size, true, off
 ):
-    verdict, found, written = analysed(tmp_path, effect)
-    (family,) = found["families"]
+    verdict, result, written = analysed(tmp_path, effect)
+    (family,) = result["families"]
     (low, high), (least, exact, most) = family["interval_99"], shape
-    assert found["name"] == name and family["named"]
+    assert result["name"] == name and family["named"]
     assert least < low <= exact <= high < most
     assert (
         words in answer(verdict)
@@ -92,13 +92,13 @@ def test_a_law_is_named_as_its_family_with_its_shape(
     assert abs(math.remainder(written[size] - true, period)) < off
 
 
-def test_a_law_of_the_list_that_shows_well_keeps_its_name(tmp_path):
+def test_a_clear_listed_law_is_not_replaced_by_its_family(tmp_path):
     # of 5 N a half that falls within a tenth of the usual speed would still be possible
-    verdict, found, _ = analysed(
+    verdict, result, _ = analysed(
         tmp_path, {"name": "slider_coulomb_friction", "parameters": {"force_N": 10.0}}
     )
-    assert found["name"] == "slider_coulomb_friction"
-    families = {family["law"]: family for family in found["families"]}
+    assert result["name"] == "slider_coulomb_friction"
+    families = {family["law"]: family for family in result["families"]}
     assert families.keys() == {
         "slider_power_drag",
         "slider_stribeck_friction",

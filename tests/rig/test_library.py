@@ -1,4 +1,4 @@
-"""A force law that is on no list is found on a slider-crank, as a formula with its size."""
+"""An unlisted force law of a slider-crank is found as a formula with its size."""
 
 import pytest
 
@@ -28,19 +28,19 @@ def regressed(model: SliderCrankModel) -> ForceLawResult:
     return find_force_law(base.problem, base.base, library(model), limits, base.differences)
 
 
-def test_a_cubic_resistance_is_found_with_its_size_and_goes_into_a_mechanism_file(tmp_path):
+def test_a_cubic_resistance_is_found_and_written_to_a_mechanism_file(tmp_path):
     model = model_of(with_hidden(tmp_path, law("-0.1*v^3")))
-    found = regressed(model)
-    assert found.accepted and not found.rivals, found.because
-    assert (found.law.effect, found.law.formula) == ("discovered_slider_force", "c1*v^3")
-    assert found.law.coefficients["c1"] == pytest.approx(-0.1, rel=0.05)
+    result = regressed(model)
+    assert result.accepted and not result.rivals, result.because
+    assert (result.law.effect, result.law.formula) == ("discovered_slider_force", "c1*v^3")
+    assert result.law.coefficients["c1"] == pytest.approx(-0.1, rel=0.05)
     augmented = augmented_mechanism(
-        model.campaign.mechanism, found.fit.hypothesis, found.fit.mapping
+        model.campaign.mechanism, result.fit.hypothesis, result.fit.mapping
     )
-    assert augmented.effect("discovered_slider_force").coefficients == found.law.coefficients
+    assert augmented.effect("discovered_slider_force").coefficients == result.law.coefficients
 
 
-def test_a_known_load_with_a_formula_stays_where_a_law_is_searched_beside_it():
+def test_a_known_formula_remains_when_a_law_is_searched():
     model = rig(mechanism(effects=[law("20*cos(theta)")]))
     cube = next(term for term in library(model) if "v^3" in term.name)
     beside = model.simulate("slow", model.nominal("slow"), [(cube, {"coefficient": -0.1})])

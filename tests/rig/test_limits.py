@@ -11,7 +11,7 @@ from jointgap.rig.simulate_run import tolerance_for
 from tests.rig.rigs import campaign, mechanism
 
 
-def test_a_film_and_a_small_clearance_ask_for_a_smaller_tolerance():
+def test_a_film_or_a_small_clearance_reduces_the_tolerance():
     film = {
         "name": "lubricated_joint",
         "site": "piston_pin",
@@ -39,9 +39,9 @@ def test_the_reach_of_speed_and_first_angle_is_ten_standard_errors_of_the_line_a
     )
 
 
-def test_outliers_lie_beyond_the_quartiles_and_beside_the_line_between_their_neighbours():
+def test_outliers_are_far_from_the_quartiles_or_the_neighbours():
     values = np.append(np.linspace(-1.0, 1.0, 101), [299.0, 310.0])  # quartiles about -0.5 and 0.5
     assert outliers(values).tolist() == [102]
     time = np.arange(50.0)
-    for off, found in ((0.09, []), (0.11, [20])):
-        assert angle_outliers(time, 0.1 * time + off * (time == 20)).tolist() == found
+    for off, result in ((0.09, []), (0.11, [20])):
+        assert angle_outliers(time, 0.1 * time + off * (time == 20)).tolist() == result

@@ -26,8 +26,8 @@ SHARE = 0.01  # of what a channel varies by that its own noise is
 def exact(resolution: float | None = None):
     """A campaign whose crank turns evenly, and what exact sensors read of it."""
     sensors = {"crank_angle": {"resolution": resolution}} if resolution else {}
-    own = campaign(mechanism(), CHANNELS, drive="measured_angle", sensors=sensors)
-    return own, recorded(own, kept=4, per_turn=36)
+    rig_campaign = campaign(mechanism(), CHANNELS, drive="measured_angle", sensors=sensors)
+    return rig_campaign, recorded(rig_campaign, kept=4, per_turn=36)
 
 
 def read(seed: int, resolution: float | None = None, encoder: float = NOISE):
@@ -56,21 +56,19 @@ def problems(model, sds, held_out: bool = False):
 
 
 @pytest.mark.parametrize("resolution, encoder", [(None, NOISE), (np.pi / 180, 0.0)])
-def test_under_the_truth_chi2_is_one_per_sample_with_the_errors_of_the_drive_and_more_without(
-    resolution, encoder
-):
+def test_chi2_of_the_true_model_is_one_per_sample_with_errors_of_the_drive(resolution, encoder):
     chi2 = []
     for seed in range(4):
         model, sds = read(seed, resolution, encoder)
         for role in (False, True):
-            chi2.append([np.mean(one.residual({}) ** 2) for one in problems(model, sds, role)])
+            chi2.append([np.mean(item.residual({}) ** 2) for item in problems(model, sds, role)])
     alone, whole = np.mean(chi2, axis=0)
     assert alone > 1.1
     assert whole == pytest.approx(1.0, abs=0.06)
 
 
 @pytest.mark.parametrize("turns", [3, 4, 7])
-def test_a_crank_that_swings_in_half_orders_turns_on_without_a_jump_before_the_record(turns):
+def test_half_orders_continue_without_a_jump_before_the_record(turns):
     """As in a four-stroke engine. With copies of one revolution the acceleration is off by three
     times its size."""
     speed, swing, noise = 30.0, 0.03, 3e-4
@@ -87,9 +85,7 @@ def test_a_crank_that_swings_in_half_orders_turns_on_without_a_jump_before_the_r
 @pytest.mark.parametrize(
     "turns, swing, resolution", [(2.5, 0.0, 0.0), (4, 0.01, 0.0), (4, 0.0, np.radians(0.1))]
 )
-def test_where_the_speed_drifts_the_errors_of_the_drive_hold_up_to_both_ends_of_the_record(
-    turns, swing, resolution
-):
+def test_errors_of_a_drifting_drive_are_right_at_both_ends(turns, swing, resolution):
     """The speed drifts by up to 3.7 %. Whitened residuals of the acceleration, 15 at each end, over
     50 draws."""
     speed, noise, own, squares = 30.0, 3e-4, 3.0, []
@@ -110,10 +106,14 @@ def test_where_the_speed_drifts_the_errors_of_the_drive_hold_up_to_both_ends_of_
         samples = sample_grid(time, read, speed, None, resolution, constant=False)
         drive = measured_drive(samples, resolution, None if resolution else noise, back=2)
 
-        def acceleration(one, at=time):
-            return PPoly(one.table[:, 1:].T, np.append(one.table[:, 0], np.inf))(one.begin + at, 2)
+        def acceleration(item, at=time):
+            return PPoly(item.table[:, 1:].T, np.append(item.table[:, 0], np.inf))(
+                item.begin + at, 2
+            )
 
-        errors = np.transpose([acceleration(one) - acceleration(drive) for one in drive.perturbed])
+        errors = np.transpose(
+            [acceleration(item) - acceleration(drive) for item in drive.perturbed]
+        )
         root = np.linalg.cholesky(own**2 * np.eye(time.size) + errors @ errors.T)
         residual = acceleration(drive) - exact + own * rng.standard_normal(time.size)
         squares.append(np.linalg.solve(root, residual) ** 2)
@@ -122,9 +122,7 @@ def test_where_the_speed_drifts_the_errors_of_the_drive_hold_up_to_both_ends_of_
 
 
 @pytest.mark.parametrize("noise, resolution", [(np.radians(0.05), 0.0), (0.0, np.radians(0.1))])
-def test_the_errors_of_the_drive_cover_orders_that_the_noise_hides_in_the_angle_but_a_flywheel_shows(
-    noise, resolution
-):
+def test_errors_of_the_drive_cover_orders_hidden_by_noise(noise, resolution):
     """Accelerations of a crank that a gas drives; an accelerometer or torque shows 0.5 % of
     them."""
     speed, orders = 37.0, np.arange(1, 13)
@@ -145,12 +143,14 @@ def test_the_errors_of_the_drive_cover_orders_that_the_noise_hides_in_the_angle_
         samples = sample_grid(time, read, speed, None, resolution, constant=False)
         drive = measured_drive(samples, resolution, noise or None, back=2)
 
-        def acceleration(one):
-            return PPoly(one.table[:, 1:].T, np.append(one.table[:, 0], np.inf))(
-                one.begin + time, 2
+        def acceleration(item):
+            return PPoly(item.table[:, 1:].T, np.append(item.table[:, 0], np.inf))(
+                item.begin + time, 2
             )
 
-        errors = np.transpose([acceleration(one) - acceleration(drive) for one in drive.perturbed])
+        errors = np.transpose(
+            [acceleration(item) - acceleration(drive) for item in drive.perturbed]
+        )
         root = np.linalg.cholesky(own**2 * np.eye(time.size) + errors @ errors.T)
         residual = acceleration(drive) - exact + own * rng.standard_normal(time.size)
         squares.append(np.mean(np.linalg.solve(root, residual) ** 2))
@@ -160,7 +160,7 @@ def test_the_errors_of_the_drive_cover_orders_that_the_noise_hides_in_the_angle_
 
 
 @pytest.mark.parametrize("swing", [0.1, 0.3, 0.6])
-def test_beyond_a_record_a_crank_that_swings_turns_at_its_slow_speed(swing):
+def test_beyond_a_record_the_crank_continues_at_its_slow_speed(swing):
     time = np.linspace(0.0, 2.0, 400)
     angle = 20.0 * time + swing * np.sin(20.0 * time)
     for end, away in ((0, -1.0), (-1, 1.0)):

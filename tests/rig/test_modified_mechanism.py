@@ -1,4 +1,4 @@
-"""What is written into a mechanism, value for value and without a simulation."""
+"""Changes of a mechanism by nuisances and effects, without a simulation."""
 
 import pytest
 
@@ -23,8 +23,10 @@ def made(loose=JOINTS, **content):
 @pytest.fixture(scope="module")
 def candidates():
     """What a fit can vary, by label."""
-    own = campaign(mechanism(PINS), speeds=(30.0, 31.0), nuisance={"joint_friction": [0.0, 0.3]})
-    return {one.label: one for one in build_model(own).candidates}
+    rig_campaign = campaign(
+        mechanism(PINS), speeds=(30.0, 31.0), nuisance={"joint_friction": [0.0, 0.3]}
+    )
+    return {item.label: item for item in build_model(rig_campaign).candidates}
 
 
 @pytest.mark.parametrize(
@@ -39,7 +41,7 @@ def candidates():
         ("restitution_crank_pin", 0.7, lambda m: m.joint("crank_pin").contact.restitution),
     ],
 )
-def test_a_nuisance_changes_the_datum_of_its_name_alone(name, value, read):
+def test_a_nuisance_changes_only_its_own_value(name, value, read):
     changed, own = with_nuisances(made(), {name: value}), made()
     assert read(changed) == pytest.approx(value, rel=1e-12) != read(own)
     parts = ("crank", "rod", "slider", "joints", "effects")
@@ -69,7 +71,7 @@ def test_an_effect_without_size_is_left_out(candidates, label, values, expected)
         assert getattr(effects[0].parameters, name) == pytest.approx(value)
 
 
-def test_a_rod_that_is_too_stiff_to_simulate_is_simulated_at_the_limit_with_its_share(candidates):
+def test_a_stiff_rod_is_simulated_at_the_limit_with_its_share(candidates):
     rod, stiff = candidates["rod_flexibility"], {"compliance_s2": 1e-12}
     nearest, share = EFFECTS["rod_flexibility"].simulated(stiff)
     others = [(candidates["slider_coulomb_friction"], {"force_N": 5.0})]
@@ -79,7 +81,7 @@ def test_a_rod_that_is_too_stiff_to_simulate_is_simulated_at_the_limit_with_its_
     assert simulated_effects(others) == (others, others, 1.0)
 
 
-def test_a_fit_writes_its_nuisances_its_effects_and_what_they_replaced_and_nothing_of_single_runs(
+def test_a_fit_changes_the_mechanism_by_nuisances_and_effects_of_all_runs(
     candidates,
 ):
     values = {
@@ -96,7 +98,7 @@ def test_a_fit_writes_its_nuisances_its_effects_and_what_they_replaced_and_nothi
     changed = augmented_mechanism(made(PINS), tuple(map(candidates.get, labels)), values)
     assert (changed.slider.mass, changed.rod.mass) == (0.5, made().rod.mass)
     assert changed.joint("piston_pin").contact.friction == 0.15
-    assert [one.name for one in changed.effects] == ["pin_friction", "slider_coulomb_friction"]
+    assert [item.name for item in changed.effects] == ["pin_friction", "slider_coulomb_friction"]
     assert changed.effect("pin_friction").coefficient == pytest.approx(0.2)
     assert changed.effect("slider_coulomb_friction").force_N == 5.0
     assert Mechanism.model_validate(changed.model_dump()) == changed

@@ -1,4 +1,4 @@
-"""Motion at the samples: where revolutions repeat, one is simulated for all."""
+"""Periodic motion: one simulated revolution replaces all."""
 
 import numpy as np
 import pytest
@@ -17,9 +17,9 @@ PISTON, PINS = ("piston_pin",), ("crank_pin", "piston_pin")
 
 
 def driven(loose, *effects, kept=5, friction=0.1, **keys):
-    own = campaign(mechanism(loose, friction, effects), **keys)
-    plan = build_model(own, recorded(own, kept=kept)).plans["slow"]
-    return constant_speed_run(own.mechanism.applied(), plan, {}, 0.0, TOLERANCE)
+    rig_campaign = campaign(mechanism(loose, friction, effects), **keys)
+    plan = build_model(rig_campaign, recorded(rig_campaign, kept=kept)).plans["slow"]
+    return constant_speed_run(rig_campaign.mechanism.applied(), plan, {}, 0.0, TOLERANCE)
 
 
 def effect(name, site=None, **parameters):
@@ -65,24 +65,24 @@ def followed(monkeypatch):
 
     def follow(run):
         ends.clear()
-        found = motion.channels_at(run.numbers, run.angles, TOLERANCE, change=over_noise)
-        assert found["crank_angle"] == pytest.approx(run.angles)
-        return found, list(ends)
+        result = motion.channels_at(run.numbers, run.angles, TOLERANCE, change=over_noise)
+        assert result["crank_angle"] == pytest.approx(run.angles)
+        return result, list(ends)
 
     monkeypatch.setattr(motion, "integrate_on", counted)
     return follow
 
 
 @pytest.mark.parametrize("loose, length", [(PISTON, 4), (PINS, 5)])
-def test_one_settled_revolution_stands_for_the_record(loose, length, followed):
+def test_one_settled_revolution_replaces_the_record(loose, length, followed):
     run = driven(loose)
-    found, ends = followed(run)
+    result, ends = followed(run)
     assert ends[-1] == pytest.approx(length, abs=0.1)
     later = integrated(
         run.numbers, np.sort(run.angles) + 6 * TURN
     )  # long after the start nothing else is seen
-    assert apart(found, later) < 2e-3
-    assert found["time"] == pytest.approx(
+    assert apart(result, later) < 2e-3
+    assert result["time"] == pytest.approx(
         (run.angles - run.numbers.drive.start_angle) / run.numbers.drive.speed
     )
 
@@ -94,24 +94,24 @@ def test_one_settled_revolution_stands_for_the_record(loose, length, followed):
         ([], {"start": "dead_centre"}),
     ],
 )
-def test_a_force_with_a_frequency_of_its_own_and_a_record_from_the_start_are_simulated_throughout(
+def test_non_periodic_forces_and_records_from_the_start_are_simulated_in_full(
     effects, keys, followed
 ):
     run = driven(PISTON, *effects, run=keys)
-    found, ends = followed(run)
+    result, ends = followed(run)
     assert len(ends) == 1 and (keys or ends[0] > 6.5)
-    assert apart(found, integrated(run.numbers, run.angles)) < 1e-6
+    assert apart(result, integrated(run.numbers, run.angles)) < 1e-6
 
 
-def test_a_motion_that_does_not_repeat_is_simulated_throughout(followed):
+def test_non_periodic_motion_is_simulated_in_full(followed):
     run = driven(PINS, friction=0.0, kept=2)
-    found, ends = followed(run)
+    result, ends = followed(run)
     later = integrated(run.numbers, run.angles + 11 * TURN)  # it begins after two revolutions
     assert ends[-2] == pytest.approx(13.0, abs=0.1)
-    assert apart(found, later) < 1e-6
+    assert apart(result, later) < 1e-6
 
 
-def test_an_integration_that_goes_on_is_the_one_that_never_stopped():
+def test_a_continued_integration_equals_an_uninterrupted_one():
     p = driven(PINS).numbers
     angles = p.drive.start_angle + np.sort(
         np.random.default_rng([3, 1]).uniform(0.0, 4 * TURN, 300)
@@ -138,13 +138,13 @@ def test_an_integration_that_goes_on_is_the_one_that_never_stopped():
     assert 0 <= steps - whole.steps < 20  # the step that holds the last sample is made again
 
 
-def test_a_rod_that_rings_for_long_is_left_to_ring_before_a_revolution_stands_for_the_record(
+def test_a_weakly_damped_rod_settles_before_one_revolution_is_used(
     followed,
 ):
     """Some ten and a half times a revolution; seven time constants of its decay take eleven
     revolutions and more."""
     run = driven((), effect("rod_flexibility", frequency_Hz=10.5 * 30.0 / TURN, damping_ratio=0.01))
     back = round((run.angles.min() - run.numbers.drive.start_angle) / TURN)
-    found, ends = followed(run)
+    result, ends = followed(run)
     assert back > 10 and ends[-1] == pytest.approx(back + 1.0, abs=0.1)
-    assert over_noise(found, integrated(run.numbers, np.sort(run.angles) + 40 * TURN)) < 1.0
+    assert over_noise(result, integrated(run.numbers, np.sort(run.angles) + 40 * TURN)) < 1.0

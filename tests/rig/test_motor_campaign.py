@@ -53,23 +53,23 @@ def rig(folder: Path, *hidden: dict, **nuisance) -> Path:
 
 
 @pytest.mark.slow  # the motor's settling makes a simulation last
-def test_what_is_hidden_is_found_although_each_run_has_a_line_of_its_own(tmp_path):
+def test_friction_is_identified_with_a_motor_line_for_each_run(tmp_path):
     hidden = {"name": "slider_coulomb_friction", "parameters": {"force_N": 8.0}}
-    found = analyse(rig(tmp_path, hidden, slider_mass="5%", **WIDE), tmp_path / "results")
-    (effect,) = found["effects"]
-    assert (found["verdict"], effect["name"]) == ("named", "slider_coulomb_friction")
+    result = analyse(rig(tmp_path, hidden, slider_mass="5%", **WIDE), tmp_path / "results")
+    (effect,) = result["effects"]
+    assert (result["verdict"], effect["name"]) == ("named", "slider_coulomb_friction")
     low, high = effect["parameters"]["force_N"]["interval_90"]
     assert low - 0.1 < 8.0 < high + 0.1
     for run in ("slow", "mid"):
         torque, no_load = LINES[run]
-        assert found["nuisances"][f"no_load_speed@{run}"]["value"] == pytest.approx(
+        assert result["nuisances"][f"no_load_speed@{run}"]["value"] == pytest.approx(
             no_load, rel=0.02
         )
-        assert found["nuisances"][f"stall_torque@{run}"]["value"] == pytest.approx(torque, rel=0.1)
-    assert found["gap"]["confirm"]["after"] < 1.3
+        assert result["nuisances"][f"stall_torque@{run}"]["value"] == pytest.approx(torque, rel=0.1)
+    assert result["gap"]["confirm"]["after"] < 1.3
 
 
-def test_the_model_leaves_noise_alone_where_nothing_is_hidden_but_the_lines_differ(tmp_path):
+def test_different_motor_lines_leave_only_noise(tmp_path):
     model = model_of(rig(tmp_path, **WIDE))
     problem = Problem(model, noise_of_model(model))
     stated = {p.key: p.nominal for p in problem.nuisances}
@@ -80,7 +80,7 @@ def test_the_model_leaves_noise_alone_where_nothing_is_hidden_but_the_lines_diff
     assert problem.gap(problem.residual(stated | own)) == pytest.approx(1.0, abs=0.1)
 
 
-def test_a_preflight_follows_the_motion_that_was_recorded_where_the_crank_does_not_turn_evenly(
+def test_a_preflight_uses_the_recorded_unsteady_motion(
     tmp_path,
 ):
     rng, alike = np.random.default_rng(2), []

@@ -40,36 +40,38 @@ def rung(motions, channel: str, every: int, seed: int, stated: bool = False):
     value = rig[channel].to_numpy() + sd * np.random.default_rng(seed).standard_normal(len(rig))
     time, angle = rig["time"].to_numpy(), rig["crank_angle"].to_numpy()
     known = np.full(value.size, sd) if stated else None
-    one = Series("run", channel, "SI", value, time, angle, np.zeros(value.size, bool), known)
+    item = Series("run", channel, "SI", value, time, angle, np.zeros(value.size, bool), known)
     noise = estimate_noise(
-        replace(toy(), series=[one]), {one.key: value - model[channel].to_numpy()}
-    )[one.key]
+        replace(toy(), series=[item]), {item.key: value - model[channel].to_numpy()}
+    )[item.key]
     return noise.estimated_sd / sd, noise.remarks
 
 
 @pytest.mark.parametrize("channel", ["crank_torque", "slider_acceleration"])
-def test_ringing_between_the_samples_of_a_loose_pin_is_no_noise(loose_pin, channel):
+def test_ringing_of_a_loose_pin_is_not_noise(loose_pin, channel):
     for every in (5, 10):  # 274.6 and 137.3 samples a turn: phases do not repeat
-        found = [rung(loose_pin, channel, every, seed)[0] for seed in range(3)]
-        assert np.mean(found) == pytest.approx(1.0, abs=0.05)
+        result = [rung(loose_pin, channel, every, seed)[0] for seed in range(3)]
+        assert np.mean(result) == pytest.approx(1.0, abs=0.05)
     assert not rung(loose_pin, channel, 10, 0, stated=True)[
         1
     ]  # a true stated noise is not called too small
 
 
-def test_each_channel_of_loggers_that_were_joined_has_its_own_rate_noise_and_memory():
-    own = campaign(mechanism(), ("time", "crank_angle", "slider_acceleration", "crank_torque"))
-    rng, measurements = np.random.default_rng(5), recorded(own, kept=8, per_turn=180)
+def test_joined_channels_have_separate_rates_and_noise():
+    rig_campaign = campaign(
+        mechanism(), ("time", "crank_angle", "slider_acceleration", "crank_torque")
+    )
+    rng, measurements = np.random.default_rng(5), recorded(rig_campaign, kept=8, per_turn=180)
     loggers = {  # every so many rows, sd and memory of the noise
         "crank_torque": (4, 0.2, 0.7),
         "slider_acceleration": (1, 1.0, 0.0),
         "crank_angle": (2, np.deg2rad(0.05), 0.0),
     }
-    for one in measurements.runs.values():
+    for item in measurements.runs.values():
         for name, (rows, sd, memory) in loggers.items():
             values, noise = (
-                (one.channels | {"crank_angle": one.crank_angle})[name],
-                rng.standard_normal(one.time.size),
+                (item.channels | {"crank_angle": item.crank_angle})[name],
+                rng.standard_normal(item.time.size),
             )
             values += (
                 sd
@@ -78,13 +80,13 @@ def test_each_channel_of_loggers_that_were_joined_has_its_own_rate_noise_and_mem
                 ]
             )
             values[np.arange(noise.size) % rows > 0] = np.nan
-    model = build_model(own, measurements)
+    model = build_model(rig_campaign, measurements)
     noise = noise_of_model(model)
-    for (_, channel), found in noise.items():
+    for (_, channel), result in noise.items():
         rows, sd, memory = loggers[channel]
-        assert found.sd.size == (8 * 180 + rows) // rows
-        assert found.sd[0] == pytest.approx(sd, rel=0.15)
-        assert (found.autocorrelation or (0.0,))[0] == pytest.approx(memory, abs=0.15)
+        assert result.sd.size == (8 * 180 + rows) // rows
+        assert result.sd[0] == pytest.approx(sd, rel=0.15)
+        assert (result.autocorrelation or (0.0,))[0] == pytest.approx(memory, abs=0.15)
     problem = Problem(model, noise)
     assert problem.gap(
         problem.residual({p.key: p.nominal for p in problem.nuisances})

@@ -54,14 +54,16 @@ def without(channel):
     ],
 )
 def test_prediction_is_the_simulation_at_the_samples(keys, simulated, unread, bound):
-    own = campaign(**{"content": mechanism()} | keys)
-    model = build_model(own, recorded(own, **simulated))
+    rig_campaign = campaign(**{"content": mechanism()} | keys)
+    model = build_model(rig_campaign, recorded(rig_campaign, **simulated))
     for run in model.plans:
-        found, expected = read(model, run=run), seen(model, run)
-        assert found.keys() == expected.keys() == set(own.channels) - unread
-        assert worst(found, expected) < bound
+        result, expected = read(model, run=run), seen(model, run)
+        assert result.keys() == expected.keys() == set(rig_campaign.channels) - unread
+        assert worst(result, expected) < bound
     if keys.get("drive") == "measured_angle":  # the smooth angle is weak at the ends of the record
-        inside = [{name: value[20:-20] for name, value in one.items()} for one in (found, expected)]
+        inside = [
+            {name: value[20:-20] for name, value in item.items()} for item in (result, expected)
+        ]
         assert worst(*inside) < 1e-3
 
 
@@ -93,20 +95,20 @@ WEIGHT = [{"name": "gravity", "parameters": {}}]
 )
 def test_a_clockwise_crank_is_the_mirror_image_of_a_counter_clockwise_one(front, behind):
     measurements = recorded(campaign(mechanism(**front)))
-    for one in measurements.runs.values():
+    for item in measurements.runs.values():
         for channel in TURNED:
-            one.channels[channel] *= -1.0
+            item.channels[channel] *= -1.0
     model = build_model(campaign(mechanism(**behind), run={"direction": "clockwise"}), measurements)
     assert worst(read(model), seen(model)) < 1e-9
 
 
 def test_gaps_are_predicted_too():
-    own = campaign(mechanism())
-    measurements = recorded(own)
-    one = measurements.runs["slow"]
-    one.channels["crank_torque"][20:40] = np.nan
-    one.crank_angle[50:60] = np.nan
-    model = build_model(own, measurements)
+    rig_campaign = campaign(mechanism())
+    measurements = recorded(rig_campaign)
+    item = measurements.runs["slow"]
+    item.channels["crank_torque"][20:40] = np.nan
+    item.crank_angle[50:60] = np.nan
+    model = build_model(rig_campaign, measurements)
     assert all(np.isfinite(values).all() for values in read(model).values())
     assert np.isnan(seen(model)["crank_torque"]).sum() == 20
 

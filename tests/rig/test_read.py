@@ -66,24 +66,24 @@ def test_a_changed_byte_in_a_parquet_file_with_checksums_is_refused(tmp_path):
         read_measurements(load_campaign(path))
 
 
-def test_an_angle_runs_on_however_it_wraps(tmp_path):
+def test_wrapped_angles_become_continuous(tmp_path):
     true = samples(SLOW, turns=7.0)["crank_angle"]
     noise = 2.0 * np.random.default_rng(0).standard_normal(240)  # deg, at its bound
 
     def runs_on(wrapped, added=0.0):
-        given = table(SLOW, turns=7.0).assign(theta=wrapped(np.degrees(true) + added))
+        frame = table(SLOW, turns=7.0).assign(theta=wrapped(np.degrees(true) + added))
         for without in ((), ("time",)):
-            found = rig(tmp_path, without=without, slow=given).runs["slow"].crank_angle
-            assert np.ptp(found - true - np.radians(added)) < 1e-9
-            assert abs(math.remainder(found[0] - np.radians(given.theta[0]), math.tau)) < 1e-9
+            result = rig(tmp_path, without=without, slow=frame).runs["slow"].crank_angle
+            assert np.ptp(result - true - np.radians(added)) < 1e-9
+            assert abs(math.remainder(result[0] - np.radians(frame.theta[0]), math.tau)) < 1e-9
 
     for wrap in (lambda a: a, lambda a: (a + 180) % 360 - 180, lambda a: a % 1440):
         runs_on(wrap)
     runs_on(lambda a: a % 360, noise)
-    given = table(SLOW, turns=20.0, count=800)
-    given.loc[100:500, "theta"] = np.nan  # a gap of several turns
-    given["t"] *= 1.05  # the speed is 5 % off nominal
-    angle = read_rig(tmp_path, slow=given).runs["slow"].crank_angle
+    frame = table(SLOW, turns=20.0, count=800)
+    frame.loc[100:500, "theta"] = np.nan  # a gap of several turns
+    frame["t"] *= 1.05  # the speed is 5 % off nominal
+    angle = read_rig(tmp_path, slow=frame).runs["slow"].crank_angle
     known = np.isfinite(angle)
     assert not known[100:501].any()
     np.testing.assert_allclose(
@@ -142,16 +142,16 @@ def test_signals_counts_and_sample_numbers_become_si(tmp_path):
     assert "16-bit" in remark
 
 
-def test_of_rows_at_one_time_the_campaign_says_which_is_kept_and_a_row_written_twice_is_one_sample(
+def test_repeated_rows_and_times_are_kept_once(
     tmp_path,
 ):
     """A solver writes the state before and after an event at the same time."""
     before = table(SLOW)
-    given = pd.concat([before.iloc[:51], before.iloc[[50]].assign(M=7.0), before.iloc[51:]])
+    frame = pd.concat([before.iloc[:51], before.iloc[[50]].assign(M=7.0), before.iloc[51:]])
     with pytest.raises(InputError, match=r"row 53: time repeats .*1 rows do.*'repeated: last'"):
-        read_rig(tmp_path, slow=given)
+        read_rig(tmp_path, slow=frame)
     for which, value in (("first", before.M[50]), ("last", 7.0)):
-        measurements = read_rig(tmp_path, {"channels": {"time": {"repeated": which}}}, slow=given)
+        measurements = read_rig(tmp_path, {"channels": {"time": {"repeated": which}}}, slow=frame)
         assert measurements.runs["slow"].channels["crank_torque"][50] == value
         assert (
             measurements.runs["slow"].time.size == 240
@@ -168,9 +168,9 @@ def test_of_rows_at_one_time_the_campaign_says_which_is_kept_and_a_row_written_t
 
 
 def test_gaps_are_no_data(tmp_path):
-    given = table(SLOW)
-    given.loc[5:9, "M"], given.loc[20:22, "t"] = np.nan, np.nan
-    measurements = read_rig(tmp_path, slow=given)
+    frame = table(SLOW)
+    frame.loc[5:9, "M"], frame.loc[20:22, "t"] = np.nan, np.nan
+    measurements = read_rig(tmp_path, slow=frame)
     recording = measurements.runs["slow"]
     assert np.isnan(recording.channels["crank_torque"]).sum() == 5
     np.testing.assert_allclose(
@@ -179,9 +179,9 @@ def test_gaps_are_no_data(tmp_path):
     assert measurements.remarks == (
         f"{tmp_path}/slow.csv, column t: 3 samples have no time, skipped",
     )
-    given = table(SLOW)
-    given.loc[20, "theta"] = np.nan  # and no times are measured
-    measurements = rig(tmp_path, without=("time",), slow=given)
+    frame = table(SLOW)
+    frame.loc[20, "theta"] = np.nan  # and no times are measured
+    measurements = rig(tmp_path, without=("time",), slow=frame)
     assert (
         measurements.runs["slow"].crank_angle.size == 239 and not measurements.runs["slow"].has_time
     )
@@ -256,7 +256,7 @@ def test_unusable_samples_are_refused_with_file_column_row_and_fix(
         rig(tmp_path, over, without=(without,), slow=frame)
 
 
-def test_a_row_of_units_must_say_what_the_campaign_says(tmp_path):
+def test_a_row_of_units_must_agree_with_the_campaign(tmp_path):
     path, file = write_rig(tmp_path), tmp_path / "slow.csv"
     text = file.read_text(encoding="utf-8")
     for units in ("s,deg,mm,N*m", "[s],[°],[mm],[Nm]", "[Sec],[CAD],[MM],[N-m]"):
@@ -272,7 +272,7 @@ def test_a_row_of_units_must_say_what_the_campaign_says(tmp_path):
             read_measurements(load_campaign(path))
 
 
-def test_nuisances_without_a_use_are_remarked(tmp_path):
+def test_nuisances_without_effect_are_reported(tmp_path):
     ideal = read_yaml(PAPER) | {"joints": {"crank_pin": "ideal", "piston_pin": "ideal"}}
     (remark,) = read_rig(
         tmp_path, {"mechanism": ideal, "nuisance": {"restitution": [0.3, 0.9]}}

@@ -47,9 +47,7 @@ def off(model, run, **values) -> float:
 @pytest.mark.parametrize(
     "gaps, bound", [(0, 2e-5), (40, 5e-5)]
 )  # what a smooth angle through 50 samples a second leaves
-def test_with_zeros_offset_lengths_and_lag_as_they_are_the_model_reads_what_closed_form_kinematics_say(
-    tmp_path, gaps, bound
-):
+def test_the_model_agrees_with_closed_form_kinematics(tmp_path, gaps, bound):
     model = model_of(tmp_path, replace(QUIET, gaps=gaps), nuisance=LAGGING)
     assert np.isnan(model.series[0].value).sum() == gaps
     for run, values in zip(("r0", "r1"), QUIET.truth, strict=True):
@@ -68,7 +66,7 @@ def test_with_zeros_offset_lengths_and_lag_as_they_are_the_model_reads_what_clos
         {"run": {"direction": "clockwise"}},
     ],
 )
-def test_the_encoders_zero_acts_in_every_drive_as_the_candidate_that_all_runs_share(keys):
+def test_the_encoder_zero_acts_as_the_encoder_offset_in_each_drive(keys):
     model = rig(nuisance=ZERO, **keys)
     plain, moved = read(model), read(model, encoder_zero=0.05)
     offset = read(model, ("encoder_offset", {"offset_rad": 0.05}))
@@ -91,10 +89,10 @@ def test_an_encoder_that_lags_reads_less_by_the_speed_times_the_lag():
     assert late["slider_position"] == pytest.approx(early["slider_position"], abs=1e-9)
 
 
-def test_zeros_lengths_and_lag_are_fitted_to_what_they_are(tmp_path):
+def test_zeros_lengths_and_lag_are_recovered_by_a_fit(tmp_path):
     own = replace(SHORT, jitter=0.0)
     model = model_of(tmp_path, own, nuisance=LAGGING)
-    found = fit_hypothesis(
+    result = fit_hypothesis(
         Problem(model, {s.key: Noise(np.full(s.value.shape, own.noise)) for s in model.series})
     )
     close = {
@@ -105,8 +103,8 @@ def test_zeros_lengths_and_lag_are_fitted_to_what_they_are(tmp_path):
     }
     for run, values in enumerate(own.truth[:3]):
         for name, value in (values | {"encoder_lag": own.lag}).items():
-            key = f"{name}@r{run}" if f"{name}@r{run}" in found.mapping else name
-            assert found.mapping[key] == pytest.approx(value, abs=close.get(name, 3e-4)), key
+            key = f"{name}@r{run}" if f"{name}@r{run}" in result.mapping else name
+            assert result.mapping[key] == pytest.approx(value, abs=close.get(name, 3e-4)), key
 
 
 def scatter(stated: float | None, **options):
@@ -120,11 +118,11 @@ def scatter(stated: float | None, **options):
         time.size
     )
     value = own.position(angle) + residual
-    one = SimpleNamespace(
+    item = SimpleNamespace(
         series=[recorded_rig.series("r0", "slider_position", "m", value, time, angle, stated)]
     )
     return (
-        estimate_noise(one, {("r0", "slider_position"): residual})["r0", "slider_position"],
+        estimate_noise(item, {("r0", "slider_position"): residual})["r0", "slider_position"],
         own,
         rate,
     )
@@ -137,7 +135,7 @@ def scatter(stated: float | None, **options):
         *((stated, white, 1e-4) for stated in (None, 1e-4) for white in (1e-7, 1e-6, 3e-6)),
     ],
 )
-def test_noise_grows_with_a_channels_rate_as_time_stamps_make_it(stated, white, jitter):
+def test_jitter_of_time_stamps_increases_noise_with_the_rate(stated, white, jitter):
     noise, own, rate = scatter(stated, noise=white, jitter=jitter)
     floor = (
         1e-4 * own.crank / math.sqrt(2.0)
@@ -157,7 +155,7 @@ def sensors(**more):
     }
 
 
-def test_an_unsteady_crank_under_constant_speed_is_remarked_with_its_size_and_a_coarse_encoder_is_none(
+def test_an_unsteady_crank_is_reported_and_a_coarse_encoder_is_not(
     tmp_path,
 ):
     steady, uneven = (
@@ -172,20 +170,20 @@ def test_an_unsteady_crank_under_constant_speed_is_remarked_with_its_size_and_a_
     )
     assert not steady and len(uneven) == 2
     assert all("constant_speed" in remark and "measured_angle" in remark for remark in uneven)
-    told = float(uneven[0].split("by ±")[1].split(" %")[0])
-    assert told == pytest.approx(
+    reason = float(uneven[0].split("by ±")[1].split(" %")[0])
+    assert reason == pytest.approx(
         100 * 0.12 * 1.3, rel=0.25
     )  # the first order and the second's crests
 
 
 @pytest.mark.slow  # a whole campaign, some 45 s
 @pytest.mark.parametrize("name", ["encoder_lag", "encoder_zeros"])
-def test_six_runs_as_recorded_are_named_by_the_lag_or_by_zeros_that_nobody_listed(tmp_path, name):
+def test_the_encoder_lag_or_zeros_of_six_runs_are_named(tmp_path, name):
     own = replace(Rig(), lag=0.0 if name == "encoder_zeros" else Rig.lag)
     nuisance = {key: value for key, value in NUISANCE.items() if key != "encoder_zero" or own.lag}
-    found = analyse(recorded_rig.write(tmp_path, own, {"nuisance": nuisance}), tmp_path / "found")
-    (effect,) = found["effects"]
-    assert (found["verdict"], effect["name"]) == ("named", name)
+    result = analyse(recorded_rig.write(tmp_path, own, {"nuisance": nuisance}), tmp_path / "found")
+    (effect,) = result["effects"]
+    assert (result["verdict"], effect["name"]) == ("named", name)
     zeros = [f"zero_rad@r{run}" for run in range(5)]
     true = (
         {"lag_s": own.lag}
@@ -196,4 +194,4 @@ def test_six_runs_as_recorded_are_named_by_the_lag_or_by_zeros_that_nobody_liste
         low, high = effect["parameters"][parameter]["interval_90"]
         slack = 1e-4 if own.lag else 5e-4
         assert low - slack < value < high + slack
-    assert found["gap"]["confirm"]["after"] < 1.3
+    assert result["gap"]["confirm"]["after"] < 1.3

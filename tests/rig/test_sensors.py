@@ -39,10 +39,10 @@ def test_the_low_pass_is_butterworths_of_fourth_order(frequency):
     assert np.max(np.abs(causal[INSIDE])) == pytest.approx(math.sqrt(power), rel=1e-3)
 
 
-def test_a_causal_low_pass_turns_its_corner_by_half_a_period_and_comes_late():
+def test_a_causal_low_pass_delays_its_corner_by_half_a_period():
     at_corner, slow, lifted = (
-        sensors.low_pass(one, INTERVAL, CORNER, causal=True)
-        for one in (wave(CORNER), wave(1.0), wave(1.0) + 5.0)
+        sensors.low_pass(item, INTERVAL, CORNER, causal=True)
+        for item in (wave(CORNER), wave(1.0), wave(1.0) + 5.0)
     )
     assert at_corner[INSIDE] == pytest.approx(-math.sqrt(0.5) * wave(CORNER)[INSIDE], abs=1e-3)
     assert slow[INSIDE] == pytest.approx(
@@ -53,9 +53,9 @@ def test_a_causal_low_pass_turns_its_corner_by_half_a_period_and_comes_late():
 
 def test_a_lag_follows_its_differential_equation_and_is_exact_for_straight_lines():
     time, lag = np.arange(4000) * 1e-3, 0.05
-    found, settled = sensors.lagged(np.cos(3.0 * time), 1e-3, lag), time > 1.0
+    result, settled = sensors.lagged(np.cos(3.0 * time), 1e-3, lag), time > 1.0
     expected = np.cos(3.0 * time - math.atan(3.0 * lag)) / math.hypot(1.0, 3.0 * lag)
-    assert found[settled] == pytest.approx(expected[settled], abs=2e-6)
+    assert result[settled] == pytest.approx(expected[settled], abs=2e-6)
     ramp = sensors.lagged(3.0 * time, 1e-3, lag)
     assert ramp == pytest.approx(3.0 * (time - lag * (1.0 - np.exp(-time / lag))), abs=1e-11)
 
@@ -67,11 +67,11 @@ def test_bias_and_gain_act_on_their_own_channel_alone(plain):
         ("bias", {"bias": 0.3}, torque + 0.3),
         ("gain", {"gain_error": 0.05}, 1.05 * torque),
     ):
-        found = read(model, (f"sensor_{fault}:crank_torque", values))
-        assert worst(found, true | {"crank_torque": expected}) < 1e-12
+        result = read(model, (f"sensor_{fault}:crank_torque", values))
+        assert worst(result, true | {"crank_torque": expected}) < 1e-12
 
 
-def test_an_encoders_offset_is_in_the_angle_read_and_places_all_else(plain):
+def test_an_encoder_offset_shifts_the_other_channels(plain):
     model, true = plain
     offset = read(model, ("encoder_offset", {"offset_rad": math.tau / 90}))
     assert offset["crank_angle"] == pytest.approx(true["crank_angle"])
@@ -83,10 +83,10 @@ def test_an_accelerometer_reads_gravity_upwards_with_its_gain_and_without_its_bi
     reading = campaign(mechanism(gravity_direction=0.0), sensors={name: {"reads_gravity": True}})
     model, true = build_model(reading), read(build_model(own))[name]
     assert read(model)[name] == pytest.approx(true - GRAVITY)
-    found = read(
+    result = read(
         model, (f"sensor_bias:{name}", {"bias": 0.3}), (f"sensor_gain:{name}", {"gain_error": 0.05})
     )
-    assert found[name] == pytest.approx(1.05 * (true - GRAVITY) + 0.3, rel=1e-12)
+    assert result[name] == pytest.approx(1.05 * (true - GRAVITY) + 0.3, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -107,9 +107,9 @@ def test_a_sensor_with_a_lag_or_a_causal_filter_reads_late_and_one_without_delay
 
 
 def test_a_computed_crank_angle_is_exact_and_not_compared():
-    own = campaign(mechanism())
-    model = build_model(own, recorded(own))
+    rig_campaign = campaign(mechanism())
+    model = build_model(rig_campaign, recorded(rig_campaign))
     assert "crank_angle" not in seen(model) and {*seen(model)} | {"time", "crank_angle"} == {
-        *own.channels
+        *rig_campaign.channels
     }
     assert not {"speed", "first_angle"} & {p.name for p in model.nuisances}

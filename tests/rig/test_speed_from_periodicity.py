@@ -1,4 +1,4 @@
-"""The speed of a crank that nobody read, from what repeats."""
+"""The speed of a crank without encoder, from the period of the channels."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Chaotic runs: what stands for their samples."""
+"""Statistics that replace the samples of chaotic runs."""
 
 import warnings
 
@@ -22,17 +22,17 @@ def angles(cycles, per_turn=96):
     return np.arange(round(cycles * per_turn)) * (TURN / per_turn)
 
 
-def test_noise_is_distinguished_from_what_bins_spread_beyond_the_simulation():
+def test_noise_is_the_excess_spread_over_the_simulation():
     random, angle = np.random.default_rng(4), angles(100)
     wild = np.where(np.sin(angle) > 0, 1.0, 0.02)  # half of every cycle is quiet
-    clean, other = (np.cos(angle) + wild * random.normal(size=angle.size) for _ in range(2))
+    clean, second = (np.cos(angle) + wild * random.normal(size=angle.size) for _ in range(2))
     learnt = CycleStatistics.of(("position",), angle, [clean])
-    found = learnt.noise(angle, [other + 0.1 * random.normal(size=angle.size)], angle, [clean])
-    assert found == pytest.approx(0.1, rel=0.1)
+    result = learnt.noise(angle, [second + 0.1 * random.normal(size=angle.size)], angle, [clean])
+    assert result == pytest.approx(0.1, rel=0.1)
 
 
 @pytest.mark.parametrize("cycles", [1, 1.4, 2.2, 3.6])
-def test_noise_is_found_where_bins_are_filled_by_few_cycles_or_none(cycles):
+def test_noise_is_estimated_from_few_cycles(cycles):
     random, angle, few = np.random.default_rng(6), angles(100), angles(cycles)
     clean = np.cos(angle) + 0.5 * random.normal(size=angle.size)
     seen = np.cos(few) + np.hypot(0.5, 0.4) * random.normal(size=few.size)
@@ -40,8 +40,8 @@ def test_noise_is_found_where_bins_are_filled_by_few_cycles_or_none(cycles):
     learnt = CycleStatistics.of(("position",), angle, [clean])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = learnt.noise(few, [seen], angle, [clean])
-    assert found == pytest.approx(0.4, abs=0.2)
+        result = learnt.noise(few, [seen], angle, [clean])
+    assert result == pytest.approx(0.4, abs=0.2)
 
 
 def measured(own, cycles=30, per_turn=120):
@@ -52,16 +52,16 @@ def measured(own, cycles=30, per_turn=120):
         channels = tuple(name for name in own.channels if name != "time")
         plan = RunPlan(run, sample_grid(time, 1.0 + run.speed * time, run.speed, None), channels)
         start = np.append(random.uniform(-1e-4, 1e-4, 4), [0.0, 0.0])
-        found = channels_read(own, plan, {}, (), 0, start)
+        result = channels_read(own, plan, {}, (), 0, start)
         angle, sd = (
-            found.pop("crank_angle"),
+            result.pop("crank_angle"),
             {name: own.channels[name].noise for name in own.channels},
         )
         noisy = {
             name: values + sd[name] * random.normal(size=values.size)
-            for name, values in found.items()
+            for name, values in result.items()
         }
-        stated = {name: sd[name] for name in found}
+        stated = {name: sd[name] for name in result}
         runs[run.id] = Recording(
             run.id, time, angle, noisy, stated, np.full(time.size, run.role == "confirm")
         )
@@ -70,24 +70,24 @@ def measured(own, cycles=30, per_turn=120):
 
 @pytest.fixture(scope="module")
 def chaotic():
-    own = campaign(
+    rig_campaign = campaign(
         mechanism(PINS, friction=0.0),
         ("time", "crank_angle", "slider_position", "slider_acceleration", "crank_torque"),
         speeds=(25.0, 30.0),
         sensors={name: {"noise": sd} for name, sd in NOISE.items()},
     )
-    return own, build_model(own, measured(own))
+    return rig_campaign, build_model(rig_campaign, measured(rig_campaign))
 
 
 def missed(model, run="slow", *effects):
     """What the statistics of a run are away from what a model reads, over their standard errors."""
-    found = read(model, *effects, run=run)
-    assert found.keys() == seen(model, run).keys()
+    result = read(model, *effects, run=run)
+    assert result.keys() == seen(model, run).keys()
     own = [s for s in model.series if s.run == run and s.statistic]
-    return np.concatenate([(s.value - found[s.channel]) / s.stated_noise for s in own])
+    return np.concatenate([(s.value - result[s.channel]) / s.stated_noise for s in own])
 
 
-def test_chaotic_channels_alone_are_compared_by_statistics(chaotic):
+def test_only_chaotic_channels_are_compared_by_statistics(chaotic):
     _, model = chaotic
     assert model.chaotic("slow") == ("slider_acceleration", "crank_torque")
     statistics = {
@@ -99,7 +99,7 @@ def test_chaotic_channels_alone_are_compared_by_statistics(chaotic):
         assert series.held_out.all() == (series.run == "fast")
 
 
-def test_statistics_of_the_true_model_miss_by_their_standard_errors_and_those_of_another_by_more(
+def test_statistics_of_the_true_model_agree_within_standard_errors(
     chaotic,
 ):
     _, model = chaotic
@@ -114,17 +114,19 @@ def test_a_preflight_expects_the_scatter_of_the_cycles_it_plans(chaotic):
     own, model = chaotic
     # of one run the 30 revolutions are known, for the other 4 are planned
     known, planned = (
-        {s.key: s.stated_noise for s in one.series if s.statistic}
-        for one in (model, build_model(own, None, {"slow": 30.0}))
+        {s.key: s.stated_noise for s in item.series if s.statistic}
+        for item in (model, build_model(own, None, {"slow": 30.0}))
     )
     assert planned.keys() == known.keys()
     for key, ratio in ((key, {"slow": 1.0, "fast": 2.1}[key[0]]) for key in known):
         assert np.median(planned[key] / known[key]) == pytest.approx(ratio, rel=0.4), key
 
 
-def test_friction_keeps_samples_comparable():
-    own = campaign(mechanism(PINS, friction=0.1), ("time", "crank_angle", "slider_acceleration"))
-    model = build_model(own, None, {"slow": 30.0})
+def test_friction_prevents_chaos():
+    rig_campaign = campaign(
+        mechanism(PINS, friction=0.1), ("time", "crank_angle", "slider_acceleration")
+    )
+    model = build_model(rig_campaign, None, {"slow": 30.0})
     assert model.chaotic("slow") == ()
     assert (
         model.plans["slow"].samples.turned < 4 * TURN

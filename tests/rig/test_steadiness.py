@@ -31,7 +31,7 @@ def test_a_speed_that_repeats_after_one_or_two_turns_is_reported_with_its_size_a
         assert within == pytest.approx(0.0275, abs=0.003)
         assert over < 0.005 and error < 1e-3 and order == 0.5
         assert "within two turns (strongest order 0.5" in unsteady(time, angle)
-    told = unsteady(*crank(12.0, first=0.03, noise=1e-3))
-    assert "by ±3 % within a turn" in told and "order" not in told
+    reason = unsteady(*crank(12.0, first=0.03, noise=1e-3))
+    assert "by ±3 % within a turn" in reason and "order" not in reason
     for turns in (1.5, 5.0, 40.0):  # of a steady crank
         assert not unsteady(*crank(turns, noise=math.radians(0.2)))

@@ -72,7 +72,7 @@ def found():
         ({"run": CLOCKWISE}, (DELAY,)),
     ],
 )
-def test_a_run_reads_in_windows_what_it_does_as_one_simulation(keys, faults):
+def test_readings_in_windows_equal_those_of_one_simulation(keys, faults):
     model = rig(**keys)
     # lags and delays are nothing that the filter of states knows
     states = filtered(windows_of(model), read(model)).states
@@ -82,7 +82,7 @@ def test_a_run_reads_in_windows_what_it_does_as_one_simulation(keys, faults):
     assert_alike(again, read(model, *faults))
 
 
-def test_the_motion_that_began_long_before_the_record_is_that_of_one_simulation_and_jumps_nowhere(
+def test_settled_windows_are_continuous_and_equal_one_simulation(
     found,
 ):
     _, windows, true, own = found
@@ -94,7 +94,7 @@ def test_the_motion_that_began_long_before_the_record_is_that_of_one_simulation_
     assert_alike(again, true)
 
 
-def test_of_noisy_readings_a_filter_finds_the_states_from_directions_alone(found):
+def test_the_filter_finds_the_states_from_noisy_readings(found):
     _, windows, true, own = found
     rng = np.random.default_rng(0)
     noisy = {
@@ -108,13 +108,13 @@ def test_of_noisy_readings_a_filter_finds_the_states_from_directions_alone(found
     assert np.median(np.abs(away), axis=0).max() < 0.02
 
 
-def test_a_window_that_cannot_be_simulated_is_reported_and_its_samples_are_missing(found):
+def test_samples_of_a_window_without_simulation_are_missing(found):
     model, windows, _, own = found
     slow = own.states.slow.copy()
     slow[5, 1] = 1e4  # so fast that steps run out
     read_again, ends, _, done = windows.simulate(replace(own.states, slow=slow))
     assert np.flatnonzero(~done).tolist() == [5] and np.isnan(ends[5]).all()
-    series = next(one for one in model.series if one.channel == "crank_torque")
+    series = next(item for item in model.series if item.channel == "crank_torque")
     missing = windows.window_of(series.time, own.states) == 5
     assert np.array_equal(np.isnan(read_again["crank_torque"]), missing)
 
@@ -128,7 +128,7 @@ def test_a_window_that_cannot_be_simulated_is_reported_and_its_samples_are_missi
         {"channels": ("time", "crank_angle")},
     ],
 )
-def test_what_has_no_state_on_a_clearance_circle_of_its_own_or_reads_the_angle_alone_has_no_windows(
+def test_films_motors_ideal_joints_and_angles_alone_have_no_windows(
     keys,
 ):
     assert windows_of(rig(**keys)) is None

@@ -235,7 +235,7 @@ def channel_factor(name: str, unit: str, scale: str | None = None) -> float:
         raise ValueError(f"{name}.{key} {error}{hint and f'; {hint}'}") from error
 
 
-_ANGLES = {"crank_angle", "rod_angle"}
+_ANGLES = {name for name, unit in CHANNELS.items() if unit == "rad"}
 _NEEDS_CHANNEL = (
     (
         ("counts_per_turn", "resolution"),

@@ -12,7 +12,7 @@ class ChannelKind:
     unit: str  # SI
     words: str = ""  # Of column headings, to recognise the channel
     required_words: str = ""  # A heading needs one of these
-    speed_power: int | None = None  # Of the ideal motion (`ideal_channels`), which it scales with
+    speed_power: int | None = None  # To which it scales in the ideal motion; 0: a position
     mirrored: bool = False  # Whether the mirror image of the mechanism changes its sign
     force: bool = False  # Whether loads and friction change it
     gravity: Callable[[float], float] | None = None  # Share along an accelerometer, by direction
@@ -28,6 +28,7 @@ CHANNEL_KINDS = {
         "rad",
         "crank angle theta th phi alpha θ φ encoder enc count counts pulses winkel rotation"
         " position",
+        speed_power=0,
         mirrored=True,
     ),
     "crank_speed": ChannelKind(

@@ -114,7 +114,7 @@ def starts_with_record(run: CampaignRun) -> bool:
     return run.start in ("at_rest", "dead_centre")
 
 
-def began_anywhere(run: CampaignRun) -> bool:
+def has_unknown_start(run: CampaignRun) -> bool:
     """Whether the start of the motion is unknown; it is simulated from a settling time before the
     first sample."""
     return run.start in ("settled", "unknown")

@@ -248,7 +248,6 @@ class Guesses:
         self.unused = dict.fromkeys(runs[0].unread, "contains text, or is there twice")
         self.channels: dict[str, dict[str, object]] = {}  # Entries of the campaign file
         self.why: dict[str, str] = {}
-        self.stroke = 0.0  # [m] Of the slider position; 0 if not known
         self.turned: list[np.ndarray] = []  # [turns] by run
         self.rates: list[float] = [0.0] * len(runs)  # [turns/s] signed; 0 if not known
         for heading in runs[0].values:
@@ -446,8 +445,6 @@ class Guesses:
             if not unit:
                 unit, reason = self._likely_unit(channel, column)
                 reasons.append(reason)
-            if channel == "slider_position":
-                self.stroke = _range(column) * unit_factor(unit, base)
         self._assign(channel, column, reasons, unit=unit, **keys)
 
     def _likely_unit(self, channel: str, column: Column) -> tuple[str, str]:
@@ -456,15 +453,12 @@ class Guesses:
         if channel == "crank_speed" and (unit := self._speed_unit(column)):
             return unit, f"no unit; {unit} gives the speed by angle and time"
         if channel == "slider_position":
+            ranges = [np.nanmax(values) - np.nanmin(values) for values in column.values]
             for unit in (base, *UNITS[base]):
-                stroke = _range(column) * unit_factor(unit, base)
+                stroke = float(np.median(ranges)) * unit_factor(unit, base)
                 if STROKES[0] < stroke < STROKES[1]:
                     return unit, f"no unit; {unit} gives a stroke of {number(1e3 * stroke, 2)} mm"
         return base, f"no unit; {base} assumed"
-
-
-def _range(column: Column) -> float:
-    return float(np.median([np.nanmax(values) - np.nanmin(values) for values in column.values]))
 
 
 def _samples_well(period: float, angles: Sequence[np.ndarray]) -> bool:
@@ -487,7 +481,7 @@ def new_rig(files: Sequence[Path], name: str = "rig") -> str:
     guesses = Guesses(read_runs(files))
     text = "\n".join(campaign_lines(guesses, name, mechanism.name)) + "\n"
     write_text(campaign, text)
-    write_text(mechanism, mechanism_text(guesses.stroke))
+    write_text(mechanism, mechanism_text())
     gaps = f"; fill in what is marked {FILL_IN}" if FILL_IN in text else ""
     return (
         f"{campaign}: {len(guesses.runs)} runs, {len(guesses.channels)} channels; check the guesses"
@@ -517,13 +511,9 @@ def _new_files(*names: str) -> list[Path]:
     return files
 
 
-def mechanism_text(stroke: float = 0.0) -> str:
-    """A mechanism file to fill in; `stroke` [m] of the slider if it is known."""
-    text = (Path(__file__).parents[1] / "data/new_mechanism.yaml").read_text(encoding="utf-8")
-    if stroke:
-        length = f"about {number(500.0 * stroke, 2)} mm by slider_position"
-        text = text.replace("such as 40 mm", length)
-    return text
+def mechanism_text() -> str:
+    """A mechanism file to fill in."""
+    return (Path(__file__).parents[1] / "data/new_mechanism.yaml").read_text(encoding="utf-8")
 
 
 def campaign_lines(guesses: Guesses, name: str, mechanism: str) -> Iterator[str]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from jointgap.config import Mechanism
 from jointgap.config.campaign import NUISANCES, Campaign, CampaignRun
-from jointgap.config.channels import CHANNELS, PRESSURES
+from jointgap.config.channels import CHANNEL_KINDS, CHANNELS, PRESSURES
 from jointgap.config.load import validate
 from jointgap.core.candidates import Candidate, Effects, Parameter, Series
 from jointgap.core.errors import InputError, SimulationError
@@ -45,7 +45,7 @@ from jointgap.rig.read_files import check_runs_left
 from jointgap.rig.recording import OF_SAMPLES, Measurements, Recording, noise_of
 from jointgap.rig.sampling import (
     SampleGrid,
-    own_rows,
+    channel_rows,
     planned_grid,
     sample_grid,
     speed_from_periodicity,
@@ -129,7 +129,7 @@ def _is_possible(context: FitContext, candidate: Candidate) -> bool:
     return True
 
 
-def own_candidates(campaign: Campaign, scale: MotionScale) -> list[Candidate]:
+def law_candidates(campaign: Campaign, scale: MotionScale) -> list[Candidate]:
     """The laws that a campaign states itself, except those that the mechanism has."""
     angle = tau * (np.arange(OWN_LAW_ANGLES) + 0.5) / OWN_LAW_ANGLES
     place, speed = (
@@ -277,10 +277,6 @@ def run_nuisances(campaign: Campaign, plan: RunPlan, searched: bool) -> tuple[Pa
     return tuple(nuisances)
 
 
-# Channels so smooth that errors proportional to their rate are due to time stamps
-POSITIONS = ("crank_angle", "slider_position", "rod_angle")
-
-
 class RunData(NamedTuple):
     """Simulation plan and measured data of one run."""
 
@@ -308,7 +304,7 @@ class SliderCrankModel:
         self.nuisances: tuple[Parameter, ...] = sum(of_runs, shared_nuisances(campaign))
         self.numerics = numerics_for(campaign)
         self._rows = {
-            (run, channel): own_rows(data.plan.samples.elapsed, data.values[channel])
+            (run, channel): channel_rows(data.plan.samples.elapsed, data.values[channel])
             for run, data in runs.items()
             for channel in data.plan.channels
         }
@@ -347,7 +343,7 @@ class SliderCrankModel:
     def _samples(self, data: RunData, channel: str, noise: float | None) -> Series:
         samples, run, jitter = data.plan.samples, data.plan.run.id, self.campaign.jitter
         rows = self._rows[run, channel]
-        if jitter is None and not (samples.timed and channel in POSITIONS):
+        if jitter is None and not (samples.timed and CHANNEL_KINDS[channel].speed_power == 0):
             jitter = (
                 0.0  # cycle-to-cycle variation of velocities and accelerations is due to impacts
             )
@@ -437,7 +433,7 @@ class SliderCrankModel:
         torque = scale.force / DETECTABLE_SHARE * scale.stroke
         start = self._estimated_encoder_offset
         sensors = sensor_candidates(spreads, encoder, scale.turning, torque, listed, runs, start)
-        return (*physical_candidates(context), *own_candidates(campaign, scale), *sensors)
+        return (*physical_candidates(context), *law_candidates(campaign, scale), *sensors)
 
     def simulate(
         self, run: str, values: Values, effects: Effects = (), numerics: int = 0
@@ -512,12 +508,16 @@ def remaining_inconsistencies(
     """Channels that are inconsistent with at least one of the explanations."""
     return tuple(
         dict.fromkeys(
-            channel for fit in explanations for channel in _left(model, measurements, fit)
+            channel
+            for fit in explanations
+            for channel in _inconsistent_channels(model, measurements, fit)
         )
     )
 
 
-def _left(model: SliderCrankModel, measurements: Measurements, fit: Fit) -> list[str]:
+def _inconsistent_channels(
+    model: SliderCrankModel, measurements: Measurements, fit: Fit
+) -> list[str]:
     """Channels that are inconsistent after removing the sensor faults of a fit; without runs whose
     own fault is not fitted, such as the encoder zero of a held-out run.
     """
@@ -534,7 +534,7 @@ def _left(model: SliderCrankModel, measurements: Measurements, fit: Fit) -> list
         if all(key in fit.mapping for key in keys):
             nuisances, effects = values_in_run(model, run, fit.mapping, sensors)
             faults = Faults(effects, plan.run.side, nuisances, plan.second_clock)
-            corrected[run] = faults.taken_out(measurements.runs[run])
+            corrected[run] = faults.corrected(measurements.runs[run])
             erring |= bool(faults)
     contradictions = measurements.contradictions
     if erring:

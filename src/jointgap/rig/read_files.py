@@ -1,9 +1,8 @@
 """Reading the runs of a campaign: columns to channels in SI, with checks of files, runs and
 channels."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from itertools import combinations
 from math import degrees, tau
 from pathlib import Path
 
@@ -137,7 +136,6 @@ def read_measurements(campaign: Campaign, compared: bool = True) -> Measurements
         for key in campaign.idle_nuisances
     ]
     files = {run.id: _open(campaign, run) for run in campaign.runs}
-    check_copies([part for file in files.values() for part in (file, file.second) if part])
     runs, contradictions = {}, []
     for run, file in files.items():
         try:
@@ -204,25 +202,6 @@ def _open(campaign: Campaign, run: CampaignRun) -> RunFile:
         second.columns.values[clock] = second.columns.values[clock] + later
     second = replace(second, remarks=main.remarks, contradictions=main.contradictions)
     return replace(main, second=second)
-
-
-def check_copies(files: Sequence[RunFile]) -> None:
-    """InputError if a run is a copy of another one."""
-    hashes = []  # of each sample
-    for file in files:
-        columns = {name: values + 0.0 for name, values in sorted(file.columns.values.items())}
-        hashes.append(pd.util.hash_pandas_object(pd.DataFrame(columns), index=False).to_numpy())
-    for (file, rows), (later, later_rows) in combinations(zip(files, hashes, strict=True), 2):
-        few, many = sorted((rows, later_rows), key=len)
-        if np.unique(few).size < 0.9 * few.size:
-            continue  # coarsely rounded: equal samples are no evidence of a copy
-        count = int(np.isin(few, many).sum())
-        if count > 0.9 * few.size:
-            raise InputError(
-                f"{later.path}: run '{later.run.id}' has the samples of run '{file.run.id}' in"
-                f" {file.path} ({count} of {few.size} are equal); give the file of this run, or one"
-                " run with role split"
-            )
 
 
 def check_runs_left(campaign: Campaign, left_out: Mapping[str, str]) -> None:

@@ -136,7 +136,7 @@ def sample_grid(
     return SampleGrid((angle - angle[0]) / speed, read, angle, float(angle[0]), speed, timed=False)
 
 
-def own_rows(elapsed: np.ndarray, value: np.ndarray) -> np.ndarray:
+def channel_rows(elapsed: np.ndarray, value: np.ndarray) -> np.ndarray:
     """Rows (n,) bool of a channel at its own rate, for joined files of several loggers.
 
     Rows with a value, and those in gaps longer than its median step; all rows of a planned channel.

@@ -504,7 +504,7 @@ class Faults:
             error = self.of_encoder(read - error, torque)
         return error
 
-    def taken_out(self, recording: Recording) -> Recording:
+    def corrected(self, recording: Recording) -> Recording:
         """The `recording` corrected for the faults."""
         channels = dict(recording.channels)
         # in reverse order of action

@@ -197,7 +197,7 @@ NUMERICS = ("friction regularised by Threlfall's law", "a tenth of the tolerance
 
 def numerics_for(campaign: Campaign) -> tuple[str, ...]:
     """The solver variants that matter in a campaign."""
-    free = campaign.drive != "measured_angle" and any(map(drives.began_anywhere, campaign.runs))
+    free = campaign.drive != "measured_angle" and any(map(drives.has_unknown_start, campaign.runs))
     return NUMERICS if free and campaign.mechanism.applied().loose else NUMERICS[:-1]
 
 
@@ -256,7 +256,7 @@ def prepared(
         mechanism = mechanism.mirrored()
     finer, change = other_numerics(numerics)
     tolerance = finer * tolerance_for(mechanism, tolerance or plan.tolerance)
-    other_start = numerics == len(NUMERICS) and drives.began_anywhere(plan.run)
+    other_start = numerics == len(NUMERICS) and drives.has_unknown_start(plan.run)
     earlier = OTHER_START_REVOLUTIONS * tau if other_start else 0.0
     driven = _driven_run(campaign, plan, mechanism, nuisances, faults, tolerance, earlier)
     change(driven.numbers)
@@ -274,7 +274,9 @@ def _read_at_limit(
     """`channels_read` with effects within simulation limits."""
     run = prepared(campaign, plan, values, effects, numerics)
     count = run.driven.angles.size
-    change = _change_over_noise(campaign, plan, count) if drives.began_anywhere(plan.run) else None
+    change = (
+        _change_over_noise(campaign, plan, count) if drives.has_unknown_start(plan.run) else None
+    )
 
     def motion(angles: np.ndarray) -> Columns:
         return channels_at(run.driven.numbers, angles, run.tolerance, perturbation, change, count)

@@ -156,15 +156,15 @@ def test_a_slow_or_coarse_encoder_has_no_dead_zone(read, unsteadiness, step):
     assert read(frame.assign(theta=step * np.floor(frame.theta / step))).left_out == {}
 
 
-def test_a_torque_of_a_motor_that_is_off_is_compared_with_zero_once_its_noise_is_stated(read):
+def test_the_torque_of_a_motor_that_is_off_is_compared_with_zero(read):
     def slowing(over):
         frame = turning(lambda turned: turned - 0.02 * turned**2, noise_deg=0.01)
         ideal = table(200, turns=1.0, first=0.0)
         off = frame.assign(M=0.0, x=np.interp(frame.theta, ideal.theta, ideal.x, period=360.0))
         return read(off, {"channels": {"crank_torque": {"noise": 0.01}}} | over)
 
-    found = slowing(ANGLE_DRIVES)
-    assert found.contradictions == () and not found.runs["slow"].channels["crank_torque"].any()
+    result = slowing(ANGLE_DRIVES)
+    assert result.contradictions == () and not result.runs["slow"].channels["crank_torque"].any()
     needed = {
         "'drive: measured_angle'": {},
         "noise": ANGLE_DRIVES | {"channels": {"crank_torque": {"noise": None}}},

@@ -280,3 +280,10 @@ def test_a_speed_that_varies_by_a_listed_effect_has_no_remark(tmp_path):
     listed = mechanism_with(tmp_path, "speed_fluctuation", ratio=0.05, order=2)
     assert read_rig(tmp_path, listed, **tables).remarks == ()
     assert any("the speed varies" in remark for remark in read_rig(tmp_path, **tables).remarks)
+
+
+def test_a_run_with_all_samples_of_another_one_is_reported(read):
+    same_speed, copy = at_speeds(200, 200), measured(200)
+    measurements = read(OVER | same_speed, slow=copy, fast=copy)
+    copied = {row[1] for row in rows(measurements) if row[3] == "unrelated"}
+    assert copied == {"slider_position", "crank_torque", *UNITS}

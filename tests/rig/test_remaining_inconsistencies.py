@@ -13,7 +13,7 @@ from jointgap.rig.read_files import read_measurements
 from jointgap.rig.sensors import Faults
 from tests.rig.recorded_files import write_rig
 from tests.rig.rigs import chosen
-from tests.rig.test_contradictions import OVER, measured
+from tests.rig.test_consistency_checks import OVER, measured
 
 OFFSET = "encoder_offset.offset_rad"
 
@@ -35,16 +35,18 @@ def rig(folder, over=None, **changes):
 
 def doubts(model, measurements, *fits: dict):
     """What stays in doubt after fits whose values are `fits`."""
-    found = []
+    result = []
     for mapping in fits:
         labels = {key.partition(".")[0] for key in mapping}
-        found.append(
-            SimpleNamespace(hypothesis=tuple(chosen(model, one) for one in labels), mapping=mapping)
+        result.append(
+            SimpleNamespace(
+                hypothesis=tuple(chosen(model, item) for item in labels), mapping=mapping
+            )
         )
-    return remaining_inconsistencies(model, measurements, found)
+    return remaining_inconsistencies(model, measurements, result)
 
 
-def test_an_encoder_offset_accounts_for_the_crank_angle_if_it_is_as_large_as_the_channels_say(
+def test_a_matching_encoder_offset_explains_an_inconsistent_angle(
     tmp_path,
 ):
     own = rig(tmp_path, turned=90.0)
@@ -55,19 +57,19 @@ def test_an_encoder_offset_accounts_for_the_crank_angle_if_it_is_as_large_as_the
         assert doubts(*own, *fits) == ("crank_angle",)
 
 
-def test_a_turned_sign_of_the_torque_is_not_accounted_for_by_an_encoder_offset_or_a_bias(tmp_path):
+def test_an_offset_or_bias_does_not_explain_a_wrong_sign(tmp_path):
     own = rig(tmp_path, M=-1.0)
     for values in ({OFFSET: 0.02}, {"sensor_bias:crank_torque.bias": 1.0}):
         assert doubts(*own, values) == ("crank_torque",)
 
 
-def test_a_gain_accounts_for_a_wrong_unit_if_it_is_that_gain(tmp_path):
+def test_a_matching_gain_explains_a_wrong_unit(tmp_path):
     own = rig(tmp_path, slider_acceleration=1 / 9.81)
     for gain, left in ((1 / 9.81 - 1.0, ()), (0.1, ("slider_acceleration",))):
         assert doubts(*own, {"sensor_gain:slider_acceleration.gain_error": gain}) == left
 
 
-def test_taking_a_fault_out_is_the_inverse_of_putting_it_in(tmp_path):
+def test_correcting_a_fault_is_the_inverse_of_the_fault(tmp_path):
     model, measurements = rig(tmp_path)
     recording, name = measurements.runs["slow"], "slider_acceleration"
     read, interval = recording.channels[name], float(recording.time[1] - recording.time[0])
@@ -75,13 +77,13 @@ def test_taking_a_fault_out_is_the_inverse_of_putting_it_in(tmp_path):
 
     def undone(fault, key, value, allowed):
         faults = Faults([(chosen(model, f"{fault}:{name}"), {key: value})], 1.0, {})
-        again = faults.taken_out(recording).channels[name]
-        for place, given in (
+        again = faults.corrected(recording).channels[name]
+        for place, frame in (
             ("before_filter", ()),
             ("after_filter", ()),
             ("over_time", (interval, period)),
         ):
-            again = faults.act(place, name, again, *given)
+            again = faults.act(place, name, again, *frame)
         again = np.interp(recording.time - faults.delay(name), recording.time, again)
         assert np.std((again - read)[5:]) < allowed * np.std(read)
 
@@ -95,8 +97,8 @@ def test_taking_a_fault_out_is_the_inverse_of_putting_it_in(tmp_path):
     ]
     for fault, *values in cases:
         undone(f"sensor_{fault}", *values)
-    found = Faults([(chosen(model, "encoder_offset"), {"offset_rad": 0.4})], 1.0, {}).taken_out(
+    result = Faults([(chosen(model, "encoder_offset"), {"offset_rad": 0.4})], 1.0, {}).corrected(
         recording
     )
-    assert np.allclose(found.crank_angle, recording.crank_angle - 0.4)
-    assert np.array_equal(found.channels[name], read)
+    assert np.allclose(result.crank_angle, recording.crank_angle - 0.4)
+    assert np.array_equal(result.channels[name], read)

@@ -26,12 +26,12 @@ def joints(law: str) -> SimpleNamespace:
 
 
 def test_the_other_friction_law_has_the_same_slope_at_zero_speed_and_the_same_end():
-    other = joints("coulomb")
+    second = joints("coulomb")
     tolerance, change = other_numerics(1)
-    change(other)
+    change(second)
     assert tolerance == 1.0
     for name in JOINTS:
-        joint = getattr(other, name)
+        joint = getattr(second, name)
         assert joint.friction_law == FRICTION_LAWS["threlfall"].code
         assert joint.friction_speed == pytest.approx(3.0 * SPEED, rel=1e-12)
         slow = 1e-6 * SPEED
@@ -47,21 +47,21 @@ def test_the_other_friction_law_has_the_same_slope_at_zero_speed_and_the_same_en
     "loose, start, count",
     [((), "settled", 2), (("piston_pin",), "settled", 3), (("piston_pin",), "dead_centre", 2)],
 )
-def test_another_start_counts_where_joints_are_loose_and_nobody_knows_it(loose, start, count):
-    own = campaign(mechanism(loose), run={"start": start})
-    assert numerics_for(own) == NUMERICS[:count]
+def test_another_start_is_a_variant_for_loose_joints_with_unknown_start(loose, start, count):
+    rig_campaign = campaign(mechanism(loose), run={"start": start})
+    assert numerics_for(rig_campaign) == NUMERICS[:count]
 
 
-def test_other_numerics_and_another_start_change_a_settled_motion_by_less_than_noise():
+def test_solver_variants_change_a_settled_motion_by_less_than_noise():
     model, name = rig(mechanism(("piston_pin",))), "slider_acceleration"
     usual, *others = (
         channels_read(model.campaign, model.plans["slow"], {}, numerics=i)[name] for i in range(4)
     )
-    changes = [np.sqrt(np.mean((other - usual) ** 2)) / np.std(usual) for other in others]
+    changes = [np.sqrt(np.mean((second - usual) ** 2)) / np.std(usual) for second in others]
     assert min(changes) > 0.0 and max(changes) < 0.02
 
 
-def test_a_start_that_is_stated_is_where_the_motion_begins():
+def test_the_motion_begins_at_the_stated_start():
     """Those that are the same are simulated alike, and a start just before the record shows how the
     motion settles."""
 

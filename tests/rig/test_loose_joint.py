@@ -1,4 +1,4 @@
-"""What is hidden beside a loose crank pin whose motion repeats is named, however many steps the
+"""Effects in a mechanism with a loose crank pin and periodic motion are named, independent of the
 search has."""
 
 from pathlib import Path
@@ -94,8 +94,8 @@ def measured(folder: Path, hidden: dict, delay: float, seed: int) -> Path:
 def test_the_cause_is_named_with_its_size(tmp_path, hidden, delay, effects):
     verdict = analyse(measured(tmp_path, hidden, delay, seed=1), tmp_path / "results")
     assert {effect["name"] for effect in verdict["effects"]} == effects
-    found = next(
+    result = next(
         effect["parameters"] for effect in verdict["effects"] if effect["name"] == hidden["name"]
     )
     name, size = next(iter(hidden["parameters"].items()))
-    assert found[name]["value"] == pytest.approx(size, rel=0.1)
+    assert result[name]["value"] == pytest.approx(size, rel=0.1)

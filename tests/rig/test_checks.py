@@ -61,7 +61,10 @@ def test_consistent_channels_have_no_remark(tmp_path, slow):
         (full(200, slider_velocity=1e3), ["'mm/s' instead of channels.slider_velocity.unit"]),
         (full(200, crank_speed=30 / np.pi), ["'rpm' instead of channels.crank_speed.unit"]),
         (full(200, slider_velocity=3.0), ["slider_velocity is 3 times"]),
-        (full(200).assign(slider_velocity=table(200, 60).x), ["slider_velocity does not match"]),
+        (
+            full(200).assign(slider_velocity=table(200, count=60, turns=3.3).x),
+            ["slider_velocity does not match"],
+        ),
     ],
 )
 def test_a_channel_with_another_sign_unit_or_meaning_is_reported(tmp_path, slow, words):

@@ -68,14 +68,14 @@ def test_rows_are_lines_of_the_file_and_units_and_headings_are_where_they_are(re
         (",\n", {}),
     ):  # the last one is a gap
         assert read(f"t,x\n{row}0,1\n").units == units
-    found = read("Model,AB12\nFirmware,1.12\n\nt,x\n0,1\n1,2\n")
-    assert found.rows.tolist() == [5, 6]
-    assert found.remarks == (
+    result = read("Model,AB12\nFirmware,1.12\n\nt,x\n0,1\n1,2\n")
+    assert result.rows.tolist() == [5, 6]
+    assert result.remarks == (
         f"{tmp_path}/run.csv: the headings are in row 4; 2 lines above them skipped",
     )
     old_and_new = "t,x\nold,headings\nt,x\n0,1\n1,2\n"
-    found = read(old_and_new, skip_rows=2)
-    assert (found.rows.tolist(), found.remarks) == ([4, 5], ())
+    result = read(old_and_new, skip_rows=2)
+    assert (result.rows.tolist(), result.remarks) == ([4, 5], ())
     for rows, words in (
         (1, "row 2: has no column 't'"),
         (9, "no rows below the 9 of csv.skip_rows"),
@@ -104,8 +104,8 @@ def test_dates_are_seconds_since_the_first(read, stamps):
 
 def test_a_missing_date_is_a_gap_and_a_wrong_one_is_refused(read):
     dates = pd.to_datetime(["2026-03-01T12:00:00", None, "2026-03-01T12:00:01"])
-    found = read(pd.DataFrame({"t": dates, "x": [1.0, 2.0, 3.0]}), clock="t")
-    np.testing.assert_array_equal(found.values["t"], [0.0, np.nan, 1.0])
+    result = read(pd.DataFrame({"t": dates, "x": [1.0, 2.0, 3.0]}), clock="t")
+    np.testing.assert_array_equal(result.values["t"], [0.0, np.nan, 1.0])
     for date in ("yesterday", "2026-13-01"):
         with pytest.raises(InputError, match=f"column t, row 3: '{date}' is not a date"):
             read(f"t,x\n2026-03-01T12:00:00,1\n{date},2\n", clock="t")
@@ -113,9 +113,9 @@ def test_a_missing_date_is_a_gap_and_a_wrong_one_is_refused(read):
 
 def test_parquet_is_read_by_its_content_whatever_its_name_and_kind_of_number(read):
     for kind in (float, np.float32, "int16", "Float64"):
-        found = read(pd.DataFrame({"t": [0, 1, 2], "x": [3, 4, 5]}).astype({"x": kind}))
-        np.testing.assert_array_equal(found.values["x"], [3.0, 4.0, 5.0])
-        assert found.rows.tolist() == [1, 2, 3]
+        result = read(pd.DataFrame({"t": [0, 1, 2], "x": [3, 4, 5]}).astype({"x": kind}))
+        np.testing.assert_array_equal(result.values["x"], [3.0, 4.0, 5.0])
+        assert result.rows.tolist() == [1, 2, 3]
     gap = read(pd.DataFrame({"t": [0.0, 1.0], "x": pd.array([3, None], dtype="Int64")}))
     np.testing.assert_array_equal(gap.values["x"], [3.0, np.nan])
 

@@ -1,4 +1,4 @@
-"""Laws that a campaign file states itself are candidates like those of the list."""
+"""Laws stated in a campaign file are candidates."""
 
 import json
 from pathlib import Path
@@ -29,7 +29,7 @@ SEAL = {
 }
 
 
-def test_a_law_that_is_no_number_at_a_start_value_of_its_shape_is_refused_with_that_value():
+def test_a_law_that_is_not_finite_is_refused_with_its_parameters():
     power = {"site": "slider", "force": "-c*v^n", "c": "0 to 9", "n": "1 to 3"}
     with pytest.raises(
         InputError, match=r"candidates\.my_power: with c = 1, n = 1\.33333 .* write \|v\|\^n"
@@ -48,11 +48,11 @@ BOTH = {"my_drag": DRAG, "my_cam": CAM}
 def test_a_law_of_the_campaign_file_acts_as_its_formula_in_the_mechanism_file(direction):
     keys = {"run": {"direction": direction}, "sensors": {"crank_angle": {"noise": 1e-6}}}
     listed = rig(mechanism(), candidates=BOTH | {"my_seal": SEAL}, **keys)
-    given = rig(
+    frame = rig(
         mechanism(effects=[law("-c*v^3", c=0.1), on_crank("-m*|sin(theta)|", m=2.0)]), **keys
     )
     acting = read(listed, ("my_drag", {"c": 0.1}), ("my_cam", {"m": 2.0}))
-    assert worst(acting, read(given)) < 1e-9 < worst(acting, read(listed))
+    assert worst(acting, read(frame)) < 1e-9 < worst(acting, read(listed))
     # two laws on one body add up
     both = read(listed, ("my_drag", {"c": 0.1}), ("my_seal", {"c": 5.0, "x0": 0.6}))
     first, second = (
@@ -63,7 +63,7 @@ def test_a_law_of_the_campaign_file_acts_as_its_formula_in_the_mechanism_file(di
     assert worst({name: first[name] + second[name] - nothing[name] for name in both}, both) < 1e-6
 
 
-def test_the_formula_tells_which_parameters_are_sizes_and_which_are_shapes():
+def test_amplitudes_and_shapes_follow_from_the_formula():
     mixed = {
         "site": "slider",
         "force": "-(a*v + b*v^3)",
@@ -91,7 +91,7 @@ def test_a_law_that_the_mechanism_has_is_no_candidate():
     assert "my_cam" in labels and "my_drag" not in labels
 
 
-def test_a_preflight_tells_the_smallest_size_of_a_law_of_the_campaign_file():
+def test_a_preflight_reports_the_smallest_detectable_size_of_a_law():
     rows = preflight_tables(campaign(mechanism(), candidates=BOTH), 0.01)["detectable"].itertuples()
     row = next(row for row in rows if row.label == "my_drag")
     assert row.detectable and row.unit == "N*s^3/m^3" and 0.0 < row.smallest_detectable < 1.0
@@ -106,23 +106,23 @@ def test_a_preflight_tells_the_smallest_size_of_a_law_of_the_campaign_file():
         (SEAL, law("-c*v*exp(-((x - x0)/0.05)^2)", c=5.0, x0=0.6)),
     ],
 )
-def test_a_law_of_the_campaign_file_is_named_with_its_size_beside_a_friction(tmp_path, own, hidden):
+def test_a_law_of_the_campaign_file_and_friction_are_named(tmp_path, own, hidden):
     path = with_hidden(tmp_path, COULOMB, hidden, noise=0.01, candidates={"my_law": own})
     verdict = analyse(path, tmp_path / "results")
     jsonschema.validate(
         json.loads((tmp_path / "results" / "verdict.json").read_text(encoding="utf-8")), SCHEMA
     )
     assert verdict["verdict"] == "named", verdict["because"]
-    found = {effect["name"]: effect for effect in verdict["effects"]}
-    assert set(found) == {"slider_coulomb_friction", "my_law"}
+    result = {effect["name"]: effect for effect in verdict["effects"]}
+    assert set(result) == {"slider_coulomb_friction", "my_law"}
     for name, size in hidden["parameters"]["coefficients"].items():
-        estimate = found["my_law"]["parameters"][name]
+        estimate = result["my_law"]["parameters"][name]
         low, high = estimate["interval_90"]
         assert estimate["value"] == pytest.approx(size, rel=0.05)
         assert low < size < high
         assert own[name].endswith(estimate["unit"])
     assert 0.9 < verdict["gap"]["confirm"]["after"] < 1.1
-    assert f"my law ({found['my_law']['formula']})" in answer(verdict)
+    assert f"my law ({result['my_law']['formula']})" in answer(verdict)
 
     # the augmented file runs by itself and does what was hidden
     file = tmp_path / "results" / "mechanism.yaml"
@@ -130,7 +130,7 @@ def test_a_law_of_the_campaign_file_is_named_with_its_size_beside_a_friction(tmp
     (written,) = (entry for entry in entries if entry.get("label") == "my_law")
     assert (
         written["name"] == hidden["name"]
-        and written["parameters"]["formula"] == found["my_law"]["formula"]
+        and written["parameters"]["formula"] == result["my_law"]["formula"]
     )
     assert (
         simulate(load_mechanism(file), Simulate(speed=30.0, revolutions=1))
