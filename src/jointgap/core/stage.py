@@ -138,13 +138,13 @@ class Stages(dict[str, Stage]):
 
     def needed_for(self, name: str) -> list[str]:
         """The stage `name` and all stages that its tables depend on, in order."""
-        wanted: set[str] = set()
-        needed: list[str] = []
+        paths: set[str] = set()
+        names: list[str] = []
         for stage in reversed(self.values()):
-            if stage.name == name or not wanted.isdisjoint(table.path for table in stage.writes):
-                wanted |= {table.path for table in stage.reads}
-                needed.append(stage.name)
-        return needed[::-1]
+            if stage.name == name or not paths.isdisjoint(table.path for table in stage.writes):
+                paths |= {table.path for table in stage.reads}
+                names.append(stage.name)
+        return names[::-1]
 
     def written_by(self, *names: str) -> tuple[Table, ...]:
         """Tables written by the stages `names`."""
