@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from jointgap.config import Scenario
+from jointgap.config.scenario_results import ScenarioResults
 from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.designs.dataset import table_of, write_dataset
@@ -15,7 +16,6 @@ from jointgap.designs.infer_settings import NUMBERS
 from jointgap.designs.sampling import designs_of
 from jointgap.designs.sensitivity import TABLES
 from jointgap.designs.stages import sweep_record, track_sweep
-from jointgap.scenario.results import ScenarioResults
 from tests.dynamics.cases import mechanism, options
 from tests.scenario.published_tables import numbers
 

@@ -49,6 +49,10 @@ class ResultsFolder:
         """InputError, before long computations, where files of the folder cannot be written."""
         check_writable(*(self.path / path for path in paths))
 
+    def located(self, error: InputError) -> InputError:
+        """The `error` of a stage, with the file that it is in."""
+        return error
+
     def check_apart(self, inputs: Iterable[Path | str], written: Iterable[str]) -> None:
         """InputError where a result would overwrite an input."""
         results = {(self.path / place).resolve() for place in written}

@@ -3,9 +3,11 @@
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from jointgap.core.code_digest import code_digest
+from jointgap.core.errors import InputError
 from jointgap.core.schema import Table
 
 if TYPE_CHECKING:
@@ -34,6 +36,25 @@ def options_of(function: Callable[..., Any]) -> dict[str, Option]:
 
 Workers = Annotated[
     int | None, Option("--workers", type=1, help="Parallel runs; the number of cores by default.")
+]
+
+
+ScenarioOptions = Annotated[
+    str,
+    Option(
+        "--options",
+        required=True,
+        help="The scenario: path of a YAML or JSON file (config/README.md), or JSON text.",
+    ),
+]
+ResultsOption = Annotated[
+    Path,
+    Option(
+        "--results",
+        type="folder",
+        required=True,
+        help="Folder of the scenario's results, which is read and written.",
+    ),
 ]
 
 
@@ -95,7 +116,10 @@ class Stage:
 def run_stage(stage: Stage, state: Any, **options: Any) -> str | None:
     """Run a stage if its outputs can be written; `state` is a `ResultsFolder`."""
     state.check_writable(*stage.outputs(**options))
-    return stage.function(state, **options)
+    try:
+        return stage.function(state, **options)
+    except InputError as error:
+        raise state.located(error) from error
 
 
 class Stages(dict[str, Stage]):

@@ -140,6 +140,18 @@ def split_share(unit: str) -> tuple[str, float]:
     return (share[1], float(share[2])) if share and float(share[2]) > 0 else (unit, 1.0)
 
 
+_LINES = (100, 128, 180, 200, 250, 256, 300, 360, 400, 500, 512, 600, 720)
+_LINES += (1000, 1080, 1250, 1500, 1800, 2500, 3600)
+_COUNTS = sorted({lines * 2**doubled for lines in _LINES for doubled in range(12)})
+"""Usual counts of encoders a turn: lines, with double and fourfold evaluation."""
+
+
+def counts_near(counts: float) -> int | None:
+    """The usual counts a turn of an encoder within 0.4 % of `counts`; None if there are none."""
+    nearest = min(_COUNTS, key=lambda usual: abs(usual / counts - 1.0))
+    return nearest if abs(nearest / counts - 1.0) < 0.004 else None
+
+
 def _unit_for_pint(unit: str) -> str:
     """`unit` for pint; '' where it does not have the form of a unit."""
     unit = re.sub(
