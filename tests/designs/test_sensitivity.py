@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from jointgap.config import Scenario
+from jointgap.config.scenario_results import ScenarioResults
 from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.core.schema import MEASURES
@@ -14,7 +15,6 @@ from jointgap.designs.dataset import DIGEST, table_of
 from jointgap.designs.sampling import Designs, designs_of
 from jointgap.designs.sensitivity import SensitivityResult, compute_indices
 from jointgap.designs.stages import sensitivity
-from jointgap.scenario.results import ScenarioResults
 from tests.dynamics.cases import mechanism, options
 
 MADE = mechanism(friction=0.1)

@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 
 from jointgap.config import Scenario
+from jointgap.config.scenario_results import ScenarioResults
 from jointgap.core.errors import InputError
 from jointgap.designs.stages import sweep_record, track_sweep, write_sweep
-from jointgap.scenario.results import ScenarioResults
 from tests.dynamics.cases import mechanism, options
 
 SWEPT = {

@@ -6,6 +6,7 @@ import pytest
 import yaml
 
 from jointgap.config import Scenario, resolve
+from jointgap.config.scenario_results import ScenarioResults
 from jointgap.core.errors import InputError
 from jointgap.core.page import to_markdown
 from jointgap.designs.infer_settings import (
@@ -18,7 +19,6 @@ from jointgap.designs.infer_settings import (
 )
 from jointgap.designs.sampling import designs_of
 from jointgap.designs.stages import infer_settings, write_sweep
-from jointgap.scenario.results import ScenarioResults
 from tests.draws import check_rate
 from tests.dynamics.cases import mechanism, options
 

@@ -323,7 +323,7 @@ def effects(name: str | None) -> None:
 
 def _effect(name: str, effect: Any, is_detailed: bool = False) -> str:
     """An effect with law and parameters; in detail with its meaning and an example."""
-    from jointgap.effects.base import example, parameters_of
+    from jointgap.config import example, parameters_of
 
     lines = [
         f"site: {effect.SITE}",
@@ -399,9 +399,9 @@ def cycles(
     """Compute statistics over revolutions: contact, impacts, orbits, Poincaré section,
     periodicity."""
     from jointgap.config import parse_options
+    from jointgap.config.scenario_results import read_trajectory
     from jointgap.core.parquet import read, write
     from jointgap.designs.statistics import cycles
-    from jointgap.scenario.results import read_trajectory
 
     scenario, section_angle = parse_options(options), _quantity("--angle", angle, "rad")
     tables = {

@@ -13,6 +13,7 @@ from jointgap.campaign import sentences as say
 from jointgap.campaign import verdict_json
 from jointgap.campaign.campaign_files import SUMMARIES, VERDICT
 from jointgap.campaign.figures import FIGURES as CAMPAIGN_FIGURES
+from jointgap.config.scenario_results import ScenarioResults
 from jointgap.core import page as pages
 from jointgap.core import parquet
 from jointgap.core.errors import InputError
@@ -32,7 +33,6 @@ from jointgap.core.plot import FigureSpec
 from jointgap.core.words import format_day, format_falls, format_name, joined
 from jointgap.scenario import overview
 from jointgap.scenario.figures import FIGURES, described
-from jointgap.scenario.results import ScenarioResults
 
 _PAGES = {
     "summary.html": "lengths, gain and side effects",

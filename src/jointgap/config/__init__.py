@@ -37,4 +37,10 @@ from jointgap.config.scenario import (
 from jointgap.config.variations import change
 from jointgap.config.yaml_files import read_yaml, shipped_mechanisms
 from jointgap.effects import EFFECTS
-from jointgap.effects.base import CRANK_SIGN_SPEED, SLIDER_SIGN_SPEED, Effect
+from jointgap.effects.base import (
+    CRANK_SIGN_SPEED,
+    SLIDER_SIGN_SPEED,
+    Effect,
+    example,
+    parameters_of,
+)

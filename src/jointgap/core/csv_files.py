@@ -72,34 +72,35 @@ class Columns:
         `factor`."""
         written = self.units.get(column)
         try:
-            own = unit_factor(respelled(written, unit) or written, unit) if written else factor
+            written_factor = (
+                unit_factor(respelled(written, unit) or written, unit) if written else factor
+            )
         except Exception:  # unknown to pint
             return None
-        return None if np.isclose(own, factor, rtol=1e-6) else written
+        return None if np.isclose(written_factor, factor, rtol=1e-6) else written
 
 
 def read_columns(
-    path: Path, wanted: Sequence[str], form: Csv, clock: str = "", partly: bool = False
+    path: Path, columns: Sequence[str], form: Csv, clock: str = "", partly: bool = False
 ) -> Columns:
-    """The columns `wanted` of a file; dates in the column `clock` become seconds. `partly`: the
+    """The columns `columns` of a file; dates in the column `clock` become seconds. `partly`: the
     clock and those of the others that the file has.
     """
     content = _content(path)
     if _is_parquet(path, content):
-        texts, units, remarks = _parquet(path, wanted, clock, partly), {}, ()
+        texts, units, remarks = _parquet(path, columns, clock, partly), {}, ()
     else:
-        texts, units, remarks = _csv(
-            path, _decoded(path, content), wanted, form, clock if partly else ""
-        )
+        text = _decoded(path, content)
+        texts, units, remarks = _csv(path, text, columns, form, clock if partly else "")
     if texts.empty:
         raise InputError(f"{path}: has headings but no samples; give the file of the measurement")
-    began, dates, remark = _seconds(path, texts[clock]) if clock else (None, None, "")
+    start, dates, remark = _seconds(path, texts[clock]) if clock else (None, None, "")
     numbers = {column: texts[column] for column in texts if dates is None or column != clock}
     decimal = form.decimal or _decimal(numbers)
     values = {column: _numbers(path, cells, decimal) for column, cells in numbers.items()}
     if dates is not None:
         values[clock], remarks = dates, (*remarks, remark)
-    return Columns(values, texts.index.to_numpy(), units, remarks, began)
+    return Columns(values, texts.index.to_numpy(), units, remarks, start)
 
 
 def find_headings(path: Path) -> list[str]:
@@ -111,12 +112,12 @@ def find_headings(path: Path) -> list[str]:
 
         return pq.read_schema(path).names
     lines, _ = _lines(_decoded(path, content))
-    kept = list(lines.values())[:_MOST_ABOVE]
+    lines = list(lines.values())[:_MOST_ABOVE]
 
     def merit(rows: Sequence[Sequence[str]]) -> int:
         return sum(max(_numbers_less_texts(row), 0) for row in rows)
 
-    rows = max(([_split(line, mark) for line in kept] for mark in SEPARATORS), key=merit)
+    rows = max(([_split(line, mark) for line in lines] for mark in SEPARATORS), key=merit)
     ((width, _),) = Counter(len(row) for row in rows if _numbers_less_texts(row) > 0).most_common(
         1
     ) or [(0, 0)]
@@ -163,47 +164,49 @@ def _decoded(path: Path, content: bytes) -> str:
         text = content.decode("utf-16" if wide else "utf-8-sig")
         if "\x00" not in text:
             return text
-        before = text[: text.index("\x00")].encode()
+        text_before = text[: text.index("\x00")].encode()
     except UnicodeDecodeError as error:
-        before = content[: error.start]
-    row = before.count(b"\n") + 1
+        text_before = content[: error.start]
+    row = text_before.count(b"\n") + 1
     raise InputError(
-        f"{path}, row {row}: is not text in UTF-8 (byte {len(before)}); save it as UTF-8"
+        f"{path}, row {row}: is not text in UTF-8 (byte {len(text_before)}); save it as UTF-8"
     )
 
 
 def _csv(
-    path: Path, text: str, wanted: Sequence[str], form: Csv, clock: str
+    path: Path, text: str, columns: Sequence[str], form: Csv, clock: str
 ) -> tuple[pd.DataFrame, dict[str, str], tuple[str, ...]]:
     """Texts of the `wanted` columns by line of the file, units, and remarks."""
     lines, comments = _lines(text)
     lines = {number: line for number, line in lines.items() if number > (form.skip_rows or 0)}
     if not lines:
-        what = (
+        problem = (
             f"has no rows below the {form.skip_rows} of csv.skip_rows"
             if form.skip_rows
             else "is empty"
         )
-        raise InputError(f"{path}: {what}; give a table with headings and samples")
-    header_row, separator = _place_of_headings(lines, wanted, form)
+        raise InputError(f"{path}: {problem}; give a table with headings and samples")
+    header_row, separator = _place_of_headings(lines, columns, form)
     headings = _split(lines[header_row], separator)
     while headings and not headings[-1]:  # a trailing separator
         headings.pop()
     hidden = [
         n
         for n, line in comments.items()
-        if any(set(wanted) <= set(_split(line, m)) for m in SEPARATORS)
+        if any(set(columns) <= set(_split(line, m)) for m in SEPARATORS)
     ]
     fix = f"row {hidden[0]} has them in a comment: remove the '#'" if hidden else ""
-    wanted = (
-        [column for column in wanted if column == clock or column in headings] if clock else wanted
+    columns = (
+        [column for column in columns if column == clock or column in headings]
+        if clock
+        else columns
     )
     also = (
         ""
-        if set(wanted) & set(headings)
+        if set(columns) & set(headings)
         else "; if the headings are in another row, give csv.skip_rows"
     )
-    _check_headings(f"{path}, row {header_row}", headings, wanted, fix, also)
+    _check_headings(f"{path}, row {header_row}", headings, columns, fix, also)
     above = sum(number < header_row for number in lines)
     remarks = ()
     if above and form.skip_rows is None:
@@ -229,13 +232,15 @@ def _csv(
                 f" headings in row {header_row} (separator {separator!r}); {fix}, or give"
                 " csv.skip_rows, csv.separator and csv.decimal"
             )
-    places = {column: headings.index(column) for column in wanted}
+    places = {column: headings.index(column) for column in columns}
     texts = {column: [cells[n].strip() for cells in rows.values()] for column, n in places.items()}
     table = pd.DataFrame(texts, index=list(rows), dtype=str)
-    first = [] if table.empty else [text.strip("[]() ") for text in table.iloc[0]]
-    if not any(first) or any(_is_number(text) or len(text) > _MAX_UNIT_LENGTH for text in first):
+    cells_below = [] if table.empty else [text.strip("[]() ") for text in table.iloc[0]]
+    if not any(cells_below) or any(
+        _is_number(text) or len(text) > _MAX_UNIT_LENGTH for text in cells_below
+    ):
         return table, {}, remarks
-    return table.iloc[1:], dict(zip(wanted, first, strict=True)), remarks
+    return table.iloc[1:], dict(zip(columns, cells_below, strict=True)), remarks
 
 
 def _lines(text: str) -> tuple[dict[int, str], dict[int, str]]:
@@ -273,7 +278,7 @@ def _cells(line: str, separator: str) -> list[str]:
     )
 
 
-def _place_of_headings(lines: dict[int, str], wanted: Sequence[str], form: Csv) -> tuple[int, str]:
+def _place_of_headings(lines: dict[int, str], columns: Sequence[str], form: Csv) -> tuple[int, str]:
     """Row of the headings and separator: the first line with the most `wanted` columns, and the
     separator that gives the most cells; with `skip_rows` the first line.
     """
@@ -282,15 +287,15 @@ def _place_of_headings(lines: dict[int, str], wanted: Sequence[str], form: Csv) 
     def merit(place: tuple[int, str]) -> tuple[int, int, int]:
         row, separator = place
         cells = _split(lines[row], separator)
-        return len(set(wanted) & set(cells)), -row, len(cells)
+        return len(set(columns) & set(cells)), -row, len(cells)
 
     return max(((row, mark) for row in rows for mark in form.separator or SEPARATORS), key=merit)
 
 
 def _check_headings(
-    where: str, headings: Sequence[str], wanted: Sequence[str], fix: str = "", also: str = ""
+    where: str, headings: Sequence[str], columns: Sequence[str], fix: str = "", also: str = ""
 ) -> None:
-    for column in wanted:
+    for column in columns:
         if column not in headings:
             hint = (
                 fix
@@ -320,10 +325,10 @@ def _seconds(path: Path, stamps: pd.Series) -> tuple[pd.Timestamp | None, np.nda
     """The first date in a column, the seconds since it, and a remark; None if the column does not
     begin with a date."""
     written = stamps.notna() & (stamps != "")
-    first = next(iter(stamps[written]), None)
-    if isinstance(first, str) and _DATE.match(first):
+    first_stamp = next(iter(stamps[written]), None)
+    if isinstance(first_stamp, str) and _DATE.match(first_stamp):
         stamps = stamps.str.replace(",", ".", regex=False)
-    elif not isinstance(first, pd.Timestamp):
+    elif not isinstance(first_stamp, pd.Timestamp):
         return None, None, ""
     dates = pd.to_datetime(stamps.where(written), format="ISO8601", utc=True, errors="coerce")
     if (wrong := stamps[written & dates.isna()]).size:
@@ -336,7 +341,7 @@ def _seconds(path: Path, stamps: pd.Series) -> tuple[pd.Timestamp | None, np.nda
     return (
         began,
         elapsed,
-        f"{path}, column {stamps.name}: dates are converted to seconds since {first}",
+        f"{path}, column {stamps.name}: dates are converted to seconds since {first_stamp}",
     )
 
 
@@ -370,25 +375,25 @@ def _numbers(path: Path, cells: pd.Series, decimal: str) -> np.ndarray:
     return values
 
 
-def _parquet(path: Path, wanted: Sequence[str], clock: str, partly: bool) -> pd.DataFrame:
+def _parquet(path: Path, columns: Sequence[str], clock: str, partly: bool) -> pd.DataFrame:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     try:
         file = pq.ParquetFile(path, page_checksum_verification=True)
-        table = file.read(columns=[name for name in wanted if name in file.schema_arrow.names])
+        table = file.read(columns=[name for name in columns if name in file.schema_arrow.names])
     except (pa.ArrowException, OSError, ValueError) as error:
         raise InputError(
             f"{path}: cannot be read as Parquet ({_shortened(str(error))}); write the file again"
         ) from error
-    wanted = (
-        [column for column in wanted if column == clock or column in table.column_names]
+    columns = (
+        [column for column in columns if column == clock or column in table.column_names]
         if partly
-        else wanted
+        else columns
     )
-    _check_headings(str(path), file.schema_arrow.names, wanted)
-    columns = {}
-    for column in wanted:
+    _check_headings(str(path), file.schema_arrow.names, columns)
+    series = {}
+    for column in columns:
         cells, kind = table.column(column), table.schema.field(column).type
         if pa.types.is_decimal(kind):
             cells = cells.cast(pa.float64())
@@ -398,8 +403,8 @@ def _parquet(path: Path, wanted: Sequence[str], clock: str, partly: bool) -> pd.
             raise InputError(
                 f"{path}, column {column}: contains {kind}, not numbers; write it as numbers"
             )
-        columns[column] = cells.to_pandas()
-    return pd.DataFrame(columns).set_index(pd.RangeIndex(1, table.num_rows + 1))
+        series[column] = cells.to_pandas()
+    return pd.DataFrame(series).set_index(pd.RangeIndex(1, table.num_rows + 1))
 
 
 def _shortened(text: str) -> str:

@@ -56,7 +56,7 @@ class MissingPackage(InputError, ImportError):
 
 
 @contextmanager
-def needs(what: str, extra: str) -> Iterator[None]:
+def needs(feature: str, extra: str) -> Iterator[None]:
     """Context for imports of optional packages: the error for a missing one says how to install
     it."""
     try:
@@ -66,7 +66,7 @@ def needs(what: str, extra: str) -> Iterator[None]:
         # pip keeps the installed jointgap and adds the packages of the extra
         group = "" if extra in ("learn", "workflow") else f" {extra}"
         raise MissingPackage(
-            f"{what} requires {package}: pip install 'jointgap[{extra}]' (in a clone:"
+            f"{feature} requires {package}: pip install 'jointgap[{extra}]' (in a clone:"
             f" scripts/set-up{group})"
         ) from error
 
@@ -108,12 +108,12 @@ def did_you_mean(word: object, accepted: Iterable[object]) -> str:
 
 def _alike(word: str, meanings: Mapping[str, str]) -> list[str]:
     """The names that share the rarest words with `word`; those of their `meanings` count half."""
-    own = {name: (set(_words(name)), set(_words(text))) for name, text in meanings.items()}
-    merits = dict.fromkeys(sorted(own), 0.0)
+    words_of = {name: (set(_words(name)), set(_words(text))) for name, text in meanings.items()}
+    merits = dict.fromkeys(sorted(words_of), 0.0)
     for part in _words(word):
         having = {
             name: 1.0 if part in words else 0.5
-            for name, (words, text) in own.items()
+            for name, (words, text) in words_of.items()
             if part in words | text
         }
         for name, weight in having.items():

@@ -57,7 +57,8 @@ def _columns(path: Path, units: Sequence[str]) -> dict[str, tuple[str, float]]:
         unit, factor = row.unit, 1.0
         if unit not in ("", "1"):
             unit, factor = next(
-                (found for wanted in units if (found := _converted(unit, wanted))), (unit, factor)
+                (conversion for unit_name in units if (conversion := _converted(unit, unit_name))),
+                (unit, factor),
             )
         columns[row.column] = (
             f"{row.column} [{unit}]" if unit not in ("", "1") else row.column,
@@ -66,11 +67,11 @@ def _columns(path: Path, units: Sequence[str]) -> dict[str, tuple[str, float]]:
     return columns
 
 
-def _converted(unit: str, wanted: str) -> tuple[str, float] | None:
+def _converted(unit: str, unit_name: str) -> tuple[str, float] | None:
     """The unit `wanted` and its number per `unit`; None for another dimension."""
     try:
         unit_factor(unit, unit)  # raises for columns without a single unit
-        return wanted, 1.0 / unit_factor(wanted, unit)
+        return unit_name, 1.0 / unit_factor(unit_name, unit)
     except ValueError:
         return None
 

@@ -47,11 +47,11 @@ def check_writable(*paths: Path | str) -> None:
         taken.add(path.resolve())
         if path.is_dir():
             raise InputError(f"{path}: is a folder, not a file; give another name")
-        made = [folder for folder in path.parents if not folder.exists()]
+        missing_folders = [folder for folder in path.parents if not folder.exists()]
         try:
             with _beside(path) as temporary:
                 temporary.touch()
         finally:  # no empty folders after a failure
             with suppress(OSError):  # missing, or in use
-                for folder in made:
+                for folder in missing_folders:
                     folder.rmdir()

@@ -103,13 +103,13 @@ def _parsed(text: str) -> ast.expr:
         raise InputError("the formula is empty; write e.g. '-a*v*|v|'")
     python, place, end = "", 0, len(text.rstrip())
     while place < end:
-        found = _TOKEN.match(text, place)
-        if not found:
+        match = _TOKEN.match(text, place)
+        if not match:
             raise InputError(
                 f"formula '{text}', after '{text[:place]}': the next character is invalid;"
                 " remove it"
             )
-        token, place = found[1], found.end()
+        token, place = match[1], match.end()
         if token == "|":
             token = "{" if not python or python[-1] in "({*+-/" else "}"
         python += f" {'**' if token == '^' else token}"
@@ -151,12 +151,12 @@ class _Steps:
                     return self.operation(*_FUNCTIONS[name], self.of(operand))
                 self.name(name)  # raises for an unknown name
             case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATIONS:
-                first, second = self.of(left), self.of(right)
-                if isinstance(op, ast.Pow) and second == [(NUMBER, 2.0)] and not _is_number(first):
-                    return [*first, (SQUARE, 0)]
+                base, second = self.of(left), self.of(right)
+                if isinstance(op, ast.Pow) and second == [(NUMBER, 2.0)] and not _is_number(base):
+                    return [*base, (SQUARE, 0)]
                 if isinstance(op, ast.Div) and second == [(NUMBER, 0.0)]:
                     raise InputError(f"formula '{self.text}' divides by 0")
-                return self.operation(*_OPERATIONS[type(op)], first, second)
+                return self.operation(*_OPERATIONS[type(op)], base, second)
         raise InputError(
             f"formula '{self.text}': '{ast.unparse(tree)}' is not supported; use + - * / ^ and"
             " functions"

@@ -24,9 +24,9 @@ def spikes(y: np.ndarray) -> np.ndarray:
     from scipy.ndimage import median_filter  # slow to load
 
     away = np.abs(y - median_filter(y, 5, mode="wrap"))
-    order, found = np.argsort(-away, kind="stable"), 0
+    order, number = np.argsort(-away, kind="stable"), 0
     for count in range(1, max(3, int(_MOST_SHARE * y.size)) + 1):
-        others = np.delete(y, order[:count])
-        if away[order[count - 1]] > _BEYOND * np.abs(np.diff(others, append=others[0])).max():
-            found = count
-    return np.sort(order[:found])
+        remaining = np.delete(y, order[:count])
+        if away[order[count - 1]] > _BEYOND * np.abs(np.diff(remaining, append=remaining[0])).max():
+            number = count
+    return np.sort(order[:number])

@@ -207,16 +207,16 @@ def to_markdown(page: Page, figures: str = "figures") -> str:
 
 def to_html(page: Page, figures: Path | str = "figures") -> str:
     """The page as one HTML file, with embedded images from the folder `figures`."""
-    there = [
+    blocks = [
         block
         for block in page.blocks
         if not isinstance(block, FigureBlock) or Path(figures, block.image).exists()
     ]
-    shown = tuple(_with_images(one, Path(figures)) for one in _numbered(there))
-    ahead = next((n for n, one in enumerate(shown) if isinstance(one.block, Heading)), len(shown))
-    sections = [one for one in shown if isinstance(one.block, Heading)]
+    shown = tuple(_with_images(item, Path(figures)) for item in _numbered(blocks))
+    ahead = next((n for n, item in enumerate(shown) if isinstance(item.block, Heading)), len(shown))
+    sections = [item for item in shown if isinstance(item.block, Heading)]
     if len(sections) > _PARTS_UP_TO:
-        sections = [one for one in sections if one.block.level == 2]
+        sections = [item for item in sections if item.block.level == 2]
     return _TEMPLATES.get_template("page.html.j2").render(
         page=page,
         first=shown[:ahead],
@@ -225,12 +225,12 @@ def to_html(page: Page, figures: Path | str = "figures") -> str:
     )
 
 
-def _with_images(one: _Shown, figures: Path) -> _Shown:
-    if not isinstance(one.block, FigureBlock):
-        return one
-    narrow = figures / f"{one.block.narrow}.png"
-    return one._replace(
-        image=data_address(figures / one.block.image),
+def _with_images(item: _Shown, figures: Path) -> _Shown:
+    if not isinstance(item.block, FigureBlock):
+        return item
+    narrow = figures / f"{item.block.narrow}.png"
+    return item._replace(
+        image=data_address(figures / item.block.image),
         narrow=data_address(narrow) if narrow.is_file() else "",
     )
 
@@ -278,7 +278,7 @@ def markdown_text(text: str) -> str:
     """`text` as a paragraph with Markdown's special characters escaped, except backticks around
     code."""
     return _BEGINNING.sub(
-        lambda found: f"{found[0]}\\" if found[3] else f"\\{found[0]}", _markdown_words(text)
+        lambda match: f"{match[0]}\\" if match[3] else f"\\{match[0]}", _markdown_words(text)
     )
 
 
@@ -313,7 +313,7 @@ def _html_point(point: str | Link) -> Markup:
 
 def _with_code(text: str) -> Markup:
     """`text` as HTML, with code between backticks."""
-    return Markup(_CODE.sub(lambda found: f"<code>{found[0][1:-1]}</code>", str(escape(text))))
+    return Markup(_CODE.sub(lambda match: f"<code>{match[0][1:-1]}</code>", str(escape(text))))
 
 
 _NUMBER_AND_UNIT = re.compile(r"(?<=\d) (?=(?!to\b)[^\W\d]{1,3}\b|%)")

@@ -56,12 +56,9 @@ _read_checked = partial(pq.read_table, page_checksum_verification=True)
 
 def to_arrow(table: Table, frame: pd.DataFrame) -> pa.Table:
     """`frame` as an Arrow table with exactly the columns of `table`."""
-    wanted = table.names
-    if sorted(frame.columns) != sorted(wanted):
-        missing, extra = (
-            sorted(set(wanted) - set(frame.columns)),
-            sorted(set(frame.columns) - set(wanted)),
-        )
+    names = table.names
+    if sorted(frame.columns) != sorted(names):
+        missing, extra = sorted({*names} - {*frame}), sorted({*frame} - {*names})
         raise ValueError(f"table {table.name}: missing columns {missing}, unknown columns {extra}")
     for column in table.columns:
         if (
@@ -70,7 +67,7 @@ def to_arrow(table: Table, frame: pd.DataFrame) -> pa.Table:
         ):
             raise ValueError(f"table {table.name}: column {column.name} contains an infinite value")
     columns = schema(table)
-    arrow = pa.Table.from_pandas(frame[wanted], columns, preserve_index=False)
+    arrow = pa.Table.from_pandas(frame[names], columns, preserve_index=False)
     return arrow.replace_schema_metadata(columns.metadata)
 
 
@@ -87,8 +84,12 @@ def write(
     floats = {
         column.name: "BYTE_STREAM_SPLIT" for column in table.columns if column.kind == "float"
     }
-    others = [column.name for column in table.columns if column.kind != "float"]
-    options = {"compression": "zstd", "use_dictionary": others, "column_encoding": floats or None}
+    not_floats = [column.name for column in table.columns if column.kind != "float"]
+    options = {
+        "compression": "zstd",
+        "use_dictionary": not_floats,
+        "column_encoding": floats or None,
+    }
     write_atomically(
         path, lambda file: pq.write_table(arrow, file, write_page_checksum=True, **options)
     )
@@ -103,11 +104,10 @@ def read(table: Table, path: Path | str) -> pd.DataFrame:
             f"{path}: contains table '{held}', not '{table.name}'; give the right file, or run its"
             " stage again"
         )
-    there, wanted = (
-        [(field.name, field.type) for field in one] for one in (arrow.schema, schema(table))
-    )
-    if there != wanted:
-        differ = sorted({f"{name} ({kind})" for name, kind in set(there) ^ set(wanted)})
+    stored = [(field.name, field.type) for field in arrow.schema]
+    expected = [(field.name, field.type) for field in schema(table)]
+    if stored != expected:
+        differ = sorted({f"{name} ({kind})" for name, kind in set(stored) ^ set(expected)})
         raise InputError(
             f"{path}: table '{held}' has other columns than in this version"
             f" ({', '.join(differ) or 'order'}); run its stage again"
@@ -165,11 +165,12 @@ def read_table(path: Path | str) -> pd.DataFrame:
 def _units(arrow: pa.Schema) -> dict[str, str]:
     """Units by column, also of a file that pandas wrote."""
     try:
-        kept = dict(json.loads((arrow.metadata or {})[_PANDAS.encode()])["units"])
+        pandas_units = dict(json.loads((arrow.metadata or {})[_PANDAS.encode()])["units"])
     except (KeyError, TypeError, ValueError):  # not there, or of another program
-        kept = {}
+        pandas_units = {}
     return {
-        field.name: _word((field.metadata or {}).get(b"unit", b"")) or str(kept.get(field.name, ""))
+        field.name: _word((field.metadata or {}).get(b"unit", b""))
+        or str(pandas_units.get(field.name, ""))
         for field in arrow
     }
 
@@ -208,7 +209,9 @@ def describe(path: Path | str) -> pd.DataFrame:
     """Column, unit and description of any Parquet file, one row per column."""
     arrow = _open(pq.read_schema, path)
     units, fields = _units(arrow), ((field.name, field.metadata or {}) for field in arrow)
-    rows = [(name, units[name], _word(own.get(b"description", b""))) for name, own in fields]
+    rows = [
+        (name, units[name], _word(metadata.get(b"description", b""))) for name, metadata in fields
+    ]
     return pd.DataFrame(rows, columns=["column", "unit", "description"])
 
 

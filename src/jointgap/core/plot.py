@@ -139,11 +139,13 @@ class Drawing:
         # flicker
         frames = [Image.fromarray(frame) for frame in self.frames]
         palette = frames[-1].quantize(128, method=Image.Quantize.MAXCOVERAGE)
-        first, *others = (
+        first_frame, *more_frames = (
             frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames
         )
         timing = {"duration": round(1000 * self.frame_duration), "loop": 0}
-        first.save(file, format="GIF", save_all=True, append_images=others, optimize=True, **timing)
+        first_frame.save(
+            file, format="GIF", save_all=True, append_images=more_frames, optimize=True, **timing
+        )
 
     def _repr_mimebundle_(
         self, include=None, exclude=None

@@ -13,23 +13,23 @@ Listener = Callable[[str, int, int | None], None]
 _listeners: list[Listener] = []
 
 
-def report_progress(what: str, done: int, total: int | None = None) -> None:
+def report_progress(task: str, count: int, total: int | None = None) -> None:
     """Report that `done` of `total` are done."""
     for listener in _listeners:
-        listener(what, done, total)
+        listener(task, count, total)
 
 
-def with_progress(items: Iterable[Item], what: str, total: int | None = None) -> Iterator[Item]:
+def with_progress(items: Iterable[Item], task: str, total: int | None = None) -> Iterator[Item]:
     """The `items`, with a report before the first and after each."""
     if total is None and hasattr(items, "__len__"):
         total = len(items)
-    done = 0
-    report_progress(what, done, total)
+    count = 0
+    report_progress(task, count, total)
     for item in items:
         yield item
-        done += 1
-        report_progress(what, done, total)
-    report_progress(what, done, done)
+        count += 1
+        report_progress(task, count, total)
+    report_progress(task, count, count)
 
 
 @contextmanager
@@ -50,6 +50,6 @@ def parts(number: int, per_job: int) -> dict[str, tuple[int, int]]:
     """Split `number` items into parts of `per_job` each; the last part has the remainder."""
     firsts = range(0, number, per_job)
     return {
-        f"part_{part:06d}": (first, min(per_job, number - first))
-        for part, first in enumerate(firsts)
+        f"part_{part:06d}": (start, min(per_job, number - start))
+        for part, start in enumerate(firsts)
     }

@@ -149,8 +149,10 @@ def thinned(curve: pd.Series, points: int = CURVE_POINTS) -> pd.Series:
 def configuration(options: "BaseModel", sections: set[str]) -> dict[str, Any]:
     """Parameters, flattened from the `sections` of a configuration, and a file with these
     sections."""
-    given = options.model_dump(mode="json", by_alias=True, include=sections, exclude_none=True)
-    flat = pd.json_normalize(given).iloc[0].to_dict()
+    sections_content = options.model_dump(
+        mode="json", by_alias=True, include=sections, exclude_none=True
+    )
+    flat = pd.json_normalize(sections_content).iloc[0].to_dict()
     params = {
         re.sub(r"[^\w\-./ ]", "_", key): str(value)[:_LONGEST_VALUE] for key, value in flat.items()
     }
@@ -273,9 +275,9 @@ def _make(file: Path) -> None:
 
     file.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".mlflow-", dir=file.parent) as folder:
-        new = Path(folder, file.name)
-        MlflowClient(tracking_uri=f"{_SQLITE}{new}").search_experiments(max_results=1)
-        new.rename(file)
+        temporary = Path(folder, file.name)
+        MlflowClient(tracking_uri=f"{_SQLITE}{temporary}").search_experiments(max_results=1)
+        temporary.rename(file)
 
 
 def without_password(address: str) -> str:
@@ -316,23 +318,23 @@ def publish_records(
         "mlflow.user": user_name(),
         "mlflow.note.content": description,
     }
-    done, deleted = {}, 0
+    states, deleted = {}, 0
     with opened(address) as client:
         for stage in dict.fromkeys(record.stage for record in content):
             experiment = _experiment(client, stage, address, results)
-            found = client.search_runs(
+            runs = client.search_runs(
                 [experiment], f"tags.`{SCENARIO}` = '{name}'", max_results=_MOST_RUNS
             )
-            whole = {
+            finished = {
                 (run.data.tags.get(OUTPUT), run.data.tags.get(DIGEST)): run
-                for run in reversed(found)
+                for run in reversed(runs)
                 if run.info.status == "FINISHED"
             }
-            parent, kept = None, set()
+            parent, used_ids = None, set()
             for record in (record for record in content if record.stage == stage):
-                own = {STAGE: stage, OUTPUT: record.output, DIGEST: record.digest}
-                own |= {PARENT: parent} if record.output else {}
-                present = whole.get((record.output, record.digest))
+                identity = {STAGE: stage, OUTPUT: record.output, DIGEST: record.digest}
+                identity |= {PARENT: parent} if record.output else {}
+                present = finished.get((record.output, record.digest))
                 if present is None:
                     notes = {f"jointgap.{key}": text for key, text in record.notes.items()}
                     run_id = _write(
@@ -340,22 +342,27 @@ def publish_records(
                         experiment,
                         f"{name} {record.output}".strip(),
                         record,
-                        shared | notes | own,
+                        shared | notes | identity,
                     )
                 else:
                     run_id = present.info.run_id
                     if record.output and present.data.tags.get(PARENT) != parent:
                         client.set_tag(run_id, PARENT, parent)
                 parent = parent if record.output else run_id
-                kept.add(run_id)
+                used_ids.add(run_id)
                 key = f"{stage}/{record.output}" if record.output else stage
                 state = "kept" if present else "written"
-                done[key] = {"run_id": run_id, "digest": record.digest, "state": state}
-            gone = [run.info.run_id for run in found if run.info.run_id not in kept]
+                states[key] = {"run_id": run_id, "digest": record.digest, "state": state}
+            gone = [run.info.run_id for run in runs if run.info.run_id not in used_ids]
             for run_id in gone:
                 client.delete_run(run_id)
             deleted += len(gone)
-    return {"store": without_password(address), "scenario": name, "runs": done, "deleted": deleted}
+    return {
+        "store": without_password(address),
+        "scenario": name,
+        "runs": states,
+        "deleted": deleted,
+    }
 
 
 def _experiment(client: "MlflowClient", stage: str, address: str, results: Path) -> str:
@@ -387,10 +394,10 @@ def _write(
     run_id = client.create_run(experiment, tags=tags, run_name=name).info.run_id
     metrics = [Metric(key, value, 0, step) for key, value, step in record.points()]
     params = [Param(key, value) for key, value in record.params.items()]
-    for first in range(0, len(metrics), _MOST_METRICS):
-        client.log_batch(run_id, metrics=metrics[first : first + _MOST_METRICS])
-    for first in range(0, len(params), _MOST_PARAMS):
-        client.log_batch(run_id, params=params[first : first + _MOST_PARAMS])
+    for start in range(0, len(metrics), _MOST_METRICS):
+        client.log_batch(run_id, metrics=metrics[start : start + _MOST_METRICS])
+    for start in range(0, len(params), _MOST_PARAMS):
+        client.log_batch(run_id, params=params[start : start + _MOST_PARAMS])
     if record.datasets:
         client.log_inputs(run_id, [_input(dataset) for dataset in record.datasets])
     with tempfile.TemporaryDirectory(prefix="jointgap-") as folder:
@@ -414,7 +421,8 @@ def _input(dataset: Dataset):
 
     footers = [read_footer(path) for path in dataset.files]
     columns = [
-        {"name": one.name, "type": str(one.type)} for one in footers[0].schema.to_arrow_schema()
+        {"name": field.name, "type": str(field.type)}
+        for field in footers[0].schema.to_arrow_schema()
     ]
     source, schema = {"uri": str(dataset.path.resolve())}, {"mlflow_colspec": columns}
     profile = {"num_rows": sum(footer.num_rows for footer in footers)}

@@ -36,9 +36,9 @@ class ResultsFolder:
         """Write the `frame` of `table` (of its `part`); errors as `parquet.write`."""
         parquet.write(_table(table), frame, self.place(table, part))
 
-    def read_all(self, wanted: Iterable[Table | str], part: str = "") -> Frames:
+    def read_all(self, tables: Iterable[Table | str], part: str = "") -> Frames:
         """Frames of the tables `wanted` by name."""
-        return {_table(table).name: self.read(table, part) for table in wanted}
+        return {_table(table).name: self.read(table, part) for table in tables}
 
     def write_all(self, frames: Frames, part: str = "") -> None:
         """Write `frames` by the names of their tables."""
@@ -48,6 +48,10 @@ class ResultsFolder:
     def check_writable(self, *paths: str) -> None:
         """InputError, before long computations, where files of the folder cannot be written."""
         check_writable(*(self.path / path for path in paths))
+
+    def located(self, error: InputError) -> InputError:
+        """The `error` of a stage, with the file that it is in."""
+        return error
 
     def check_apart(self, inputs: Iterable[Path | str], written: Iterable[str]) -> None:
         """InputError where a result would overwrite an input."""

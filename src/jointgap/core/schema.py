@@ -46,11 +46,13 @@ class Table:
 
     def filled(self, **groups: Iterable[Column]) -> "Table":
         """The same table with columns that depend on the configuration in place of ``{group}``."""
-        own = (
+        column_lists = (
             [column] if column.name[0] != "{" else groups[column.name[1:-1]]
             for column in self.columns
         )
-        return replace(self, columns=tuple(column for columns in own for column in columns))
+        return replace(
+            self, columns=tuple(column for columns in column_lists for column in columns)
+        )
 
 
 def _read() -> dict[str, Table]:

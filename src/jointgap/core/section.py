@@ -87,13 +87,15 @@ class ConfigModel(BaseModel, metaclass=_Called):
             cls.__pydantic_fields__
         )  # model_fields takes a tenth of the time of a sweep's design
         if isinstance(data, dict) and not fields.keys() >= data.keys():
-            known = {field.alias or name: field.description or "" for name, field in fields.items()}
+            descriptions = {
+                field.alias or name: field.description or "" for name, field in fields.items()
+            }
             words = {}  # by key: text before and after its path
             for key in data:
                 if instead := cls.removed.get(key):
                     words[key] = ("", f" was removed; {instead}")
-                elif key not in known:
-                    words[key] = ("unknown ", f"; {did_you_mean(key, known)}")
+                elif key not in descriptions:
+                    words[key] = ("unknown ", f"; {did_you_mean(key, descriptions)}")
             if words:
                 raise PydanticCustomError("unknown_keys", "has unknown keys", {"keys": words})
         return data
@@ -133,8 +135,8 @@ def _complaint(item: Mapping, data: object) -> list[str]:
     if kind == "unknown_keys":
         inside = f"{key}." if key else ""
         return [
-            f"{before}key '{inside}{name}'{after}"
-            for name, (before, after) in context["keys"].items()
+            f"{prefix}key '{inside}{name}'{suffix}"
+            for name, (prefix, suffix) in context["keys"].items()
         ]
     if kind == "missing":
         laid_over = ", or the key base, the path of a mechanism file that these keys modify"
@@ -146,9 +148,9 @@ def _complaint(item: Mapping, data: object) -> list[str]:
         return [f"key '{key}.{_unquoted(context['discriminator'])[0]}' is missing; add it"]
     if kind.startswith("union_tag"):
         (choice,), tag = _unquoted(context["discriminator"]), context["tag"]
-        what = "effect" if choice == "name" else choice
+        noun = "effect" if choice == "name" else choice
         return [
-            f"{key}.{choice} = {tag!r}: no such {what};"
+            f"{key}.{choice} = {tag!r}: no such {noun};"
             f" {did_you_mean(tag, _unquoted(context['expected_tags']))}"
         ]
     shown = "" if isinstance(value, dict | BaseModel) else f" = {_shortened(repr(value))}"
@@ -206,7 +208,7 @@ def entry_name(entries: list | tuple, place: int, following: tuple = ()) -> str:
 
 def _message(item: Mapping) -> str:
     """The expected value, without Python terms."""
-    kind, given = item["type"], item["input"]
+    kind, value = item["type"], item["input"]
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         return (
             f"must be {_ALSO.get(item['loc'][-1], '') if item['loc'] else ''}a mapping of keys to"
@@ -216,14 +218,14 @@ def _message(item: Mapping) -> str:
         kind == "literal_error"
         and len(choices := _unquoted(item["ctx"]["expected"])) > _MOST_LISTED
     ):
-        return f"is not one of the choices; {did_you_mean(given, choices)}"
-    family, _, what = kind.partition("_")
-    if what in _WRONG_TYPE and family in _PLAIN:
-        is_scalar = given is not None and not isinstance(given, list | dict)
+        return f"is not one of the choices; {did_you_mean(value, choices)}"
+    family, _, problem = kind.partition("_")
+    if problem in _WRONG_TYPE and family in _PLAIN:
+        is_scalar = value is not None and not isinstance(value, list | dict)
         quotes = "; write it in quotation marks" if family == "string" and is_scalar else ""
         return f"must be {_PLAIN[family]}{quotes}"
     message = _COUNTED.sub("", item["msg"])
-    return _SUBJECT.sub(lambda found: "must " if found[2] else "", message)
+    return _SUBJECT.sub(lambda match: "must " if match[2] else "", message)
 
 
 def _shortened(text: str) -> str:

@@ -3,9 +3,11 @@
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from jointgap.core.code_digest import code_digest
+from jointgap.core.errors import InputError
 from jointgap.core.schema import Table
 
 if TYPE_CHECKING:
@@ -34,6 +36,25 @@ def options_of(function: Callable[..., Any]) -> dict[str, Option]:
 
 Workers = Annotated[
     int | None, Option("--workers", type=1, help="Parallel runs; the number of cores by default.")
+]
+
+
+ScenarioOptions = Annotated[
+    str,
+    Option(
+        "--options",
+        required=True,
+        help="The scenario: path of a YAML or JSON file (config/README.md), or JSON text.",
+    ),
+]
+ResultsOption = Annotated[
+    Path,
+    Option(
+        "--results",
+        type="folder",
+        required=True,
+        help="Folder of the scenario's results, which is read and written.",
+    ),
 ]
 
 
@@ -95,7 +116,10 @@ class Stage:
 def run_stage(stage: Stage, state: Any, **options: Any) -> str | None:
     """Run a stage if its outputs can be written; `state` is a `ResultsFolder`."""
     state.check_writable(*stage.outputs(**options))
-    return stage.function(state, **options)
+    try:
+        return stage.function(state, **options)
+    except InputError as error:
+        raise state.located(error) from error
 
 
 class Stages(dict[str, Stage]):
@@ -138,13 +162,13 @@ class Stages(dict[str, Stage]):
 
     def needed_for(self, name: str) -> list[str]:
         """The stage `name` and all stages that its tables depend on, in order."""
-        wanted: set[str] = set()
-        needed: list[str] = []
+        paths: set[str] = set()
+        names: list[str] = []
         for stage in reversed(self.values()):
-            if stage.name == name or not wanted.isdisjoint(table.path for table in stage.writes):
-                wanted |= {table.path for table in stage.reads}
-                needed.append(stage.name)
-        return needed[::-1]
+            if stage.name == name or not paths.isdisjoint(table.path for table in stage.writes):
+                paths |= {table.path for table in stage.reads}
+                names.append(stage.name)
+        return names[::-1]
 
     def written_by(self, *names: str) -> tuple[Table, ...]:
         """Tables written by the stages `names`."""

@@ -81,9 +81,9 @@ def plain_numbers(value: Any) -> Any:
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, Mapping):
-        return {key: plain_numbers(own) for key, own in value.items()}
+        return {key: plain_numbers(item) for key, item in value.items()}
     if isinstance(value, list | tuple | range):
-        return [plain_numbers(own) for own in value]
+        return [plain_numbers(item) for item in value]
     if isinstance(value, Real | Decimal) and not isinstance(value, int | float):
         try:
             return float(value)
@@ -95,8 +95,8 @@ def plain_numbers(value: Any) -> Any:
 @lru_cache(4096)  # defaults with units are read at each of a fit's thousands of simulations
 def _read(text: str, unit: str) -> float:
     with _suggesting(*_parts(text), unit):
-        number, own = _split(text)
-        return _converted(float(number), own, unit) if own else float(number)
+        number, source_unit = _split(text)
+        return _converted(float(number), source_unit, unit) if source_unit else float(number)
 
 
 def split_quantity(text: str) -> tuple[str, str]:
@@ -113,22 +113,24 @@ def _parts(text: str) -> tuple[str, str]:
 
 def _split(text: str) -> tuple[str, str]:
     plain = text.translate(_SIGNS) if len(text) <= _LONGEST else ""
-    if found := _QUANTITY.fullmatch(plain):
-        number, unit = found.groups()
+    if match := _QUANTITY.fullmatch(plain):
+        number, unit = match.groups()
     else:
         unit, parts = split_share(plain)
         number = repr(1.0 / parts) if parts != 1.0 else ""
-    own = _unit_for_pint(unit)
-    if not number or (unit and not own):
+    pint_unit = _unit_for_pint(unit)
+    if not number or (unit and not pint_unit):
         raise ValueError(
             _with_point(*comma.groups()) if (comma := _COMMA.fullmatch(plain)) else _NO_QUANTITY
         )
-    return number, own
+    return number, pint_unit
 
 
-def _with_point(before: str, after: str, rest: str) -> str:
-    thousands = f" (or '{before}{after}{rest}')" if before.strip("-+0") and len(after) == 3 else ""
-    return f"has a decimal comma; write '{before or 0}.{after}{rest}'{thousands}"
+def _with_point(whole: str, decimals: str, exponent: str) -> str:
+    thousands = (
+        f" (or '{whole}{decimals}{exponent}')" if whole.strip("-+0") and len(decimals) == 3 else ""
+    )
+    return f"has a decimal comma; write '{whole or 0}.{decimals}{exponent}'{thousands}"
 
 
 def split_share(unit: str) -> tuple[str, float]:
@@ -138,28 +140,8 @@ def split_share(unit: str) -> tuple[str, float]:
     return (share[1], float(share[2])) if share and float(share[2]) > 0 else (unit, 1.0)
 
 
-_LINES = (
-    100,
-    128,
-    180,
-    200,
-    250,
-    256,
-    300,
-    360,
-    400,
-    500,
-    512,
-    600,
-    720,
-    1000,
-    1080,
-    1250,
-    1500,
-    1800,
-    2500,
-    3600,
-)
+_LINES = (100, 128, 180, 200, 250, 256, 300, 360, 400, 500, 512, 600, 720)
+_LINES += (1000, 1080, 1250, 1500, 1800, 2500, 3600)
 _COUNTS = sorted({lines * 2**doubled for lines in _LINES for doubled in range(12)})
 """Usual counts of encoders a turn: lines, with double and fourfold evaluation."""
 
@@ -181,20 +163,21 @@ def _unit_for_pint(unit: str) -> str:
     return f"1{unit}" if unit.startswith("/") else unit
 
 
-def _torque_for_pint(found: re.Match[str]) -> str:
-    stroke, force, lever, power = (part or "" for part in found.groups())
+def _torque_for_pint(match: re.Match[str]) -> str:
+    stroke, force, lever, power = (part or "" for part in match.groups())
     return f"/({force}*{lever}{power})" if stroke else f"{force}*{lever}{power}"
 
 
-def _converted(number: float, own: str, unit: str) -> float:
+def _converted(number: float, source_unit: str, unit: str) -> float:
     """A `number` of the unit `own`, for pint, in `unit`."""
     import pint
 
     try:
-        quantity = _registry().Quantity(number, own)
+        quantity = _registry().Quantity(number, source_unit)
     except Exception as error:  # pint raises a dozen kinds, tokenizer errors among them
         raise ValueError(
-            f"is not a number with a unit (of dimension '{unit or '1'}'): there is no unit '{own}'"
+            f"is not a number with a unit (of dimension '{unit or '1'}'): there is no unit"
+            f" '{source_unit}'"
         ) from error
     try:
         converted = quantity.to(_unit_for_pint(unit) or "dimensionless")
@@ -220,22 +203,24 @@ def unit_factor(unit: str, base: str) -> float:
 
 
 def _factor(unit: str, base: str) -> float:
-    whole, parts = split_share(unit)
-    return _converted(1.0 / parts, _checked_unit(whole, base), base)
+    unit_name, parts = split_share(unit)
+    return _converted(1.0 / parts, _checked_unit(unit_name, base), base)
 
 
 @lru_cache
 def scaled_unit_factor(scale: str, unit: str, base: str) -> float:
     """Number of `base` per `unit` of a signal that a `scale` such as ``0.35 N*m/A`` converts."""
-    number, own = split_quantity(scale)
+    number, scale_unit = split_quantity(scale)
     signal = _checked_unit(unit, base)
-    with _suggesting("", own, f"{base}/({signal})"):
-        return _converted(float(number), f"({own}) * ({signal})" if own else signal, base)
+    with _suggesting("", scale_unit, f"{base}/({signal})"):
+        return _converted(
+            float(number), f"({scale_unit}) * ({signal})" if scale_unit else signal, base
+        )
 
 
 def _checked_unit(unit: str, base: str) -> str:
-    if own := _unit_for_pint(unit):
-        return own
+    if pint_unit := _unit_for_pint(unit):
+        return pint_unit
     raise ValueError(f"is {'not a unit' if unit.strip() else 'empty'}; write a unit such as {base}")
 
 
@@ -288,12 +273,12 @@ def respelled(unit: str, base: str | None = None) -> str:
     text = re.sub(r"(?<=[^\W\d])(?=-[0-9])", "^", " ".join(unit.translate(_SIGNS).split()))  # min-1
     text = re.sub(r"(?<=[^\W\d]) ?[-. ] ?(?=[^\W\d])", "*", text)
     words = re.sub(r"[^\W\d_]+", lambda word: UNIT_SPELLINGS.get(word[0].lower(), word[0]), text)
-    for known in (UNIT_SPELLINGS.get(text.lower(), ""), words, text.lower()):
+    for candidate in (UNIT_SPELLINGS.get(text.lower(), ""), words, text.lower()):
         try:
-            _factor(known, known if base is None else base)
+            _factor(candidate, candidate if base is None else base)
         except ValueError:
             continue
-        return known
+        return candidate
     return ""
 
 
@@ -304,11 +289,11 @@ def _suggesting(number: str, unit: str, base: str | None = None) -> Iterator[Non
     try:
         yield
     except ValueError as error:
-        known = respelled(unit, base) if len(unit) <= _LONGEST else ""
-        if known in ("", unit):
+        spelling = respelled(unit, base) if len(unit) <= _LONGEST else ""
+        if spelling in ("", unit):
             raise
         raise ValueError(
-            f"{str(error).partition(';')[0]}; did you mean '{number}{known}'?"
+            f"{str(error).partition(';')[0]}; did you mean '{number}{spelling}'?"
         ) from error
 
 

@@ -14,15 +14,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from jointgap.core.files import check_writable, write_text
 from jointgap.core.schema import TABLES
-from jointgap.core.stage import Option, Stages, Workers
-from jointgap.scenario.stages import open_results, run_scenario_stage
+from jointgap.core.stage import Option, ResultsOption, ScenarioOptions, Stages, Workers
 
 if TYPE_CHECKING:  # slow to load
     from jointgap.config import Scenario
+    from jointgap.config.scenario_results import ScenarioResults
     from jointgap.core.publish import Record
-    from jointgap.scenario.results import ScenarioResults
 
-DESIGN_STAGES = Stages(open_results, run_scenario_stage)
+
+def open_results(options: ScenarioOptions, results: ResultsOption) -> "ScenarioResults":
+    """The results of a scenario."""
+    from jointgap.config import scenario_results
+
+    return scenario_results.open_results(options, results)
+
+
+DESIGN_STAGES = Stages(open_results)
 
 SWEPT_DESIGNS = "sweep/designs"
 """Dataset of `jointgap sweep` in the folder of a scenario."""

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
+from jointgap.config.scenario_results import ScenarioResults
 from jointgap.core.page import (
     Block,
     FigureBlock,
@@ -23,7 +24,6 @@ from jointgap.core.schema import OVERVIEW
 from jointgap.core.words import format_falls, format_range
 from jointgap.paper.compare import variant_optimum
 from jointgap.scenario.figures import FIGURES
-from jointgap.scenario.results import ScenarioResults
 
 NEEDED = ("fit_errors", "optimise_optima", "optimise_resimulated", "comparison")
 """Tables of a scenario required for its row."""

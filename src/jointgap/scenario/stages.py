@@ -1,65 +1,28 @@
 """The stages of a scenario in their order. Each imports its packages only when it runs."""
 
 import json
-import re
 import sys
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from jointgap.core import schema
 from jointgap.core.files import write_text
-from jointgap.core.stage import Option, Stage, Stages, run_stage
+from jointgap.core.stage import Option, ResultsOption, ScenarioOptions, Stages
 from jointgap.networks import OF_NETWORKS
 
 if TYPE_CHECKING:
     from jointgap.config import Scenario
-    from jointgap.scenario.results import ScenarioResults
+    from jointgap.config.scenario_results import ScenarioResults
 
 
-def open_results(
-    options: Annotated[
-        str,
-        Option(
-            "--options",
-            required=True,
-            help="The scenario: path of a YAML or JSON file (config/README.md), or JSON text.",
-        ),
-    ],
-    results: Annotated[
-        Path,
-        Option(
-            "--results",
-            type="folder",
-            required=True,
-            help="Folder of the scenario's results, which is read and written.",
-        ),
-    ],
-) -> "ScenarioResults":
+def open_results(options: ScenarioOptions, results: ResultsOption) -> "ScenarioResults":
     """The results of a scenario."""
-    from jointgap.config import parse_options
-    from jointgap.config.yaml_files import plain_speeds
-    from jointgap.scenario.results import ScenarioResults
+    from jointgap.config import scenario_results
 
-    is_text = options.lstrip().startswith("{")
-    for remark in () if is_text else plain_speeds(options):
-        print(f"jointgap: {remark}", file=sys.stderr)
-    return ScenarioResults(results, parse_options(options), "--options" if is_text else options)
+    return scenario_results.open_results(options, results)
 
 
-def run_scenario_stage(stage: Stage, results: "ScenarioResults", **options: Any) -> str | None:
-    """Run a stage; errors about a key begin with the file of the scenario."""
-    from jointgap.core.errors import InputError
-
-    try:
-        return run_stage(stage, results, **options)
-    except InputError as error:
-        section = re.compile(rf"(?:{'|'.join(type(results.scenario).model_fields)})[.:]")
-        lines = (f"{results.source}: {ln}" if section.match(ln) else ln for ln in error.args)
-        raise InputError(*lines) from error
-
-
-SCENARIO_STAGES = Stages(open_results, run_scenario_stage)
+SCENARIO_STAGES = Stages(open_results)
 
 
 def stages_of(scenario: "Scenario") -> list[str]:
@@ -144,10 +107,10 @@ def surrogate(
     regularised one."""
     import pandas as pd
 
+    from jointgap.config.scenario_results import outputs_of
     from jointgap.core.errors import InputError, did_you_mean
     from jointgap.dynamics.simulation import simulate as simulate_motion
     from jointgap.networks.train import SAMPLING, train, train_regularised
-    from jointgap.scenario.results import outputs_of
 
     outputs = outputs_of(results.scenario.mechanism)
     if output not in outputs:

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 import pandas as pd
 
+from jointgap.config.scenario_results import ScenarioResults
 from jointgap.dynamics.kinematics import Fit
 from jointgap.networks.network import Network
-from jointgap.scenario.results import ScenarioResults
 
 
 def trained_surrogates(results: ScenarioResults) -> dict[str, dict[str, Fit]]:

@@ -1,16 +1,29 @@
 """The tables of one scenario."""
 
+import re
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from jointgap.config import Mechanism, Scenario
+from jointgap.config.load import parse_options
+from jointgap.config.mechanism import Mechanism
+from jointgap.config.scenario import Scenario
+from jointgap.config.yaml_files import plain_speeds
 from jointgap.core import joints, parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import TRAJECTORY, Table
+
+
+def open_results(options: str, results: Path) -> "ScenarioResults":
+    """The results of a scenario, given as a file or as JSON text."""
+    is_text = options.lstrip().startswith("{")
+    for remark in () if is_text else plain_speeds(options):
+        print(f"jointgap: {remark}", file=sys.stderr)
+    return ScenarioResults(results, parse_options(options), "--options" if is_text else options)
 
 
 class ScenarioResults(ResultsFolder):
@@ -19,6 +32,13 @@ class ScenarioResults(ResultsFolder):
     def __init__(self, path: Path, scenario: Scenario, source: str = "--options"):
         super().__init__(path)
         self.scenario, self.source = scenario, source
+
+    def located(self, error: InputError) -> InputError:
+        """The `error`; lines about a key begin with the file of the scenario."""
+        section = re.compile(rf"(?:{'|'.join(Scenario.model_fields)})[.:]")
+        return InputError(
+            *(f"{self.source}: {line}" if section.match(line) else line for line in error.args)
+        )
 
     @property
     def name(self) -> str:
