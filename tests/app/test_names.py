@@ -9,38 +9,32 @@ from pathlib import Path
 import pytest
 
 import jointgap as jg
-from tests.catalogue import each
 
 HEAVY = {"numpy", "pandas", "numba", "torch", "matplotlib", "pydantic", "scipy"}
 
 
-def test_importing_it_loads_nothing_heavy_and_a_name_that_is_not_there_is_reported():
+def test_the_import_loads_nothing_heavy_and_an_unknown_name_is_an_error():
     code = f"import sys, jointgap; sys.exit(', '.join({HEAVY} & set(sys.modules)) or 0)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-    with pytest.raises(AttributeError, match="no attribute 'simulat'") as told:
+    with pytest.raises(AttributeError, match="no attribute 'simulat'") as error:
         jg.simulat  # noqa: B018
-    assert (told.value.name, told.value.obj) == (
-        "simulat",
-        jg,
-    )  # from which Python says: did you mean 'simulate'?
+    # from which Python says: did you mean 'simulate'?
+    assert (error.value.name, error.value.obj) == ("simulat", jg)
 
 
-def test_every_public_name_is_there_for_tab_completion_and_for_type_checkers_and_says_what_it_is():
+def test_every_public_name_is_listed_for_tab_completion_and_type_checkers():
     assert set(jg.__all__) <= set(dir(jg))
-    (checked,) = (
-        node for node in ast.parse(Path(jg.__file__).read_text()).body if isinstance(node, ast.If)
-    )
-    told = {(node.module, name.name) for node in checked.body for name in node.names}
-    assert told == {(module, name) for module, names in jg._PUBLIC.items() for name in names}
-    assert sorted(name for _, name in told) == jg.__all__
+    nodes = ast.parse(Path(jg.__file__).read_text()).body
+    (checked,) = (node for node in nodes if isinstance(node, ast.If))
+    imported = {(node.module, name.name) for node in checked.body for name in node.names}
+    assert imported == {(module, name) for module, names in jg._PUBLIC.items() for name in names}
+    assert sorted(name for _, name in imported) == jg.__all__
 
-    def says(name):
-        words = inspect.getdoc(getattr(jg, name))
-        assert words
-        if inspect.isfunction(getattr(jg, name)):
-            sections = [
-                f"\n{section}\n---" for section in ("Parameters", "Returns", "Raises", "Examples")
-            ]
-            assert all(section in words for section in sections)
 
-    each(says, jg.__all__)
+@pytest.mark.parametrize("name", jg.__all__)
+def test_every_public_name_has_a_docstring(name):
+    text = inspect.getdoc(getattr(jg, name))
+    assert text
+    if inspect.isfunction(getattr(jg, name)):
+        for section in ("Parameters", "Returns", "Raises", "Examples"):
+            assert f"\n{section}\n---" in text

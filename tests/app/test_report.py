@@ -1,4 +1,4 @@
-"""The report of a run leads to the results of other runs in the same folder."""
+"""The report of a run links the results of other runs in the same folder."""
 
 import os
 
