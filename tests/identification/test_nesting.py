@@ -1,7 +1,6 @@
 """No hypothesis fits worse than its parts, and none wins by a better minimum of the base."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -72,14 +71,6 @@ def test_one_effect_of_a_pair_without_the_other_keeps_everything_else(
     assert found.jacobian[:, slider_mass] == pytest.approx(
         again.jacobian[:, slider_mass], rel=0.05, abs=1.0
     )
-
-
-def test_a_campaign_without_uncertain_parameters_has_a_fit_without_effects():
-    certain = SimpleNamespace(nuisances=(), runs=("slow",), parameters=lambda hypothesis: [])
-    alone = without_other_effects(
-        certain, fit_hypothesis(problem_of(DRAG), (VISCOUS,), refresh=True), ()
-    )
-    assert alone.jacobian.shape == (alone.residual.size, 0)
 
 
 def stuck(base, hypothesis, start):
