@@ -91,11 +91,9 @@ def exact(
             np.concatenate([whiten(part.series.value, part.noise) for part in parts]) - at_zero
         )
         columns.append(np.stack([mean(base | {p.key: 1.0}) - at_zero for p in parameters], axis=1))
-    covariance, offset, by_value = (
-        block_diag(*covariances),
-        np.concatenate(offsets),
-        np.concatenate(columns),
-    )
+    covariance = block_diag(*covariances)
+    offset = np.concatenate(offsets)
+    by_value = np.concatenate(columns)
     inverse, width = np.linalg.inv(covariance), np.array([p.high - p.low for p in parameters])
     prior = np.where([p in problem.nuisances for p in parameters], np.sqrt(12.0) / width, 0.0)
     nominal = np.array([p.nominal for p in parameters])
@@ -303,11 +301,9 @@ def test_a_hypothesis_that_cannot_be_simulated_in_windows_fails():
     found = compete([Estimate(problem, (WOBBLE,)), Estimate(problem, (SWING,))])
     assert [one.hypothesis for one in found] == [(SWING,)]
     found = fitted(problem, (SPRING,), {"spring.size": 0.1})
-    assert (
-        found.status == FAILED
-        and found.reason == "no states"
-        and found.mapping["spring.size"] == 0.1
-    )
+    assert found.status == FAILED
+    assert found.reason == "no states"
+    assert found.mapping["spring.size"] == 0.1
     problem.model.windowed = lambda effects: False
     with pytest.raises(SimulationError, match="run slow is not simulated in windows with base"):
         Estimate(problem, ()).find_states(1.0)

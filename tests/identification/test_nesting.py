@@ -100,10 +100,8 @@ def test_a_searched_effect_starts_where_it_is_absent_only_for_statistics(
 ):
     """There is no slope from there and simulations take longest. Statistics over cycles are
     smooth."""
-    high, simulations = (
-        stuck(dragging, (RINGING,), {"ringing.size": 0.6}),
-        dragging.problem.simulations,
-    )
+    high = stuck(dragging, (RINGING,), {"ringing.size": 0.6})
+    simulations = dragging.problem.simulations
     assert refit_from_part(dragging.problem, dragging.differences, high, [dragging.base]) is high
     assert dragging.problem.simulations == simulations
     model = dragging.problem.model
