@@ -1,2 +1,1 @@
-"""What the project promises, measured: `make bench`. Every module here has `measure() ->
-list[dict]`."""
+"""Benchmarks (`make bench`). Every module has `measure() -> list[dict]`."""

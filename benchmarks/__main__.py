@@ -1,5 +1,4 @@
-"""Measure everything in this folder, print one table and write results/bench.json; or print only
-some modules."""
+"""Run all benchmarks, or some modules; print one table and write results/bench.json."""
 
 import argparse
 import importlib

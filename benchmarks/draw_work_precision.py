@@ -1,5 +1,4 @@
-"""Draw results/work_precision.parquet: what an error costs, by code; writes
-docs/figures/work_precision.svg."""
+"""Work-precision diagram: results/work_precision.parquet -> docs/figures/work_precision.svg."""
 
 import pandas as pd
 from matplotlib.figure import Figure

@@ -1,5 +1,4 @@
-"""The paper's mechanism in 80-bit numbers, written apart from the package: what its errors are
-measured against."""
+"""The paper's mechanism in 80-bit numbers, independent of the package: the reference for errors."""
 
 import numpy as np
 

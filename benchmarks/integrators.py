@@ -1,11 +1,10 @@
 """One mechanism with two loose pins simulated by several codes, each from the same start to a crank
 angle.
 
-Every code is a function `(end, tolerance) -> (positions, seconds)`: time of the end [s] and the
-code's own absolute tolerance [m]; rod's mass centre x, y and slider's position [m] there, and the
-processor time it took (all run on one core), which other processes disturb less than the time that
-passes. What is done once for a mechanism (compilation, building Exudyn's model) does not count. A
-code that cannot keep a tolerance raises RuntimeError.
+Every code is a function `(end, tolerance) -> (positions, seconds)`: end time [s] and absolute
+tolerance [m]; rod's mass centre x, y and slider position [m] at the end, and processor time on one
+core. One-time costs of a mechanism (compilation, Exudyn's model) do not count. A code that cannot
+keep a tolerance raises RuntimeError.
 
 scipy's integrators and LSODA need the approach speed at the start of each contact too: they run
 from event to event with the modes frozen in between, on the package's own compiled right-hand side.

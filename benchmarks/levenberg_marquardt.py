@@ -1,8 +1,5 @@
-"""One Levenberg-Marquardt iteration on the paper's network at 361 points, ours beside others, on
-one core.
-
-Everybody gets the same points, the same network, start and Jacobian.
-"""
+"""One Levenberg-Marquardt iteration on the paper's network at 361 points, compared with other codes
+on one core. All get the same points, network, start and Jacobian."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""What measurements and tests share: rows, functions in processes of their own, a clean copy of the
+"""Shared by benchmarks and tests: result rows, functions in separate processes, a clean copy of the
 project."""
 
 import json

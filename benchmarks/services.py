@@ -1,4 +1,4 @@
-"""What scripts/services starts, for measurements and tests: a SLURM of this machine alone."""
+"""A local SLURM for benchmarks and tests, started by scripts/services."""
 
 import shutil
 import subprocess

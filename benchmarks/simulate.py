@@ -1,11 +1,11 @@
-"""Cost of one revolution against its accuracy, beside Exudyn and general-purpose integrators.
+"""Cost of one revolution over its accuracy, compared with Exudyn and general integrators.
 
 The case: the paper's mechanism, Lankarani-Nikravesh as published with e = 0.46, no friction, no
 gravity, first revolution, no output. Errors are those of the rod's mass centre and of the slider at
 90 degrees, before chaos, against independent code in 80-bit numbers. Every code runs at all its
-tolerances. What it costs us to stay within an error is the time at the loosest tolerance from which
-on we do; the others' is their least time at any tolerance that happened to do. The whole table goes
-to results/work_precision.parquet; `python -m benchmarks.draw_work_precision` draws it.
+tolerances. Our cost of an error bound is the time at the loosest tolerance from which on it is
+kept; the others' is their shortest time at any tolerance that keeps it. The table is written to
+results/work_precision.parquet; `python -m benchmarks.draw_work_precision` draws it.
 """
 
 import contextlib

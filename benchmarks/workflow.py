@@ -1,5 +1,4 @@
-"""Seconds a person waits: for help, for the small run, for a run with nothing to do, for the whole
-paper."""
+"""Waiting times: help, the small run, a run with nothing to do, the full run."""
 
 import os
 import statistics

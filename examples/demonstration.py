@@ -1,10 +1,10 @@
-"""Makes the measured data of two campaigns: a rig that does not exist, with something hidden in it.
+"""Synthetic measured data of the two demonstration campaigns, with hidden effects.
 
     python -m examples.demonstration
 
-The rig is the mechanism of the campaigns, but for what `HIDDEN` says; their files do not know it.
-Data come from a finer tolerance than a fit uses and from a friction with another width at rest,
-with the noise of sensors; at times of their own, a gap and a wrapping encoder included.
+The rig is the mechanism of the campaigns with the changes in `HIDDEN`. The data have a finer
+tolerance and another friction regularisation than a fit, sensor noise, irregular times, a gap and a
+wrapping encoder.
 """
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Name what the base model of the EMPS axis lacks: ``python -m examples.emps [FOLDER]``."""
+"""Identify missing effects of the EMPS axis: ``python -m examples.emps [FOLDER]``."""
 
 import sys
 

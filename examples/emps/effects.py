@@ -1,4 +1,4 @@
-"""Effects that the slide could lack; their laws are in the step of `examples.emps.model`."""
+"""Candidate effects of the slide; their laws are in the step of `examples.emps.model`."""
 
 import math
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Name what the base model of the pendulum lacks: ``python -m examples.pendulum [FOLDER]``."""
+"""Identify missing effects of the pendulum: ``python -m examples.pendulum [FOLDER]``."""
 
 import sys
 

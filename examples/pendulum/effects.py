@@ -1,7 +1,7 @@
-"""Effects that the pendulum could lack; their laws are in the step of `examples.pendulum.model`.
+"""Candidate effects of the pendulum; their laws are in the step of `examples.pendulum.model`.
 
-Three faults of the torque reading cannot be told apart from others, and are no candidates: a gain
-scales inertia, gravity torque and all friction alike; a zero error is a constant torque; a lag is a
+Three faults of the torque reading are indistinguishable from other effects and no candidates: a
+gain scales inertia, gravity torque and all friction; a zero error is a constant torque; a lag is a
 negative delay.
 """
 

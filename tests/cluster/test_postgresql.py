@@ -61,10 +61,8 @@ def services() -> Iterator[Path]:
 @pytest.fixture
 def database(services) -> Iterator[str]:
     """Address of a database in which nothing is, not even tables."""
-    name, server = (
-        f"runs_{uuid.uuid4().hex[:8]}",
-        service("start", services).partition("MLFLOW_TRACKING_URI=")[2],
-    )
+    name = f"runs_{uuid.uuid4().hex[:8]}"
+    server = service("start", services).partition("MLFLOW_TRACKING_URI=")[2]
     said_by(server, f"CREATE DATABASE {name}")
     yield f"{server.rpartition('/')[0]}/{name}"
     said_by(server, f"DROP DATABASE {name} WITH (FORCE)")

@@ -94,10 +94,8 @@ def slider_effects(moved: Motion) -> np.ndarray:
     if e := made.effect("slider_quadratic_drag"):
         force = force - e.drag_N_s2_m2 * v * np.abs(v)
     if e := made.effect("slider_stribeck_friction"):
-        lasting, falling = (
-            1 - e.stribeck_share,
-            e.stribeck_share * np.exp(-np.abs(v) / e.stribeck_speed_m_s),
-        )
+        lasting = 1 - e.stribeck_share
+        falling = e.stribeck_share * np.exp(-np.abs(v) / e.stribeck_speed_m_s)
         force = force - e.force_N * (lasting + falling) * sign
     if e := made.effect("slider_position_friction"):
         wave = np.cos(math.pi * (x - e.tightest_position_m) / e.length_m) ** 2

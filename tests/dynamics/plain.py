@@ -88,11 +88,9 @@ def slope(t, z, speed, contacts, law):
     for joint, contact in zip(joints, contacts, strict=True):
         if contact is not None:
             force, point = force_on_ring(joint, contact, t, *law)
-            total, moment, on_slider = (
-                total + force,
-                moment + cross(point - centre, force),
-                -force[0],
-            )
+            total = total + force
+            moment = moment + cross(point - centre, force)
+            on_slider = -force[0]
     if contacts[1] is None:
         on_slider = 0.0
     return np.concatenate(

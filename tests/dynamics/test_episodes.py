@@ -67,10 +67,8 @@ def test_contact_modes_agree_with_events():
     run = simulate(mechanism(friction=0.1), options(samples_per_revolution=36000))
     for joint in PINS:
         own, time = run.events[run.events.joint == joint], run.samples.time.to_numpy()
-        label, wanted = (
-            run.samples[f"{joint}_mode"].to_numpy(),
-            np.full(time.size, "flight", dtype=object),
-        )
+        label = run.samples[f"{joint}_mode"].to_numpy()
+        wanted = np.full(time.size, "flight", dtype=object)
         begins, ends = own[own.event == "impact"].time, own[own.event == "separation"]
         for begin, end, maxima in zip(
             begins, [*ends.time, np.inf], [*ends.maxima, np.inf], strict=False

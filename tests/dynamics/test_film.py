@@ -35,10 +35,8 @@ def oiled(side=-1.0) -> JointParameters:
 def random_motions(count=200, widest=0.98):
     """Clearance vectors, their rates and both angular velocities."""
     random = np.random.default_rng(5)
-    radius, angle = (
-        CLEARANCE * widest * np.sqrt(random.uniform(size=count)),
-        random.uniform(0, 7, count),
-    )
+    radius = CLEARANCE * widest * np.sqrt(random.uniform(size=count))
+    angle = random.uniform(0, 7, count)
     rates = random.normal(size=(4, count)) * np.array([[0.01], [0.01], [100], [100]])
     rates[:2, : count // 5] = 0
     rates[2:, -count // 5 :] = 0

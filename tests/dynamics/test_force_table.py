@@ -130,10 +130,8 @@ def test_pressure_on_the_crank_side_pushes_outwards_and_sensors_have_zero_and_ga
     degrees, area = np.arange(0.0, 361.0, 1.0), math.pi * 0.07**2 / 4
     bar = 2.0 + np.sin(np.radians(degrees))
     keys = {"kind": "pressure", "load_unit": "bar", "bore": "70 mm", "ambient_pressure": "1 bar"}
-    head, crank = (
-        torque(table(degrees, bar, **keys)),
-        torque(table(degrees, bar, side="crank", **keys)),
-    )
+    head = torque(table(degrees, bar, **keys))
+    crank = torque(table(degrees, bar, side="crank", **keys))
     assert away(crank - torque(), torque() - head) < 1e-12
     read = (bar - 0.3) / 1.1
     for side, expected in (("head", head), ("crank", crank)):

@@ -40,11 +40,9 @@ def test_the_tableau_fulfils_its_order_conditions():
 @pytest.mark.parametrize("share", (0.0, 0.3, 1.0))
 def test_the_interpolant_fulfils_the_order_conditions_of_order_7(share):
     rest, identity = 1.0 - share, np.eye(KEPT)
-    weights, first, end = (
-        np.append(STAGES[COUNT], np.zeros(KEPT - COUNT)),
-        identity[0],
-        identity[COUNT],
-    )
+    weights = np.append(STAGES[COUNT], np.zeros(KEPT - COUNT))
+    first = identity[0]
+    end = identity[COUNT]
     terms = [weights, first - weights, 2 * weights - first - end, *INTERPOLANT]
     value = np.zeros(KEPT)
     for number, term in reversed(list(enumerate(terms))):

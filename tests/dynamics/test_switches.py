@@ -45,10 +45,8 @@ OWN["discovered_slider_force"] = effect("discovered_slider_force", formula="-0.2
 
 
 def test_any_combination_runs_without_recompiling():
-    every, random = (
-        [OWN.get(name, example(one)) for name, one in EFFECTS.items()],
-        np.random.default_rng(5),
-    )
+    every = [OWN.get(name, example(one)) for name, one in EFFECTS.items()]
+    random = np.random.default_rng(5)
     still = [one for one in every if one["name"] != "speed_fluctuation"]
     strong = {"drive": MOTOR | {"stall_torque": 600.0}}  # enough for all loads at once
     for some, drive in ((random.permutation(every), {}), (random.permutation(still), strong)):

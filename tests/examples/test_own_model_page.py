@@ -21,10 +21,8 @@ def outcome(tmp_path, monkeypatch):
         random = np.random.default_rng(1)
         for run, period in {"slow": 4.0, "fast": 2.0}.items():
             time, rate = np.arange(3000) * period / 100.0, 2.0 * np.pi / period
-            speed, acceleration = (
-                0.1 * rate * np.cos(rate * time),
-                -0.1 * rate**2 * np.sin(rate * time),
-            )
+            speed = 0.1 * rate * np.cos(rate * time)
+            acceleration = -0.1 * rate**2 * np.sin(rate * time)
             taken = MASS * acceleration - force(speed) + random.normal(0.0, NOISE, time.size)
             pd.DataFrame({"t": time, "force": taken}).to_csv(tmp_path / f"{run}.csv", index=False)
         monkeypatch.chdir(tmp_path)
@@ -46,14 +44,10 @@ def test_friction_is_named_with_least_squares_intervals(
     ), found.because
     row = gaps[(gaps["role"] == "confirm") & (gaps["run"] == "all")].iloc[0]
     assert row["before"] > 5.0 and row["after"] == pytest.approx(1.0, abs=0.1)
-    measured, rate = (
-        next(series for series in names["model"].series if series.run == "slow"),
-        2.0 * np.pi / 4.0,
-    )
-    inertia, friction = (
-        -0.1 * rate**2 * np.sin(rate * measured.time),
-        np.sign(np.cos(rate * measured.time)),
-    )
+    measured = next(series for series in names["model"].series if series.run == "slow")
+    rate = 2.0 * np.pi / 4.0
+    inertia = -0.1 * rate**2 * np.sin(rate * measured.time)
+    friction = np.sign(np.cos(rate * measured.time))
     design = np.column_stack([inertia, friction])
     best = np.linalg.lstsq(design, measured.value)[0]
     errors = NOISE * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))

@@ -156,10 +156,8 @@ def _hidden(rng: np.random.Generator, mechanism: dict, speed: float, drive: str)
 
 def _motor(mechanism: Mechanism, speed: float) -> dict[str, float]:
     """A motor that is strong enough for the mechanism and its weight at a `speed` [rad/s]."""
-    crank, mass = (
-        mechanism.crank.length,
-        mechanism.slider.mass + mechanism.rod.mass + mechanism.crank.mass,
-    )
+    crank = mechanism.crank.length
+    mass = mechanism.slider.mass + mechanism.rod.mass + mechanism.crank.mass
     inertia = 4.0 * mass * crank * (crank + 9.81 / speed**2)
     return {
         "stall_torque": 5.0 * inertia * speed**2,

@@ -72,11 +72,9 @@ def test_one_parameter_has_a_truncated_normal_distribution():
 
 
 def test_two_parameters_agree_with_a_grid_integral():
-    jacobian, values, slope = (
-        np.array([[3.0, 2.9], [0.0, 0.8]]),
-        np.array([0.0, 0.5]),
-        np.array([1.5, 0.0]),
-    )
+    jacobian = np.array([[3.0, 2.9], [0.0, 0.8]])
+    values = np.array([0.0, 0.5])
+    slope = np.array([1.5, 0.0])
     known = known_of(jacobian, np.array([0.0, -0.5]), 1.0, values, slope)
     x, y = np.meshgrid(np.linspace(0.0, 1.0, 400), np.linspace(-0.5, 1.0, 400))
     away = np.stack([x - values[0], y - values[1]])
@@ -159,13 +157,11 @@ def test_a_shift_at_a_bound_widens_the_other_parameters_intervals_to_both_sides(
 
 def test_90_percent_intervals_cover_90_percent_with_numerical_shifts():
     """Simulations err by as much as other numerics change the values, in any direction."""
-    low, high, size, inside, ends = (
-        np.zeros(3),
-        np.array([0.5, 1.0, 4.0]),
-        np.array([0.2, 0.1, 0.3]),
-        [],
-        [],
-    )
+    low = np.zeros(3)
+    high = np.array([0.5, 1.0, 4.0])
+    size = np.array([0.2, 0.1, 0.3])
+    inside = []
+    ends = []
     for seed in range(30):
         rng = np.random.default_rng([21, seed])
         jacobian, truth = correlated(rng), rng.uniform(low, high)

@@ -157,19 +157,3 @@ def test_the_base_stays_within_bounds_that_a_replacing_effect_exceeds():
     base, _ = leading_over_ensembles(problem, base, [beyond])
     assert -0.1 <= base.values[0] <= 0.1
     assert base.draws[:, 0].min() >= -0.1 and base.draws[:, 0].max() <= 0.1
-
-
-def test_regressed_failed_and_poor_fits_are_unchanged():
-    problem, found = regressed(8)
-    base = replace(found, values=found.values + np.array([2.0, 2.0, 2.0, 0.0, 0.0]))
-    single = problem.residual(base.mapping)
-    worse, failed = problem.fit(residual=2.0 * single), problem.fit(status="failed")
-    behind = problem.fit(residual=0.9 * single)
-    same, fits = leading_over_ensembles(problem, base, [found, worse, failed, behind])
-    assert same is base
-    assert all(one is other for one, other in zip(fits, [found, worse, failed], strict=False))
-    assert fits[3].draws is None and fits[3].chi2 < behind.chi2
-    base, before = problem.fit(), problem.simulations
-    worse = replace(base, residual=1.1 * base.residual)
-    assert leading_over_ensembles(problem, base, [worse]) == (base, [worse])
-    assert problem.simulations == before

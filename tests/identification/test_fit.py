@@ -252,19 +252,6 @@ def test_draws_are_widened_by_the_held_out_gap_within_bounds():
 # Bounded steps and early stopping
 
 
-def test_bounded_steps_of_singular_and_bounded_problems():
-    assert bounded_step(np.array([[1.0], [0.0]]), np.array([2.0, 3.0]), *WIDE)[1] == pytest.approx(
-        9.0
-    )
-    assert bounded_step(np.zeros((2, 1)), np.array([2.0, 3.0]), *WIDE)[1] == 13.0
-    step, chi2 = bounded_step(np.eye(2), np.ones(2), np.array([0.0, -5.0]), np.array([0.0, 5.0]))
-    assert ([*step], chi2) == (pytest.approx([0.0, -1.0]), pytest.approx(1.0))
-    step, _ = bounded_step(
-        np.array([[1.0, 0.0], [1.0, 0.0]]), np.ones(2), np.full(2, -5.0), np.full(2, 5.0)
-    )
-    np.testing.assert_allclose(step, [-1.0, 0.0])
-
-
 def test_a_dominated_fit_stops_early_and_the_true_one_does_not():
     here = free_oscillator(swing=0.3)
     true = fit_hypothesis(here, (SWING,))
@@ -274,9 +261,8 @@ def test_a_dominated_fit_stops_early_and_the_true_one_does_not():
         fit_hypothesis(here, (SPRING,), sufficient_chi2=chi2) for chi2 in (np.inf, true.chi2)
     )
     assert (ended.status, ended.reason) == (STOPPED, "another effect fits far better")
-    assert (
-        ended.simulations < 0.7 * wrong.simulations and ended.chi2 > wrong.chi2 > 10.0 * true.chi2
-    )
+    assert ended.simulations < 0.7 * wrong.simulations
+    assert ended.chi2 > wrong.chi2 > 10.0 * true.chi2
 
 
 def test_a_slow_true_fit_is_not_stopped():

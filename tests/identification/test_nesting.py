@@ -1,7 +1,6 @@
 """No hypothesis fits worse than its parts, and none wins by a better minimum of the base."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -74,14 +73,6 @@ def test_one_effect_of_a_pair_without_the_other_keeps_everything_else(
     )
 
 
-def test_a_campaign_without_uncertain_parameters_has_a_fit_without_effects():
-    certain = SimpleNamespace(nuisances=(), runs=("slow",), parameters=lambda hypothesis: [])
-    alone = without_other_effects(
-        certain, fit_hypothesis(problem_of(DRAG), (VISCOUS,), refresh=True), ()
-    )
-    assert alone.jacobian.shape == (alone.residual.size, 0)
-
-
 def stuck(base, hypothesis, start):
     """A fit that stays at its start and has no derivatives."""
     high = fit_hypothesis(base.problem, hypothesis, start, differences=base.differences, vary=())
@@ -109,10 +100,8 @@ def test_a_searched_effect_starts_where_it_is_absent_only_for_statistics(
 ):
     """There is no slope from there and simulations take longest. Statistics over cycles are
     smooth."""
-    high, simulations = (
-        stuck(dragging, (RINGING,), {"ringing.size": 0.6}),
-        dragging.problem.simulations,
-    )
+    high = stuck(dragging, (RINGING,), {"ringing.size": 0.6})
+    simulations = dragging.problem.simulations
     assert refit_from_part(dragging.problem, dragging.differences, high, [dragging.base]) is high
     assert dragging.problem.simulations == simulations
     model = dragging.problem.model

@@ -148,9 +148,8 @@ def test_a_noisy_angle_still_gives_the_cycles():
     )
     assert (np.diff(read.series[0].angle) < 0).any()
     for series, one in estimates(read, residuals(model)):
-        assert (
-            one.estimated_sd == pytest.approx(series.stated_noise[0], rel=0.1) and not one.remarks
-        )
+        assert one.estimated_sd == pytest.approx(series.stated_noise[0], rel=0.1)
+        assert not one.remarks
 
 
 def test_one_cycle_gives_the_noise_level_without_its_correlation():
@@ -188,10 +187,8 @@ def test_rounding_and_scatter_add_up():
         return noise_of(series("crank_angle", "rad", read, true, resolution=step), true)
 
     for samples, share in product([250, 250.37], [0.1, 0.2, 0.6]):
-        noise, expected = (
-            [found(samples, share, seed) for seed in range(4)],
-            step * np.hypot(share, 1 / np.sqrt(12)),
-        )
+        noise = [found(samples, share, seed) for seed in range(4)]
+        expected = step * np.hypot(share, 1 / np.sqrt(12))
         assert np.mean([one.sd[0] for one in noise]) == pytest.approx(expected, rel=0.07)
         if samples == 250:  # each is rounded as in the cycle before
             assert np.mean([one.estimated_sd for one in noise]) == pytest.approx(expected, rel=0.07)
@@ -274,10 +271,8 @@ def test_white_noise_is_only_scaled():
     )
     noise = Noise(np.full(2, 3.0), numerics=np.array([0.0, 4.0]))
     np.testing.assert_allclose(whiten(np.array([3.0, 5.0]), noise), [1.0, 1.0])
-    values, noise = (
-        np.random.default_rng(2).standard_normal((50, 3)),
-        Noise(np.full(50, 1.3), (0.4,)),
-    )
+    values = np.random.default_rng(2).standard_normal((50, 3))
+    noise = Noise(np.full(50, 1.3), (0.4,))
     for column, together in zip(values.T, whiten(values, noise).T, strict=True):
         np.testing.assert_allclose(together, whiten(column, noise))
 

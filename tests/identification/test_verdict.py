@@ -124,11 +124,9 @@ def test_effects_within_the_rival_distance_are_ambiguous():
         decided(GREAT, row(NOISE + behind, "spring"), row(NOISE, "coulomb"))
         for behind in (13.9, 14.1)
     )
-    assert (near.verdict, near.equivalent, near.chosen) == (
-        "ambiguous",
-        ["coulomb", "spring"],
-        "base",
-    )
+    assert near.verdict == "ambiguous"
+    assert near.equivalent == ["coulomb", "spring"]
+    assert near.chosen == "base"
     assert (far.verdict, far.equivalent, far.chosen) == ("named", [], "coulomb")
     assert near.proposed == far.proposed == "coulomb"
 
@@ -165,18 +163,14 @@ def test_sensor_faults_with_equal_predictions_are_one_explanation():
         return {one.fit, other.fit} == {"delay", "lag"}
 
     named = decided(GREAT, late, lag, predicts_same=predicts_same)
-    assert (named.verdict, named.chosen, named.twins, named.equivalent) == (
-        "named",
-        "delay",
-        ["lag"],
-        [],
-    )
+    assert named.verdict == "named"
+    assert named.chosen == "delay"
+    assert named.twins == ["lag"]
+    assert named.equivalent == []
     several = decided(GREAT, late, lag, drag, predicts_same=predicts_same)
-    assert (several.verdict, several.equivalent, several.twins) == (
-        "ambiguous",
-        ["delay", "drag"],
-        [],
-    )
+    assert several.verdict == "ambiguous"
+    assert several.equivalent == ["delay", "drag"]
+    assert several.twins == []
     far = decided(GREAT, late, replace(lag, bic=lag.bic + 20.0), predicts_same=predicts_same)
     assert (far.verdict, far.twins) == ("named", [])
 
@@ -410,12 +404,10 @@ def test_confirmed_verdicts_are_kept():
 def test_inconsistent_channels_withdraw_the_name():
     for said in (*NAMES, "ambiguous"):
         one = heard(said, inconsistent=["crank_torque", "slider_acceleration"])
-        assert (one.verdict, one.chosen, one.equivalent, one.best_known) == (
-            "unexplained",
-            "base",
-            [],
-            "coulomb",
-        )
+        assert one.verdict == "unexplained"
+        assert one.chosen == "base"
+        assert one.equivalent == []
+        assert one.best_known == "coulomb"
         assert one.ranking == ["as it was"]
         assert "crank torque and slider acceleration" in one.because
 

@@ -1,19 +1,15 @@
 """Scores of blind trials in MLflow."""
 
 import json
-import shutil
 
 import numpy as np
 import pandas as pd
 import pytest
-from mlflow.tracking import MlflowClient
 
-from jointgap.app.dashboard import addresses
 from jointgap.core.errors import InputError
-from jointgap.core.publish import publish_records
 from tests.validation.test_score import analysis, scored, truth
 from validation.__main__ import collect, report, score
-from validation.report import DESCRIPTION, mlflow_records, write_score
+from validation.report import mlflow_records, write_score
 from validation.score import BASELINES, rates
 
 
@@ -65,31 +61,6 @@ def test_every_rate_is_a_metric_and_time_is_a_cost(folder):
         "figures/rates.svg",
         "figures/curves.png",
     }
-
-
-def test_sets_are_runs_of_one_experiment_and_a_new_score_replaces_the_old(folder, tmp_path):
-    own = shutil.copytree(folder, tmp_path / "score")
-
-    def published(name):
-        done = publish_records(name, DESCRIPTION, mlflow_records(own), None, tmp_path)
-        return done["runs"]["blind"], done["deleted"]
-
-    store = f"sqlite:///{tmp_path / 'mlflow.db'}"
-    runs, client = (
-        {name: published(name)[0] for name in ("small", "large")},
-        MlflowClient(tracking_uri=store),
-    )
-    assert published("small") == (runs["small"] | {"state": "kept"}, 0)
-    found = [client.get_run(run["run_id"]) for run in runs.values()]
-    assert [run.data.metrics["right name/all"] for run in found] == [0.75, 0.75]
-    (experiment,) = {run.info.experiment_id for run in found}
-    assert (
-        f"/experiments/{experiment}/runs?"
-        in addresses(store, "http://here")["scores of all blind trials"]
-    )
-    table = own / "rates.csv"
-    table.write_text(table.read_text().replace("0.75", "0.5"))
-    assert published("small")[1] == 1
 
 
 def test_trials_are_scored_published_collected_and_reported(

@@ -39,10 +39,8 @@ def tables(folder: Path) -> dict[str, bytes]:
 def smoke(tmp_path_factory: pytest.TempPathFactory) -> SmokeRun:
     """The chain, killed after its first table, in a folder with a space, without a writable
     HOME."""
-    folder, command = (
-        copy_project(tmp_path_factory.mktemp("smoke") / "a project"),
-        smoke_command("--cores", "2"),
-    )
+    folder = copy_project(tmp_path_factory.mktemp("smoke") / "a project")
+    command = smoke_command("--cores", "2")
     home = {"HOME": "/dev/null/home"}
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
     killed = subprocess.Popen(in_venv(*command), cwd=folder, env=environment() | home, **quiet)

@@ -35,14 +35,8 @@ def run_workflow(tmp_path):
 
     def called(*options: str) -> subprocess.CompletedProcess:
         command = [SCRIPT, "report.html", "--nolock", *options, "--dry-run"]
-        return subprocess.run(
-            command,
-            cwd=tmp_path,
-            env=os.environ | path,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        where = {"cwd": tmp_path, "env": os.environ | path}
+        return subprocess.run(command, **where, capture_output=True, text=True, check=False)
 
     return called
 
@@ -52,27 +46,15 @@ def test_user_options_are_passed_to_snakemake(run_workflow, tmp_path):
         (tmp_path / f"{name}.yaml").write_text("figures: {animation_frames: 1}\n")
 
     campaign = 'campaigns=["my rig.yaml"]'
-    both = ["campaigned", "--cores", "2", "--config", "fit_parts=4", "-k", "--config", campaign]
-    files = ["--configfile", "mine.yaml", "--cores", "2", "--configfile=more.yaml", "results/x.png"]
+    cores = ["--cores", "2"]
+    both = ["campaigned", *cores, "--config", "fit_parts=4", "-k", "--config", campaign]
+    files = ["--configfile", "mine.yaml", *cores, "--configfile=more.yaml", "results/x.png"]
+    joined = [*cores, "results/x.png", "--dry-run", "--configfile", "mine.yaml", "more.yaml"]
     cases = [
-        (["--cores", "2"], ["--cores", "2", "--dry-run"]),
-        (
-            both,
-            ["campaigned", "--cores", "2", "-k", "--dry-run", "--config", "fit_parts=4", campaign],
-        ),
+        (cores, [*cores, "--dry-run"]),
+        (both, ["campaigned", *cores, "-k", "--dry-run", "--config", "fit_parts=4", campaign]),
         (["--config=a=4", "results/x.png"], ["results/x.png", "--dry-run", "--config", "a=4"]),
-        (
-            files,
-            [
-                "--cores",
-                "2",
-                "results/x.png",
-                "--dry-run",
-                "--configfile",
-                "mine.yaml",
-                "more.yaml",
-            ],
-        ),
+        (files, joined),
     ]
     for words in (["--config=a=4"], ["-Ca=4"], ["-C", "a=4"]):
         more = [*words, "--quiet", "--config", "campaigns=[1]"]
@@ -107,28 +89,15 @@ def test_an_unreadable_configuration_is_refused_before_snakemake(run_workflow, t
 def test_snakemake_refuses_an_invalid_configuration(tmp_path):
     (tmp_path / "mine.yaml").write_text("simulate: {revolutions: 010}\n")
     for more in ((), ("--snakefile", "workflow/blind/Snakefile")):
-        given = [
-            "--configfile",
-            str(tmp_path / "mine.yaml"),
-            "--dry-run",
-            "--quiet",
-            "--cores",
-            "1",
-        ]
-        done = run(ROOT, "snakemake", *more, *given)
+        options = ["--dry-run", "--quiet", "--cores", "1", "--configfile", f"{tmp_path}/mine.yaml"]
+        done = run(ROOT, "snakemake", *more, *options)
         said = done.stdout + done.stderr
         assert done.returncode == 1 and "Traceback" not in said
-        assert (
-            f"{tmp_path / 'mine.yaml'}, line 1, column 25: 010 differs between YAML versions"
-            in said
-        )
+        assert "mine.yaml, line 1, column 25: 010 differs between YAML versions" in said
 
 
 SETPRIV = (
-    "setpriv",
-    "--clear-groups",
-    "--inh-caps=+dac_read_search",
-    "--ambient-caps=+dac_read_search",
+    "setpriv --clear-groups --inh-caps=+dac_read_search --ambient-caps=+dac_read_search".split()
 )
 as_root = pytest.mark.skipif(
     os.geteuid() != 0 or shutil.which("setpriv") is None, reason="needs root and setpriv"
@@ -147,12 +116,8 @@ def as_user(
 def test_other_python_packages_are_ignored_and_the_user_name_kept(
     tmp_path,
 ):
-    known = {
-        "USER": "mine",
-        "LOGNAME": "mine",
-        "PYTHONPATH": str(tmp_path),
-        "PYTHONHOME": str(tmp_path),
-    }
+    known = {"USER": "mine", "LOGNAME": "mine"}
+    known |= dict.fromkeys(("PYTHONPATH", "PYTHONHOME"), str(tmp_path))
     done = subprocess.run(
         [IN_VENV, "env"], env=os.environ | known, capture_output=True, text=True, check=True
     )
@@ -235,18 +200,10 @@ def slow_workflow(tmp_path) -> Path:
 
 def started(folder: Path, *command: str, quiet: str = "all") -> subprocess.Popen:
     """A run in `folder`."""
-    piped = {
-        "stdout": subprocess.PIPE,
-        "stderr": subprocess.STDOUT,
-        "text": True,
-        "start_new_session": True,
-    }
-    return subprocess.Popen(
-        [*command, "--cores", "1", "--forceall", "--quiet", quiet],
-        cwd=folder,
-        env=environment(),
-        **piped,
-    )
+    command = [*command, "--cores", "1", "--forceall", "--quiet", quiet]
+    piped = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    where = {"cwd": folder, "env": environment(), "start_new_session": True}
+    return subprocess.Popen(command, **where, **piped)
 
 
 def begins(folder: Path) -> None:
