@@ -33,15 +33,13 @@ def outcome(tmp_path, monkeypatch):
     return run
 
 
-def test_friction_is_named_with_least_squares_intervals(
-    outcome,
-):
+def test_friction_is_named_with_least_squares_intervals(outcome):
     names = outcome(lambda speed: -2.0 * np.sign(speed))
-    found, gaps = names["found"], names["gaps"]
-    assert (found.verdict, found.chosen.label) == (
+    verdict, gaps = names["verdict"], names["gaps"]
+    assert (verdict.verdict, verdict.chosen.label) == (
         "named",
         "slider_coulomb_friction",
-    ), found.because
+    ), verdict.because
     row = gaps[(gaps["role"] == "confirm") & (gaps["run"] == "all")].iloc[0]
     assert row["before"] > 5.0 and row["after"] == pytest.approx(1.0, abs=0.1)
     measured = next(series for series in names["model"].series if series.run == "slow")
@@ -51,15 +49,16 @@ def test_friction_is_named_with_least_squares_intervals(
     design = np.column_stack([inertia, friction])
     best = np.linalg.lstsq(design, measured.value)[0]
     errors = NOISE * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
-    stated = names["stated"]["mass"], names["stated"]["slider_coulomb_friction"]["force_N"]
-    for estimate, value, error in zip(stated, best, errors, strict=True):
+    estimates = names["estimates"]
+    estimates = estimates["mass"], estimates["slider_coulomb_friction"]["force_N"]
+    for estimate, value, error in zip(estimates, best, errors, strict=True):
         assert estimate["value"] == pytest.approx(value, abs=0.1 * error)
         assert estimate["sd"] == pytest.approx(error, rel=0.1)
         assert estimate["interval_90"] == pytest.approx(
             [value - 1.645 * error, value + 1.645 * error], abs=0.3 * error
         )
     doubted = names["final_verdict"](
-        names["by_fits"], names["confirmed"], inconsistent_channels=["force"]
+        names["decision"], names["prediction"], inconsistent_channels=["force"]
     )
     assert doubted.verdict == "unexplained" and doubted.because.startswith(
         "force is inconsistent with other channels"
@@ -68,24 +67,24 @@ def test_friction_is_named_with_least_squares_intervals(
 
 
 def test_only_the_mass_is_found_without_effects(outcome):
-    found = outcome(lambda speed: 0.0)["found"]
-    assert found.verdict == "parameters_only", found.because
-    assert found.chosen.mapping["mass"] == pytest.approx(MASS, rel=0.01)
+    verdict = outcome(lambda speed: 0.0)["verdict"]
+    assert verdict.verdict == "parameters_only", verdict.because
+    assert verdict.chosen.mapping["mass"] == pytest.approx(MASS, rel=0.01)
 
 
 def test_an_unlisted_law_is_found_as_a_formula(outcome):
     names = outcome(lambda speed: -400.0 * speed**3)
-    proposed = names["proposed"]
-    assert names["found"].verdict == "unexplained" and proposed.accepted, proposed.because
-    assert re.fullmatch(r"slider force = -\d+(\.\d+)?\*v\^3", proposed.law.words)
-    assert proposed.law.coefficients["c1"] == pytest.approx(-400.0, rel=0.05)
+    result = names["result"]
+    assert names["verdict"].verdict == "unexplained" and result.accepted, result.because
+    assert re.fullmatch(r"slider force = -\d+(\.\d+)?\*v\^3", result.law.words)
+    assert result.law.coefficients["c1"] == pytest.approx(-400.0, rel=0.05)
 
 
 def test_a_force_absent_from_the_held_out_run_is_not_named(outcome):
     names = outcome(
         lambda speed: -2.0 * np.sign(speed) if np.max(np.abs(speed)) < 0.2 else 0.0 * speed
     )
-    assert names["by_fits"].verdict == "named", names["by_fits"].because
-    found = names["found"]
-    assert (found.verdict, found.best_known.label) == ("unexplained", "slider_coulomb_friction")
-    assert names["confirmed"].test.outcome == "rises" and found.chosen is found.base
+    assert names["decision"].verdict == "named", names["decision"].because
+    verdict = names["verdict"]
+    assert (verdict.verdict, verdict.best_known.label) == ("unexplained", "slider_coulomb_friction")
+    assert names["prediction"].test.outcome == "rises" and verdict.chosen is verdict.base
