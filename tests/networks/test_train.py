@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -9,8 +10,9 @@ import pytest
 
 from jointgap.config import Surrogate
 from jointgap.core.errors import InputError
-from jointgap.networks.errors import Grid, error_frame
-from jointgap.networks.train import train
+from jointgap.networks.errors import split_samples
+from jointgap.networks.network import Scaling
+from jointgap.networks.train import TrainedNetwork, train
 from jointgap.paper.printed import TRAINING_MSE
 
 SMALL = Surrogate(
@@ -38,7 +40,7 @@ def fits():
 def test_undefined_points_are_left_out_and_counted():
     options = SMALL.model_copy(update={"seeds": (4,), "iterations": 2})
     fit = train(trajectory(gap=(0, 3, 40)), "gamma2", options)[0]
-    assert (fit.grid.training.undefined, fit.grid.held_out.undefined) == (2, 1)
+    assert (fit.training.undefined, fit.held_out.undefined) == (2, 1)
     all_samples, past_60_deg = fit.errors().itertuples()
     assert (all_samples.undefined_points, past_60_deg.undefined_points) == (3, 0)
     assert (all_samples.training_points, all_samples.held_out_points) == (71, 647)
@@ -48,18 +50,22 @@ def test_undefined_points_are_left_out_and_counted():
 @pytest.mark.parametrize("points", [72, 721])
 def test_training_points_that_are_no_samples_or_leave_none_to_hold_out_are_errors(points):
     with pytest.raises(InputError, match="samples_per_revolution"):
-        Grid.of(trajectory(), "gamma2", points)
+        split_samples(trajectory(), "gamma2", points)
 
 
 def test_errors_are_those_of_their_region_and_scaled_by_the_range_of_all_training_points():
-    grid = Grid.of(trajectory(), "gamma2", 73)
-    columns = {"model": "network", "seed": 0, "iterations_to_paper": None}
-    rows = error_frame(
-        grid, lambda angle: 3.0 + 2.0 * np.sin(2 * angle), grid.training, columns, None
+    training, held_out = split_samples(trajectory(), "gamma2", 73)
+    network = SimpleNamespace(
+        values=lambda angle: 3.0 + 2.0 * np.sin(2 * angle),
+        layout=SimpleNamespace(size=19),
+        output=Scaling.of(training.values),
     )
-    scale = np.ptp(grid.training.values)
-    for row, begin in zip(rows.to_dict("records"), (0.0, np.pi / 3), strict=True):
-        for name, points in (("training", grid.training), ("held_out", grid.held_out)):
+    fit = TrainedNetwork(
+        "network", 0, "gamma2", 0.4, network, training, held_out, np.ones(6), {}, "why"
+    )
+    scale = np.ptp(training.values)
+    for row, begin in zip(fit.errors().to_dict("records"), (0.0, np.pi / 3), strict=True):
+        for name, points in (("training", training), ("held_out", held_out)):
             inside = points.crank_angle - 0.4 >= begin
             errors = bump(points.crank_angle[inside])
             assert row[f"{name}_points"] == inside.sum()
@@ -77,7 +83,7 @@ def test_errors_are_those_of_their_region_and_scaled_by_the_range_of_all_trainin
 def test_the_default_seed_is_the_first_with_its_own_budget(fits):
     assert [fit.seed for fit in fits] == [4, 1, 2]
     assert [fit.history()["iteration"].max() for fit in fits] == [60, 25, 25]
-    fit, training = fits[0], fits[0].grid.training
+    fit, training = fits[0], fits[0].training
     mse = fit.history()["mse"].iloc[-1]
     error = (fit.network.values(training.crank_angle) - training.values) / fit.network.output.range
     assert mse == pytest.approx(np.mean(error**2), rel=1e-9)

@@ -43,14 +43,14 @@ def test_its_errors_hold_between_its_points_unlike_those_of_the_papers_network(f
 
 
 def test_a_third_of_the_samples_is_held_out_and_does_not_affect_the_training(fit):
-    training, held_out = fit.training.crank_angle, fit.grid.held_out.crank_angle
+    training, held_out = fit.training.crank_angle, fit.held_out.crank_angle
     assert not np.intersect1d(training, held_out).size
     assert len(held_out) / (len(training) + len(held_out)) == pytest.approx(1 / 3, abs=0.01)
     changed = ringing(7200)
     # small enough to leave the choice of samples unchanged, large compared with rounding
     changed.loc[np.isin(changed["crank_angle"], held_out), "gamma2"] += 1e-10
     repeated = train_regularised(ringing(720), changed, "gamma2", OPTIONS)
-    np.testing.assert_array_equal(repeated.grid.held_out.crank_angle, held_out)
+    np.testing.assert_array_equal(repeated.held_out.crank_angle, held_out)
     np.testing.assert_array_equal(repeated.network.parameters, fit.network.parameters)
 
 

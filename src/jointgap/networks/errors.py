@@ -1,4 +1,4 @@
-"""Errors of a fit: samples, regions and scaling."""
+"""Samples at which a fit is trained and judged, and the splines it is compared with."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,11 +8,7 @@ import pandas as pd
 from scipy.interpolate import CubicSpline, make_smoothing_spline
 
 from jointgap.core.errors import InputError
-from jointgap.core.schema import TRAJECTORY
-from jointgap.networks.network import Scaling
-from jointgap.paper.printed import TRAINING_MSE
 
-UNITS = {column.name: column.unit for column in TRAJECTORY.columns}
 REGIONS = {"all": 0.0, "past_60_deg": np.radians(60.0)}
 """First crank angle of each region after the start; the paper's transient ends before 60 deg."""
 
@@ -64,87 +60,23 @@ class Points:
         return Points(self.crank_angle[inside], self.values[inside], 0, shares)
 
 
-@dataclass(frozen=True)
-class Grid:
-    """One output over the first revolution, split into training points and held-out samples."""
-
-    output: str
-    start_angle: float
-    training: Points
-    held_out: Points
-
-    @classmethod
-    def of(cls, trajectory: pd.DataFrame, output: str, training_points: int) -> "Grid":
-        """Every k-th sample of the first revolution, both ends included, is a training point;
-        others are held out."""
-        angle = trajectory["crank_angle"].to_numpy()
-        angle = angle[angle - angle[0] <= 2.0 * np.pi * (1.0 + 1e-9)]
-        values = trajectory[output].to_numpy()[: len(angle)]
-        stride, remainder = divmod(len(angle) - 1, training_points - 1)
-        if remainder or stride < 2:
-            raise InputError(
-                f"surrogate.training_points {training_points} does not match {len(angle) - 1}"
-                " samples per revolution; set simulate.samples_per_revolution to a multiple, at"
-                f" least twice, of {training_points - 1}"
-            )
-        is_training = np.arange(len(angle)) % stride == 0
-        return cls(
-            output,
-            float(angle[0]),
-            training=Points.of(angle[is_training], values[is_training]),
-            held_out=Points.of(angle[~is_training], values[~is_training]),
+def split_samples(
+    trajectory: pd.DataFrame, output: str, training_points: int
+) -> tuple[Points, Points]:
+    """Training points of one output, every k-th sample of the first revolution, both ends included,
+    and the held-out other samples."""
+    angle = trajectory["crank_angle"].to_numpy()
+    angle = angle[angle - angle[0] <= 2.0 * np.pi * (1.0 + 1e-9)]
+    values = trajectory[output].to_numpy()[: len(angle)]
+    stride, remainder = divmod(len(angle) - 1, training_points - 1)
+    if remainder or stride < 2:
+        raise InputError(
+            f"surrogate.training_points {training_points} does not match {len(angle) - 1}"
+            " samples per revolution; set simulate.samples_per_revolution to a multiple, at"
+            f" least twice, of {training_points - 1}"
         )
-
-
-def error_frame(
-    grid: Grid,
-    fit: Function,
-    training: Points,
-    columns: dict[str, object],
-    fit_at_paper: Function | None,
-) -> pd.DataFrame:
-    """The table fit_errors, a row per region; `columns` are model, seed, weights, iterations, stop,
-    iterations_to_paper.
-
-    `fit_at_paper`: fit of the iteration at which the training error first reached the paper's.
-    """
-    scale = Scaling.of(grid.training.values).range
-    spline = CubicSpline(training.crank_angle, training.values)
-    further_fits = {
-        "smoothing_spline_held_out_mse": smoothing_spline(training),
-        "held_out_mse_at_paper": fit_at_paper,
-    }
-    rows = []
-    for region, begin in REGIONS.items():
-        inside, held_out = training, grid.held_out
-        if begin > 0.0:
-            inside = inside.past(grid.start_angle + begin)
-            held_out = held_out.past(grid.start_angle + begin)
-        errors = fit(held_out.crank_angle) - held_out.values
-        row = columns | {
-            "output": grid.output,
-            "unit": UNITS[grid.output],
-            "region": region,
-            "training_points": len(inside.values),
-            "held_out_points": len(held_out.values),
-            "undefined_points": inside.undefined + held_out.undefined,
-            "range": scale,
-            "paper_mse": TRAINING_MSE.get(grid.output),
-            "held_out_peak": float(np.max(np.abs(errors))) / scale,
-        }
-        for name, points, square in (
-            ("training", inside, inside.square(fit)),
-            ("held_out", held_out, held_out.mean(errors**2)),
-            ("spline_held_out", held_out, held_out.square(spline)),
-        ):
-            row[f"{name}_mse"] = square / scale**2
-            row[f"{name}_rms"] = square**0.5
-            row[f"{name}_mse_over_variance"] = square / points.variance
-        for name, further_fit in further_fits.items():
-            row[name] = further_fit and held_out.square(further_fit) / scale**2
-        rows.append(row)
-    numbers = dict.fromkeys(("paper_mse", *further_fits), "float64")  # null where there is none
-    return pd.DataFrame(rows).astype(numbers | {"iterations_to_paper": "Int64"})
+    is_training = np.arange(len(angle)) % stride == 0
+    return tuple(Points.of(angle[part], values[part]) for part in (is_training, ~is_training))
 
 
 def smoothing_spline(training: Points) -> Function | None:

@@ -1,13 +1,23 @@
 """Training of the networks of the outputs."""
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 import pandas as pd
+from scipy.interpolate import CubicSpline
 
 from jointgap.config import Surrogate
-from jointgap.networks.errors import NETWORK, REGULARISED, Grid, Points, error_frame, refined
+from jointgap.core.schema import TRAJECTORY
+from jointgap.networks.errors import (
+    NETWORK,
+    REGIONS,
+    REGULARISED,
+    Function,
+    Points,
+    refined,
+    smoothing_spline,
+    split_samples,
+)
 from jointgap.networks.levenberg_marquardt import NetworkModel, Settings, minimise
 from jointgap.networks.network import Layout, Network, Scaling, nguyen_widrow
 from jointgap.paper.printed import TRAINING_MSE
@@ -24,15 +34,20 @@ ROUNDS = 5  # of training; the evidence sets the weight decay before each
 EVIDENCE_PASSES = 5
 
 
+UNITS = {column.name: column.unit for column in TRAJECTORY.columns}
+
+
 @dataclass(frozen=True)
 class TrainedNetwork:
     """A network of one output with its training history."""
 
     model: str
     seed: int
-    network: Network
-    grid: Grid  # The paper's training points scale all errors; the held-out samples
+    output: str
+    start_angle: float
+    network: Network  # Scaled by the paper's training points, as all errors
     training: Points
+    held_out: Points
     mse: np.ndarray  # shape (iterations + 1,); scaled, at the start and after every iteration
     snapshots: dict[int, np.ndarray]  # Parameters, shape (P,), by iteration, including the final
     stop: str  # Stopping criterion
@@ -44,42 +59,75 @@ class TrainedNetwork:
 
     def history(self) -> pd.DataFrame:
         """The table fit_history."""
-        held_out, unit = self.grid.held_out, self.network.output.range**2
-        squares = {n: held_out.square(partial(self._values, n)) / unit for n in self.snapshots}
+        unit = self.network.output.range**2
+        squares = {
+            iteration: self.held_out.square(self._at(iteration)) / unit
+            for iteration in self.snapshots
+        }
         iterations = np.arange(len(self.mse))
         frame = pd.DataFrame(
             {"model": self.model, "seed": self.seed, "iteration": iterations, "mse": self.mse}
         )
         return frame.assign(held_out_mse=frame["iteration"].map(squares).astype(float))
 
-    def errors(self) -> pd.DataFrame:
-        """The table fit_errors."""
-        columns = {
-            "model": self.model,
-            "seed": self.seed,
-            "weights": self.network.layout.size,
-            "iterations": len(self.mse) - 1,
-            "stop": self.stop,
-            "iterations_to_paper": self.iterations_to_paper,
-        }
-        reached = self.iterations_to_paper
-        at_paper = None if reached is None else partial(self._values, reached)
-        return error_frame(self.grid, self.network.values, self.training, columns, at_paper)
+    def _at(self, iteration: int) -> Function:
+        """The network as it was after an iteration."""
+        return replace(self.network, parameters=self.snapshots[iteration]).values
 
-    def _values(self, iteration: int, crank_angle: np.ndarray) -> np.ndarray:
-        return replace(self.network, parameters=self.snapshots[iteration]).values(crank_angle)
+    def errors(self) -> pd.DataFrame:
+        """The table fit_errors, a row per region."""
+        scale, reached = self.network.output.range, self.iterations_to_paper
+        spline = CubicSpline(self.training.crank_angle, self.training.values)
+        further_fits = {
+            "smoothing_spline_held_out_mse": smoothing_spline(self.training),
+            "held_out_mse_at_paper": None if reached is None else self._at(reached),
+        }
+        rows = []
+        for region, begin in REGIONS.items():
+            training, held_out = self.training, self.held_out
+            if begin > 0.0:
+                training = training.past(self.start_angle + begin)
+                held_out = held_out.past(self.start_angle + begin)
+            errors = self.network.values(held_out.crank_angle) - held_out.values
+            row = {
+                "output": self.output,
+                "unit": UNITS[self.output],
+                "model": self.model,
+                "seed": self.seed,
+                "region": region,
+                "weights": self.network.layout.size,
+                "training_points": len(training.values),
+                "held_out_points": len(held_out.values),
+                "undefined_points": training.undefined + held_out.undefined,
+                "range": scale,
+                "paper_mse": TRAINING_MSE.get(self.output),
+                "held_out_peak": float(np.max(np.abs(errors))) / scale,
+                "iterations": len(self.mse) - 1,
+                "stop": self.stop,
+                "iterations_to_paper": reached,
+            }
+            for name, points, square in (
+                ("training", training, training.square(self.network.values)),
+                ("held_out", held_out, held_out.mean(errors**2)),
+                ("spline_held_out", held_out, held_out.square(spline)),
+            ):
+                row[f"{name}_mse"] = square / scale**2
+                row[f"{name}_rms"] = square**0.5
+                row[f"{name}_mse_over_variance"] = square / points.variance
+            for name, fit in further_fits.items():
+                row[name] = fit and held_out.square(fit) / scale**2
+            rows.append(row)
+        numbers = dict.fromkeys(("paper_mse", *further_fits), "float64")  # null if there is none
+        return pd.DataFrame(rows).astype(numbers | {"iterations_to_paper": "Int64"})
 
 
 def train(trajectory: pd.DataFrame, output: str, options: Surrogate) -> list[TrainedNetwork]:
     """Train the network of one output from every seed, the default one first."""
-    grid = Grid.of(trajectory, output, options.training_points)
-    angle, values = grid.training.crank_angle, grid.training.values
-    layout, input_scale, output_scale = (
-        Layout(options.hidden),
-        Scaling.of(angle),
-        Scaling.of(values),
-    )
-    model = NetworkModel(layout, input_scale.shrink(angle))
+    training, held_out = split_samples(trajectory, output, options.training_points)
+    layout = Layout(options.hidden)
+    input_scale, output_scale = Scaling.of(training.crank_angle), Scaling.of(training.values)
+    model = NetworkModel(layout, input_scale.shrink(training.crank_angle))
+    targets = output_scale.shrink(training.values)
     networks = []
     for seed in options.seeds:
         settings = Settings(
@@ -87,15 +135,16 @@ def train(trajectory: pd.DataFrame, output: str, options: Surrogate) -> list[Tra
             milestone=TRAINING_MSE.get(output, 0.0),
             snapshots=SNAPSHOTS,
         )
-        start = nguyen_widrow(layout, seed)
-        result = minimise(model, output_scale.shrink(values), start, settings)
+        result = minimise(model, targets, nguyen_widrow(layout, seed), settings)
         networks.append(
             TrainedNetwork(
                 NETWORK,
                 seed,
+                output,
+                trajectory["crank_angle"].iloc[0],
                 Network(layout, result.parameters, input_scale, output_scale),
-                grid,
-                grid.training,
+                training,
+                held_out,
                 result.errors,
                 result.snapshots | {result.iterations: result.parameters},
                 result.status.sentence,
@@ -109,16 +158,14 @@ def train_regularised(
     trajectory: pd.DataFrame, fine: pd.DataFrame, output: str, options: Surrogate
 ) -> TrainedNetwork:
     """Train the regularised network of one output, at samples of the `fine` first revolution."""
-    grid, seed = Grid.of(trajectory, output, options.training_points), options.seeds[0]
-    scale = Scaling.of(grid.training.values)
-    ratio = (
-        np.diff(trajectory["crank_angle"].iloc[:2])[0] / np.diff(fine["crank_angle"].iloc[:2])[0]
-    )
+    papers_points, _ = split_samples(trajectory, output, options.training_points)
+    scale, seed = Scaling.of(papers_points.values), options.seeds[0]
     angle, values = fine["crank_angle"].to_numpy(), fine[output].to_numpy()
-    coarse = np.arange(0, len(angle), round(ratio))
+    stride = np.diff(trajectory["crank_angle"].iloc[:2])[0] / (angle[1] - angle[0])
+    coarse = np.arange(0, len(angle), round(stride))
     coarse = coarse[np.isfinite(values[coarse])]
     samples = refined(angle, values, coarse, TOLERANCE * scale.range)
-    training, held_out = split(angle[samples], values[samples], seed)
+    training, held_out = split_at_random(angle[samples], values[samples], seed)
     model = _DecayedModel(training, scale, options.regularised_neurons)
     parameters, stop = model.train(options.regularised_iterations)
     input_scale = Scaling.of(training.crank_angle)
@@ -127,16 +174,18 @@ def train_regularised(
     return TrainedNetwork(
         REGULARISED,
         seed,
+        output,
+        trajectory["crank_angle"].iloc[0],
         networks[-1],
-        replace(grid, held_out=held_out),
         training,
+        held_out,
         mse / scale.range**2,
         dict(enumerate(parameters)),
         stop,
     )
 
 
-def split(angle: np.ndarray, values: np.ndarray, seed: int) -> tuple[Points, Points]:
+def split_at_random(angle: np.ndarray, values: np.ndarray, seed: int) -> tuple[Points, Points]:
     """Training points and held-out samples: a random one of every three neighbours, except the
     ends."""
     groups = np.arange(1, len(angle) - GROUP, GROUP)
