@@ -68,8 +68,9 @@ class Objective:
     def gradient(self, lengths: ArrayLike) -> np.ndarray:
         """Gradient of `value` with respect to (L2, L3), shape (2,), for lengths of shape (2,)."""
         cosine = self._cosine(lengths)
-        rod_length = np.asarray(lengths)[1]
-        weight = 2.0 * (self.desired - np.arccos(cosine)) / (rod_length * np.sqrt(1.0 - cosine**2))
+        error = self.desired - np.arccos(cosine)
+        slope = np.asarray(lengths)[1] * np.sqrt(1.0 - cosine**2)
+        weight = 2.0 * error / slope
         return np.array([weight @ self.sine, -weight @ cosine])
 
     def _cosine(self, lengths: ArrayLike) -> np.ndarray:
@@ -146,7 +147,8 @@ def objective_of_motion(
     """The objective for a simulated motion; the rod's angle gives the contribution of the
     clearances."""
     # equation (10), solved for the clearances
-    height = mechanism.crank.length * np.sin(crank_angle) + mechanism.rod.length * np.sin(rod_angle)
+    crank_height = mechanism.crank.length * np.sin(crank_angle)
+    height = crank_height + mechanism.rod.length * np.sin(rod_angle)
     return frozen_objective(mechanism, crank_angle, mechanism.slider.offset - height)
 
 

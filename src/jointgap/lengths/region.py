@@ -94,12 +94,15 @@ def geometric(options: Constraints, offset: float) -> tuple[Constraint, ...]:
     def crank(lengths: ArrayLike) -> np.ndarray:
         return np.asarray(lengths)[..., 0]
 
+    def reach(lengths: ArrayLike, side: float) -> np.ndarray:
+        return np.asarray(lengths)[..., 1] + side * crank(lengths)
+
     def dead_centre(lengths: ArrayLike, side: float) -> np.ndarray:
-        return np.sqrt((np.asarray(lengths)[..., 1] + side * crank(lengths)) ** 2 - offset**2)
+        return np.sqrt(reach(lengths, side) ** 2 - offset**2)
 
     def angle(lengths: ArrayLike, side: float) -> np.ndarray:
-        reach = np.asarray(lengths)[..., 1] + side * crank(lengths)
-        return np.arcsin(offset / reach) + (0.0 if side > 0 else np.pi)
+        angle = np.arcsin(offset / reach(lengths, side))
+        return angle if side > 0 else angle + np.pi
 
     angle_words = "crank angle of the {} dead centre"
     properties = {
@@ -126,8 +129,10 @@ def geometric(options: Constraints, offset: float) -> tuple[Constraint, ...]:
     for key, (words, unit, value) in properties.items():
         limits = getattr(options, key)
         low, high = limits if isinstance(limits, tuple) else (-math.inf, limits)
+        if limits is None:
+            continue
         is_constant = unit == "deg" and offset == 0.0
-        if limits is not None and not (is_constant and low <= value((0.0, 1.0)) <= high):
+        if not (is_constant and low <= value((0.0, 1.0)) <= high):
             constraints.append(Constraint(key, words, unit, low, high, value))
     return tuple(constraints)
 
@@ -194,9 +199,12 @@ class Region:
     def searched(self) -> tuple[str, str]:
         """Ranges of crank and rod length [mm] as text; ``fixed`` where the constraints allow one
         length only."""
-        ranges = zip(self.samples.min(axis=0), self.samples.max(axis=0), strict=True)
-        rounded = (np.round([1e3 * low, 1e3 * high], 3) for low, high in ranges)
-        return tuple("fixed" if low == high else f"{low:g} to {high:g}" for low, high in rounded)
+        lowest = np.round(1e3 * self.samples.min(axis=0), 3)
+        highest = np.round(1e3 * self.samples.max(axis=0), 3)
+        return tuple(
+            "fixed" if low == high else f"{low:g} to {high:g}"
+            for low, high in zip(lowest, highest, strict=True)
+        )
 
     def _infeasible_message(self, name: str) -> str:
         """Which constraints cannot be satisfied together, and what is possible within the
@@ -255,7 +263,8 @@ class Region:
         low, high, scale = np.transpose(
             [(limit.low, limit.high, limit.scale) for limit in self._limits]
         )
-        scaled = np.clip((np.asarray(lengths, dtype=float) - self.lower) / self.size, 0.0, 1.0)
+        scaled = (np.asarray(lengths, dtype=float) - self.lower) / self.size
+        scaled = np.clip(scaled, 0.0, 1.0)
         for _ in range(_MOST_STEPS):
             at = self.unscaled(scaled)
             values = np.stack([limit.value(at) for limit in self._limits], axis=-1)
@@ -291,8 +300,9 @@ class Region:
     def contains(self, lengths: ArrayLike, slack: float = 0.0) -> np.ndarray:
         """Whether lengths, shape (..., 2), satisfy bounds and inequality up to `slack` [m]."""
         lengths = np.asarray(lengths)
-        inside = np.all((lengths >= self.lower - slack) & (lengths <= self.upper + slack), axis=-1)
-        return inside & (self.inequality(lengths) <= slack)
+        above = lengths >= self.lower - slack
+        below = lengths <= self.upper + slack
+        return np.all(above & below, axis=-1) & (self.inequality(lengths) <= slack)
 
     def sample(self, count: int, random: np.random.Generator) -> np.ndarray:
         """`count` points spread evenly over the region, shape (count, 2) [m]."""

@@ -97,7 +97,8 @@ def _load(
     joint).
     """
     force = motions.pin_force[joint][:, settled]
-    steps = np.diff(motions.times[:, np.append(settled, settled[-1] + 1)], axis=1)
+    ends = np.append(settled, settled[-1] + 1)
+    steps = np.diff(motions.times[:, ends], axis=1)
     weights = steps / steps.sum(axis=1, keepdims=True)
     in_contact = motions.normal_force[joint][:, settled] > 0.0
     return {

@@ -213,7 +213,8 @@ def search_from_all(
 ) -> tuple[SearchResult, ...]:
     """`search` from six points: L2 at 1/4, 3/4 of its range with L3 at 1/6, 1/2, 5/6, projected
     onto the region."""
-    shares = [(crank, rod) for rod in (1 / 6, 1 / 2, 5 / 6) for crank in (1 / 4, 3 / 4)]
+    rods = (1 / 6, 1 / 2, 5 / 6)
+    shares = [(crank, rod) for rod in rods for crank in (1 / 4, 3 / 4)]
     starts = region.nearest(region.unscaled(np.array(shares)))
     return tuple(search(objective, region, start, tolerance) for start in starts)
 

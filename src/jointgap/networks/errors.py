@@ -109,8 +109,8 @@ def refined(
     while True:
         between = (indices[:-1] + indices[1:]) // 2
         between = np.where(defined[between], between, between + 1)
-        is_new = (between > indices[:-1]) & (between < indices[1:]) & defined[between]
-        between = between[is_new]
+        is_new = (between > indices[:-1]) & (between < indices[1:])
+        between = between[is_new & defined[between]]
         interpolated = CubicSpline(angle[indices], values[indices])(angle[between])
         is_missed = np.abs(interpolated - values[between]) > tolerance
         if not is_missed.any():

@@ -51,7 +51,8 @@ class NetworkEvaluation:
         """d(output)/d(weighted sum) of every hidden neuron, (neurons, N) for each hidden layer."""
         backward = self._matrices[-1][0, :-1, None]
         from_last = [backward * tansig_slope(self._activations[-1])]
-        for matrix, layer in zip(self._matrices[-2:0:-1], self._activations[-2:0:-1], strict=True):
+        below = zip(self._matrices[-2:0:-1], self._activations[-2:0:-1], strict=True)
+        for matrix, layer in below:
             from_last.append(_product(matrix[:, :-1].T, from_last[-1]) * tansig_slope(layer))
         return from_last[::-1]
 
@@ -61,7 +62,8 @@ class NetworkEvaluation:
             _product(sensitivity * weights, layer.T).ravel()
             for sensitivity, layer in zip(self._sensitivities, self._activations, strict=False)
         ]
-        return np.concatenate([*parts, (weights[None] @ self._activations[-1].T)[0]])
+        by_output = (weights[None] @ self._activations[-1].T)[0]
+        return np.concatenate([*parts, by_output])
 
     def jacobian(self) -> np.ndarray:
         """d(outputs)/d(parameters), (N, P)."""
@@ -109,7 +111,8 @@ class NetworkEvaluation:
             bend = slope * acceleration - 2.0 * above[:-1] * rate * velocity
         weights = matrix[:, :-1]
         velocity = (change @ self._activations[-1])[0] + (weights @ rate)[0]
-        return velocity, (weights @ bend)[0] + 2.0 * (change[:, :-1] @ rate)[0]
+        acceleration = (weights @ bend)[0] + 2.0 * (change[:, :-1] @ rate)[0]
+        return velocity, acceleration
 
 
 def _symmetric_product(factor: np.ndarray, out: np.ndarray, keep: float = 0.0) -> None:
@@ -199,14 +202,16 @@ def minimise(
         trial_total = float(trial_residual @ trial_residual)
         predicted = float((slope * (residual + (residual - slope))).sum())
         gain = (total - trial_total) / predicted if is_definite else -1.0
-        is_straight = 2.0 * np.linalg.norm(bend) <= settings.largest_bend * np.linalg.norm(velocity)
+        largest_bend = settings.largest_bend * np.linalg.norm(velocity)
+        is_straight = 2.0 * np.linalg.norm(bend) <= largest_bend
         accepted = bool(gain > 0.0 and trial_total < total and is_straight)
         if accepted:
             parameters, evaluation = trial_parameters, trial
             residual, total = trial_residual, trial_total
             gradient, growth = _gradient(evaluation, residual), 2.0
             least = typical * np.finfo(float).eps ** 2
-            damping = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3), least)
+            factor = max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3)
+            damping = max(damping * factor, least)
         else:
             damping, growth = damping * growth, 2.0 * growth
         errors.append(total / points)

@@ -143,7 +143,8 @@ class Network:
         slope = np.ones((1, angle.size))
         for matrix, layer in zip(matrices[:-1], activations[1:], strict=True):
             slope = tansig_slope(layer) * (matrix[:, :-1] @ slope)
-        slope = self.output.range / self.input.range * (matrices[-1][:, :-1] @ slope)[0]
+        ratio = self.output.range / self.input.range
+        slope = ratio * (matrices[-1][:, :-1] @ slope)[0]
         return self.output.expand(outputs).reshape(angle.shape), slope.reshape(angle.shape)
 
     def to_frame(self, seed: int, model: str = "network") -> pd.DataFrame:
@@ -170,7 +171,8 @@ class Network:
     ) -> "Network":
         """The network of a model and a seed (by default the first) from the long form."""
         frame = frame[frame["model"] == model]
-        rows = frame[frame["seed"] == (frame["seed"].iloc[0] if seed is None else seed)]
+        seed = frame["seed"].iloc[0] if seed is None else seed
+        rows = frame[frame["seed"] == seed]
         *hidden, _ = rows.groupby("layer")["neuron"].max() + 1
         scale = rows.iloc[0]
         return cls(
@@ -191,8 +193,9 @@ def to_files(network: Network, output: str) -> dict[str, bytes]:
     """The contents of `network.json` and `weights.npz` for the `network` of one `output`."""
     arrays = {}
     for layer, matrix in enumerate(network.layout.split(network.parameters)):
-        # odd numbers: Tanh
-        arrays |= {f"{2 * layer}.weight": matrix[:, :-1], f"{2 * layer}.bias": matrix[:, -1]}
+        place = 2 * layer  # odd numbers: Tanh
+        arrays[f"{place}.weight"] = matrix[:, :-1]
+        arrays[f"{place}.bias"] = matrix[:, -1]
     weights = io.BytesIO()
     np.savez(weights, **arrays)
     description = {

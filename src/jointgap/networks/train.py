@@ -190,7 +190,8 @@ def split_at_random(angle: np.ndarray, values: np.ndarray, seed: int) -> tuple[P
     ends."""
     groups = np.arange(1, len(angle) - GROUP, GROUP)
     is_held_out = np.zeros(len(angle), bool)
-    is_held_out[groups + np.random.default_rng(seed).integers(GROUP, size=len(groups))] = True
+    members = np.random.default_rng(seed).integers(GROUP, size=len(groups))
+    is_held_out[groups + members] = True
     shares = np.gradient(angle)
     return tuple(
         Points(angle[part], values[part], shares=shares[part])
@@ -212,7 +213,8 @@ class _DecayedModel:
         # half of the neurons even over the crank angle, half over the output's variation
         change = np.abs(np.diff(values))
         along = np.concatenate([[0.0], np.cumsum(np.diff(x) + change / change.sum())])
-        self.centres = np.interp(np.linspace(0.0, along[-1], neurons + 2)[1:-1], along, x)
+        places = np.linspace(0.0, along[-1], neurons + 2)[1:-1]
+        self.centres = np.interp(places, along, x)
         self.widths = WIDTH * np.gradient(self.centres)
         self.roots = np.sqrt(training.shares / training.shares.mean())
         self.targets = self.roots * values
@@ -227,7 +229,8 @@ class _DecayedModel:
         self.network, self.decay = NetworkModel(Layout((neurons,)), x), RIDGE
         self.size = self.network.size
         self.points = self.network.points + self.size
-        self._slopes, self._sums = slice(0, 2 * neurons, 2), slice(1, 2 * neurons, 2)
+        self._slopes = slice(0, 2 * neurons, 2)
+        self._sums = slice(1, 2 * neurons, 2)
 
     def of_network(self, parameters: np.ndarray) -> np.ndarray:
         """The network's weights and biases, (P,), from the trained parameters (P,)."""
@@ -289,7 +292,8 @@ class _DecayedEvaluation:
         return self._model.derivatives(by_network) + self._root * decays
 
     def jacobian(self) -> np.ndarray:
-        errors = self._model.derivatives(self._network.jacobian() * self._model.roots[:, None])
+        by_network = self._network.jacobian() * self._model.roots[:, None]
+        errors = self._model.derivatives(by_network)
         return np.concatenate([errors, self._root * np.eye(self._model.size)])
 
     def row_products(self, out: np.ndarray, work: object) -> None:
