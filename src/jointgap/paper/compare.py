@@ -211,7 +211,7 @@ def contact_claims(motion: pd.DataFrame, scenario: "Scenario") -> Iterator[Row]:
     past = turned >= 60.0
     angle, gamma = turned[past], np.degrees(motion["gamma2"].to_numpy())[past]
     deviation = gamma - angle - np.mean(gamma - angle)
-    rms, turns = np.sqrt(np.mean(deviation**2)), np.ptp(gamma[[0, -1]]) / np.ptp(angle[[0, -1]])
+    rms, turns = np.sqrt(np.mean(deviation**2)), (gamma[-1] - gamma[0]) / (angle[-1] - angle[0])
     yield claim("gamma2", turns, (rms, rms), rms=rms, peak=np.abs(deviation).max())
 
 
