@@ -89,7 +89,7 @@ def test_page_and_json_name_the_objective_and_keep_the_names_of_the_angle(optima
     chosen = optima["largest_pin_force"]._chosen
     text = to_markdown(page(chosen, "mine"))
     assert "largest pin force" in text.splitlines()[0] and "| largest pin force, a settled" in text
-    assert "simulations with ideal joints" in text
+    assert "Motion used by the search: simulations with" in text
     assert "root mean square (RMS), a settled revolution" in text
     content = json.loads(json.dumps(document(chosen, "mine"), allow_nan=False))
     force, angle = content["largest_pin_force"], chosen.gains.loc[("settled", "rms")]

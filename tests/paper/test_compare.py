@@ -35,8 +35,8 @@ def test_a_printed_number_agrees_within_its_tolerance_and_a_training_error_is_an
     differing = number("printed_point", 2.0, 2.021, **evidence)
     assert differing["verdict"] == "differs" and differing["ratio"] == pytest.approx(1.0105)
     errors = _errors(1e-5, 1e-5).iloc[0]
-    evidence = {**errors, "output": "r2", "allowed": 1, "reached": "", "starts": 1}
-    evidence |= {"stop": "", "iterations": 1, "spline_held_out_mse": 1, "lowest": 1, "highest": 1}
+    evidence = {**errors, "output": "r2", "allowed": 1, "starts": 1}
+    evidence |= {"iterations": 1, "spline_held_out_mse": 1, "lowest": 1, "highest": 1}
     verdicts = [number("training", 1.0, ours, **evidence)["verdict"] for ours in (1.0, 1.1)]
     assert verdicts == ["reached", "missed"]
 

@@ -205,7 +205,8 @@ def test_lengths_with_the_smallest_force_are_no_optimum(force, status, is_conver
     assert (content["status"], content["found_on"]) == (status, None)
     assert ("did not converge" not in " ".join(remarks(least))) == is_converged
     text = text_of(least)
-    assert "Motion used by the search" not in text and "No bound is active" not in text
+    assert "Motion used by the search: simulation" not in text
+    assert "No bound is active" not in text
     is_met = "no" if is_converged else "yes"
     row = f"| largest force in a pin | 450 N at most | 400 N | {force:.0f} N | {is_met} |"
     assert row in text
@@ -220,6 +221,7 @@ def test_the_page_has_lengths_gain_side_effects_and_constraints():
         "| share of time in contact, piston pin | % | 90 | 90 | +0 | – |",
         "| stroke | 52 mm | 50 mm | 52 mm | yes |",
         "crank fixed, rod 90 to 100 mm",
+        "Motion used by the search: simulation, a settled revolution.",
     ):
         assert line in text, line
     assert "all these pairs are equivalent" in text_of(chosen(floor=(0.37, 0.38)))
@@ -230,7 +232,7 @@ def test_a_crank_that_keeps_its_length_was_not_searched_and_equal_ends_are_no_in
     kept = chosen(KEEPS_CRANK, crank=0.025, reductions=(0.3768, 0.3772), floor=(0.3768, 0.3772))
     text = text_of(kept)
     assert "| crank length | mm | 25.000 | 25.000 | +0.000 | +0.00 |" in text
-    assert "crank fixed, rod 90.25 to 99.75 mm" in text and "-37.7 (-37.7)" in text
+    assert "crank fixed, rod 90.25 to 99.75 mm" in text
     assert "-37.7 to -37.7" not in text and "0.26340 to 0.26340" not in text
     narrowed = chosen({"constraints": {"stroke": ["49 mm", "50.5 mm"]}})
     assert "crank 24.5 to 25.25 mm" in text_of(narrowed)

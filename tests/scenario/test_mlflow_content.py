@@ -1,4 +1,4 @@
-"""What is logged of each stage, and under which names."""
+"""Content and names of the MLflow runs of each stage."""
 
 import hashlib
 import json
@@ -13,7 +13,7 @@ from jointgap.core import parquet, schema
 from jointgap.core.joints import OUTPUTS
 from jointgap.core.publish import thinned
 from jointgap.scenario.mlflow_runs import scenario_records
-from tests.scenario.mlflow_store import client_of, publish, runs_of
+from tests.scenario.mlflow_store import client_of, runs_of
 from tests.scenario.published_tables import ITERATIONS, SECTIONS, fit, numbers, scenario
 
 
@@ -25,22 +25,22 @@ def client(finished):
 @pytest.fixture(scope="module")
 def published(client):
     """The runs of the scenario by stage and output, as MLflow shows them."""
-    tags = {run: run.data.tags for run in runs_of(client).values()}
-    return {
-        f"{own['jointgap.stage']}/{own['jointgap.output']}".removesuffix("/"): run
-        for run, own in tags.items()
-    }
+    runs = {}
+    for run in runs_of(client).values():
+        tags = run.data.tags
+        runs[f"{tags['jointgap.stage']}/{tags['jointgap.output']}".removesuffix("/")] = run
+    return runs
 
 
 @pytest.fixture
 def artifact(client, published):
     """Content of a file of a run, or the folder of that name."""
 
-    def downloaded(run: str, path: str):
+    def download(run: str, path: str):
         place = Path(client.download_artifacts(published[run].info.run_id, path))
         return place if place.is_dir() else place.read_bytes()
 
-    return downloaded
+    return download
 
 
 @pytest.fixture
@@ -56,79 +56,67 @@ def curve(client, published):
 
 
 def test_results_costs_and_configuration_of_the_simulation_are_logged(published, artifact):
-    metrics, params = published["simulate"].data.metrics, published["simulate"].data.params
-    wanted = {
-        "seconds": 3.5,
-        "peak_memory_mb": 123.4,
-        "crank_pin_impacts": 2,
-        "piston_pin_impacts": 1,
-    }
-    assert {name: metrics[name] for name in wanted} == wanted
-    wanted = {"simulate.revolutions": "4", "mechanism.crank.length": "0.15"}
-    wanted["mechanism.joints.crank_pin.contact.friction"] = "0.05"
-    assert {name: params[name] for name in wanted} == wanted
+    run = published["simulate"].data
+    metrics = {"seconds": 3.5, "peak_memory_mb": 123.4}
+    metrics |= {"crank_pin_impacts": 2, "piston_pin_impacts": 1}
+    assert {name: run.metrics[name] for name in metrics} == metrics
+    params = {"simulate.revolutions": "4", "mechanism.crank.length": "0.15"}
+    params["mechanism.joints.crank_pin.contact.friction"] = "0.05"
+    assert {name: run.params[name] for name in params} == params
     assert json.loads(artifact("simulate", "options.json"))["simulate"]["revolutions"] == 4
     assert artifact("figures", "figures/figure 5.png") == b"a picture"
 
 
-def test_a_network_is_nested_in_the_run_of_its_scenario_with_its_errors_the_papers_its_seconds_and_its_seeds(
-    published,
-):
-    whole = published["surrogate"]
+def test_networks_are_nested_runs_with_errors_seconds_and_seeds(published):
+    stage = published["surrogate"]
     for output in OUTPUTS:
         nested = published[f"surrogate/{output}"]
-        assert nested.data.tags["mlflow.parentRunId"] == whole.info.run_id
+        assert nested.data.tags["mlflow.parentRunId"] == stage.info.run_id
         assert nested.info.run_name == f"paper {output}"
-    metrics, second = (
-        published[f"surrogate/{name}"].data.metrics for name in ("r2", "regularised r2")
-    )
+    metrics = published["surrogate/r2"].data.metrics
     for name in ("training_mse", "held_out_mse", "paper_mse", "spline_held_out_mse"):
-        assert metrics[f"log10_{name}"] == pytest.approx(np.log10(metrics[name])) and name in second
+        assert metrics[f"log10_{name}"] == pytest.approx(np.log10(metrics[name]))
+        assert name in published["surrogate/regularised r2"].data.metrics
     assert {"held_out_mse_past_60_deg", "spline_held_out_mse_past_60_deg", "weights"} <= set(
         metrics
     )
-    assert metrics["seconds"] == 10.0 and whole.data.metrics["seconds"] == 30.0
+    assert metrics["seconds"] == 10.0 and stage.data.metrics["seconds"] == 30.0
     assert metrics["seeds"] == 2 and metrics["seeds_iterations"] == 100
-    assert metrics["seeds_mse_median"] == pytest.approx(
-        0.1 / 101
-    )  # all seeds after as many iterations
-    for kind in ("network", "regularised"):
-        assert whole.data.metrics[f"{kind}_outputs"] == 8
+    # all seeds after as many iterations
+    assert metrics["seeds_mse_median"] == pytest.approx(0.1 / 101)
+    for model in ("network", "regularised"):
+        assert stage.data.metrics[f"{model}_outputs"] == 8
 
 
-def test_curves_are_thinned_evenly_on_a_logarithmic_axis_and_keep_both_ends(curve):
-    for name, run in (
-        ("mse", "surrogate/r2"),
-        ("log10_mse", "surrogate/r2"),
-        ("log10_mse/r2", "surrogate"),
-    ):
-        steps = sorted(curve(run, name))
-        assert (
-            280 <= len(steps) <= 300 and steps[:20] == list(range(20)) and steps[-1] == ITERATIONS
-        )
-    assert all(
-        value == pytest.approx(0.1 / (1 + step))
-        for step, value in curve("surrogate/r2", "mse").items()
-    )
-    for run, judged in {
-        "surrogate/r2": [10, 100],
-        "surrogate/regularised r2": list(range(51)),
-    }.items():
+@pytest.mark.parametrize(
+    "run, name",
+    [("surrogate/r2", "mse"), ("surrogate/r2", "log10_mse"), ("surrogate", "log10_mse/r2")],
+)
+def test_published_curves_are_thinned_and_keep_both_ends(curve, run, name):
+    steps = sorted(curve(run, name))
+    assert 280 <= len(steps) <= 300 and steps[:20] == list(range(20)) and steps[-1] == ITERATIONS
+
+
+def test_curves_have_the_values_of_the_history(curve):
+    for step, value in curve("surrogate/r2", "mse").items():
+        assert value == pytest.approx(0.1 / (1 + step))
+    assert sorted(curve("surrogate/regularised r2", "mse")) == list(range(51))
+    steps = {"surrogate/r2": [10, 100], "surrogate/regularised r2": list(range(51))}
+    for run, judged in steps.items():
         held_out = curve(run, "mse_held_out")
         assert sorted(held_out) == judged
         assert all(value == pytest.approx(0.2 / (1 + step)) for step, value in held_out.items())
-    assert sorted(curve("surrogate/regularised r2", "mse")) == list(range(51))
-    for name in ("log10_mse/r2", "log10_mse_held_out/r2", "log10_regularised_mse/r2"):
-        assert curve("surrogate", name)
-    for count in (1, 300, 301, 20_001):
-        thin = thinned(pd.Series(np.arange(count) * 2.0), 300)
-        assert len(thin) == count if count <= 300 else 100 <= len(thin) <= 300
-        assert (
-            thin.index[0] == 0
-            and thin.index[-1] == count - 1
-            and thin.index.is_monotonic_increasing
-        )
-        np.testing.assert_array_equal(thin, 2 * thin.index)
+    assert curve("surrogate", "log10_mse_held_out/r2")
+    assert curve("surrogate", "log10_regularised_mse/r2")
+
+
+@pytest.mark.parametrize("count", [1, 300, 301, 20_001])
+def test_a_thinned_curve_has_at_most_300_points(count):
+    thin = thinned(pd.Series(np.arange(count) * 2.0), 300)
+    assert len(thin) == count if count <= 300 else 100 <= len(thin) <= 300
+    assert thin.index[0] == 0 and thin.index[-1] == count - 1
+    assert thin.index.is_monotonic_increasing
+    np.testing.assert_array_equal(thin, 2 * thin.index)
 
 
 def _by_hand(frame, seed: int, angle: np.ndarray) -> np.ndarray:
@@ -174,43 +162,45 @@ def test_torch_loads_published_weights_and_their_description_says_how_to_use_the
 
 
 def test_dataset_inputs_carry_the_digest_of_their_file(published, finished):
-    inputs = {
-        found.dataset.name: found for found in published["surrogate/r2"].inputs.dataset_inputs
-    }
+    inputs = published["surrogate/r2"].inputs.dataset_inputs
+    inputs = {entry.dataset.name: entry for entry in inputs}
     assert set(inputs) == {"trajectory", "fit/r2", "fit_errors/r2", "fit_history/r2"}
-    for name, found in inputs.items():
+    for name, entry in inputs.items():
         path = finished / "paper" / f"{name}.parquet"
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
-        tags = {tag.key: tag.value for tag in found.tags}
-        assert tags["jointgap.sha256"] == digest and digest.startswith(found.dataset.digest)
+        tags = {tag.key: tag.value for tag in entry.tags}
+        assert tags["jointgap.sha256"] == digest and digest.startswith(entry.dataset.digest)
         assert tags["mlflow.data.context"] == ("input" if name == "trajectory" else "result")
-        assert json.loads(found.dataset.source)["uri"] == str(path)
-    for stage in ("kinematics", "optimise"):  # which read the networks
-        inputs = {found.dataset.name for found in published[stage].inputs.dataset_inputs}
-        assert {"trajectory", *(f"fit/{output}" for output in OUTPUTS)} <= inputs
+        assert json.loads(entry.dataset.source)["uri"] == str(path)
+    for stage in ("kinematics", "optimise"):
+        names = {entry.dataset.name for entry in published[stage].inputs.dataset_inputs}
+        assert {"trajectory", *(f"fit/{output}" for output in OUTPUTS)} <= names
 
 
-def test_the_optimum_of_the_papers_way_is_that_of_the_scenario_and_verdicts_on_the_paper_are_counted(
-    published, artifact
-):
-    whole, metrics = published["optimise"].data, published["optimise"].data.metrics
-    assert whole.tags["jointgap.point"] == "networks_paper_genetic"
-    assert (metrics["crank_length_mm"], metrics["crank_length_change_um"]) == pytest.approx(
-        (149.0, -1000.0)
-    )
-    assert metrics == published["optimise/networks_paper_genetic"].data.metrics
+def test_the_stage_has_the_optimum_found_in_the_papers_way(published):
+    stage = published["optimise"].data
+    assert stage.tags["jointgap.point"] == "networks_paper_genetic"
+    lengths = stage.metrics["crank_length_mm"], stage.metrics["crank_length_change_um"]
+    assert lengths == pytest.approx((149.0, -1000.0))
+    assert stage.metrics == published["optimise/networks_paper_genetic"].data.metrics
     metrics = published["optimise/simulation_wide_genetic"].data.metrics
     low = metrics["resimulated_settled/rms_reduction_low_percent"]
     assert metrics["gain_revolution_low_percent"] == pytest.approx(low, abs=1e-4)
+
+
+def test_verdicts_on_the_paper_are_counted_and_listed(published, artifact):
     metrics = published["compare"].data.metrics
-    wanted = {
-        "verdicts/number agrees": 1,
-        "verdicts/claim holds": 2,
-        "verdicts/claim does not hold": 0,
-    }
-    assert {name: metrics[name] for name in wanted} == wanted
+    counts = {"number agrees": 1, "claim holds": 2, "claim does not hold": 0}
+    assert {name: metrics[f"verdicts/{name}"] for name in counts} == counts
     assert {"ours/rods gain real at 5", "ratio/rods gain real at 5"} <= set(metrics)
     assert artifact("compare", "comparison.md") == b"in words"
+
+
+def write(frames, folder):
+    files = {name: folder / f"{name}.parquet" for name in frames}
+    for name, frame in frames.items():
+        parquet.write(schema.TABLES[name], frame, files[name])
+    return files
 
 
 def test_a_box_without_an_optimum_has_the_reason_and_no_lengths_or_gain(tmp_path):
@@ -219,20 +209,16 @@ def test_a_box_without_an_optimum_has_the_reason_and_no_lengths_or_gain(tmp_path
         "point": ["original", "least_force_paper"],
         "box": [None, "paper"],
         "status": [None, status],
+        "source": "simulation",
+        "method": ["original", "least_force"],
     }
-    point |= {"source": ["simulation"] * 2, "method": ["original", "least_force"]}
-    files = {"optimise_optima": tmp_path / "optima.parquet"}
-    parquet.write(
-        schema.OPTIMISE_OPTIMA,
-        numbers(schema.OPTIMISE_OPTIMA, 2, **point),
-        files["optimise_optima"],
-    )
+    files = write({"optimise_optima": numbers(schema.OPTIMISE_OPTIMA, 2, **point)}, tmp_path)
     (record,) = scenario_records(scenario(), SECTIONS, files, tmp_path)
     assert (record.stage, record.output, record.notes["status"]) == ("optimise", "", status)
     assert not record.metrics
 
 
-def test_without_networks_the_run_of_the_optimum_has_the_lengths_of_the_page(results):
+def test_without_networks_the_run_of_the_stage_has_the_chosen_lengths(tmp_path):
     point = ["simulation_paper_genetic", "simulation_paper_local"]
     optima = {
         "point": point,
@@ -240,25 +226,20 @@ def test_without_networks_the_run_of_the_optimum_has_the_lengths_of_the_page(res
         "box": "paper",
         "method": ["genetic", "local"],
     }
-    again = {
+    gains = {
         "point": point * 2,
         "stretch": ["settled"] * 2 + ["window"] * 2,
         "measure": "rms",
         "error": [2.0, 1.0] * 2,
     }
+    loads = {"point": point, "joint": "crank_pin", "peak_force": 100.0}
     frames = {
         "optimise_optima": numbers(
             schema.OPTIMISE_OPTIMA, 2, crank_length=[0.148, 0.149], **optima
         ),
-        "optimise_resimulated": numbers(schema.OPTIMISE_RESIMULATED, 4, **again),
-        "optimise_loads": numbers(
-            schema.OPTIMISE_LOADS, 2, point=point, joint="crank_pin", peak_force=100.0
-        ),
+        "optimise_resimulated": numbers(schema.OPTIMISE_RESIMULATED, 4, **gains),
+        "optimise_loads": numbers(schema.OPTIMISE_LOADS, 2, **loads),
     }
-    files = {name: results / f"{name}.parquet" for name in frames}
-    for name, frame in frames.items():
-        parquet.write(schema.TABLES[name], frame, files[name])
-    publish(results, files)
-    run = runs_of(client_of(results))["jointgap-optimise/made_up"]
-    assert run.data.metrics["crank_length_mm"] == pytest.approx(149.0)
-    assert run.data.tags["jointgap.point"] == point[1]
+    stage, *_ = scenario_records(scenario(), SECTIONS, write(frames, tmp_path), tmp_path)
+    assert stage.metrics["crank_length_mm"] == pytest.approx(149.0)
+    assert stage.notes["point"] == point[1]

@@ -10,7 +10,6 @@ import pytest
 from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.core.publish import check_store, opened, store_address
-from tests.catalogue import refused
 from tests.scenario import published_tables as synthetic
 from tests.scenario.mlflow_store import client_of, publish, runs_of
 from tests.scenario.published_tables import numbers, scenario
@@ -132,16 +131,11 @@ def test_a_store_whose_making_was_interrupted_is_not_there(tmp_path, monkeypatch
 def test_a_store_that_does_not_answer_is_one_error_without_its_password(tmp_path):
     with socket.socket() as closed:
         closed.bind(("127.0.0.1", 0))
-        addresses = [
-            f"http://joe:secret@127.0.0.1:{closed.getsockname()[1]}",
-            "postgres://host/runs",
-            "nowhere://x",
-        ]
-        words = "MLflow store  ~ start the server, correct its address"
-        refused(check_store, [(address, words) for address in addresses])
-        with pytest.raises(InputError, match=r"http://joe:\*\*\*@") as told:
-            check_store(addresses[0])
-    assert "secret" not in str(told.value) and len(told.value.args) == 1
+        server = f"127.0.0.1:{closed.getsockname()[1]}"
+        for address in (f"http://joe:secret@{server}", "postgres://host/runs", "nowhere://x"):
+            with pytest.raises(InputError, match="start the server, correct its address") as raised:
+                check_store(address)
+            assert "secret" not in str(raised.value) and len(raised.value.args) == 1
     check_store(f"sqlite:///{tmp_path / 'new.db'}")  # need not be there before the first job
     assert not list(tmp_path.iterdir())
 

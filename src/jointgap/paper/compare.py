@@ -3,12 +3,11 @@
 Numbers, claims, limits and texts are in printed.yaml; here stands where our values come from."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
-from jointgap.config import Scenario
 from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.core.page import Block, Cell, Heading, Page, Paragraph, TableBlock
 from jointgap.core.words import format_name
@@ -23,6 +22,9 @@ from jointgap.paper.printed import (
     PrintedOptimum,
     departures,
 )
+
+if TYPE_CHECKING:
+    from jointgap.config import Scenario
 
 NEEDED = ("trajectory", "kinematics", "fit_errors") + tuple(
     f"optimise_{name}" for name in ("optima", "tolerance", "resimulated", "worth")
@@ -83,7 +85,7 @@ def _row(
 
 
 def compare(
-    frames: Mapping[str, pd.DataFrame], scenario: Scenario, variants: Sequence[Row | None]
+    frames: Mapping[str, pd.DataFrame], scenario: "Scenario", variants: Sequence[Row | None]
 ) -> pd.DataFrame:
     """The table comparison: every number and claim of the paper.
 
@@ -133,20 +135,13 @@ def compare(
 
 def training_errors(errors: pd.DataFrame, default: pd.DataFrame) -> Iterator[Row]:
     """Training errors of the networks, default start; the range of all starts as evidence."""
+    starts = errors.groupby("output")["training_mse"].agg(
+        starts="count", lowest="min", highest="max"
+    )
     for output, printed in TRAINING_MSE.items():
-        network, starts = default.loc[output], errors[errors["output"] == output]["training_mse"]
-        yield number(
-            "training",
-            printed,
-            network["training_mse"],
-            output=output,
-            allowed=TRAINING_ITERATIONS,
-            reached=_after(network["iterations_to_paper"], "iterations"),
-            starts=len(starts),
-            lowest=starts.min(),
-            highest=starts.max(),
-            **network,
-        )
+        evidence = {**default.loc[output], **starts.loc[output], "output": output}
+        evidence["allowed"] = TRAINING_ITERATIONS
+        yield number("training", printed, evidence["training_mse"], **evidence)
 
 
 def optimum(printed: PrintedOptimum, ours: pd.Series, **evidence: Any) -> Iterator[Row]:
@@ -168,28 +163,20 @@ def optimum(printed: PrintedOptimum, ours: pd.Series, **evidence: Any) -> Iterat
         yield number("evaluations", printed.evaluations, float(ours["evaluations"]), **evidence)
 
 
-def _after(count: float, things: str = "evaluations") -> str:
-    return "never" if pd.isna(count) else f"after {count:.0f} {things}"
+def _after(evaluations: float) -> str:
+    return "never" if pd.isna(evaluations) else f"after {evaluations:.0f} evaluations"
 
 
 def other_end(printed: PrintedOptimum, end_points: pd.DataFrame) -> Iterator[Row]:
     """The paper's poorer end point, compared with the poorest one at the loosest stopping
     tolerance."""
-    tightest, loosest = end_points["tolerance"].agg(["min", "max"])
-    loose = end_points[end_points["tolerance"] == loosest]
-    tight = end_points[end_points["tolerance"] == tightest]
-    text = OTHER_END.format(
-        number=len(loose),
-        loosest=loosest,
-        tightest=tightest,
-        spread=100 * np.ptp(tight["rms_reduction"]),
-    )
-    poorest = loose.loc[loose["rms_reduction"].idxmin()]
+    end_points = end_points[end_points["tolerance"] == end_points["tolerance"].max()]
+    poorest = end_points.loc[end_points["rms_reduction"].idxmin()]
+    text = OTHER_END.format(number=len(end_points), loosest=poorest["tolerance"])
+    evidence = {"name": printed.name, "evidence": text}
     for key in ("crank_length", "rod_length"):
-        ours = 1e3 * poorest[key]
-        yield number(key, 1e3 * getattr(printed, key), ours, name=printed.name, evidence=text)
-    ours = 100 * poorest["rms_reduction"]
-    yield number("reduction", 100 * printed.reduction, ours, name=printed.name, evidence=text)
+        yield number(key, 1e3 * getattr(printed, key), 1e3 * poorest[key], **evidence)
+    yield number("reduction", 100 * printed.reduction, 100 * poorest["rms_reduction"], **evidence)
 
 
 def printed_points(optima: pd.DataFrame) -> Iterator[Row]:
@@ -210,7 +197,7 @@ def printed_points(optima: pd.DataFrame) -> Iterator[Row]:
 # -- claims
 
 
-def contact_claims(motion: pd.DataFrame, scenario: Scenario) -> Iterator[Row]:
+def contact_claims(motion: pd.DataFrame, scenario: "Scenario") -> Iterator[Row]:
     """Where contact is last lost in the first revolution, and whether gamma2 follows the crank."""
     mechanism, turned = scenario.mechanism.applied(), motion["turned"].to_numpy()
     lost_at = {}
@@ -224,7 +211,7 @@ def contact_claims(motion: pd.DataFrame, scenario: Scenario) -> Iterator[Row]:
     past = turned >= 60.0
     angle, gamma = turned[past], np.degrees(motion["gamma2"].to_numpy())[past]
     deviation = gamma - angle - np.mean(gamma - angle)
-    rms, turns = np.sqrt(np.mean(deviation**2)), np.ptp(gamma[[0, -1]]) / np.ptp(angle[[0, -1]])
+    rms, turns = np.sqrt(np.mean(deviation**2)), (gamma[-1] - gamma[0]) / (angle[-1] - angle[0])
     yield claim("gamma2", turns, (rms, rms), rms=rms, peak=np.abs(deviation).max())
 
 
@@ -239,10 +226,9 @@ def deviation_claims(motion: pd.DataFrame, ideal: pd.DataFrame) -> Iterator[Row]
     yield claim("piston", piston)
     for key in ("rod_velocity", "rod_acceleration"):
         x, y = rms[[f"{key}_x", f"{key}_y"]]
-        peak_x, peak_y = peak[[f"{key}_x", f"{key}_y"]]
         alike = CLAIMS[key]["alike"]
         interval = y / x - alike, y / x + alike
-        yield claim(key, y / x, interval, x=x, y=y, peak_x=peak_x, peak_y=peak_y)
+        yield claim(key, y / x, interval, x=x, y=y)
 
     bodies = {"rod in X": "rod_acceleration_x", "rod in Y": "rod_acceleration_y"}
     bodies["piston"] = "slider_acceleration"
@@ -339,7 +325,7 @@ def gain_claims(resimulated: pd.DataFrame, worth: pd.DataFrame, box: str) -> Ite
 # -- scenarios that differ only in their loose joints
 
 
-def looseness_variants(name: str, scenarios: Mapping[str, Scenario]) -> tuple[str, ...]:
+def looseness_variants(name: str, scenarios: Mapping[str, "Scenario"]) -> tuple[str, ...]:
     """Names of the `scenarios`, including `name`, that differ from it only in which joints are
     loose.
 
@@ -354,7 +340,7 @@ def looseness_variants(name: str, scenarios: Mapping[str, Scenario]) -> tuple[st
     )
 
 
-def _apart_from_looseness(scenario: Scenario) -> dict:
+def _apart_from_looseness(scenario: "Scenario") -> dict:
     mechanism = scenario.mechanism.applied().model_dump()
     for joint in mechanism["joints"].values():
         if isinstance(joint, dict):
@@ -363,7 +349,7 @@ def _apart_from_looseness(scenario: Scenario) -> dict:
     return {"mechanism": mechanism, "simulate": scenario.simulate, "optimise": scenario.optimise}
 
 
-def variant_optimum(name: str, scenario: Scenario, resimulated: pd.DataFrame) -> Row | None:
+def variant_optimum(name: str, scenario: "Scenario", resimulated: pd.DataFrame) -> Row | None:
     """The re-simulated optimum of a scenario for its own simulated motion: columns of the table
     overview; None where no lengths satisfy the constraints.
 
@@ -409,7 +395,7 @@ def joints_claim(variants: pd.DataFrame) -> Row:
 # -- page
 
 
-def comparison_page(comparison: pd.DataFrame, scenario: Scenario) -> Page:
+def comparison_page(comparison: pd.DataFrame, scenario: "Scenario") -> Page:
     """The page of the table `comparison`."""
     if differences := departures(scenario.mechanism, scenario.simulate):
         basis = (

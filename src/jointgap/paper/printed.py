@@ -4,13 +4,15 @@ from theirs."""
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from jointgap.config import Mechanism, Simulate
 from jointgap.core.joints import PINS
 from jointgap.core.words import format_name, joined
+
+if TYPE_CHECKING:
+    from jointgap.config import Mechanism, Simulate
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ def reference_mse(output: str) -> float:
     return TRAINING_MSE[output.replace("1", "2")]
 
 
-def departures(mechanism: Mechanism, simulate: Simulate) -> tuple[str, ...]:
+def departures(mechanism: "Mechanism", simulate: "Simulate") -> tuple[str, ...]:
     """Differences of `mechanism` and `simulate` from the paper's; unreported settings (contact,
     journal body) are no difference.
     """

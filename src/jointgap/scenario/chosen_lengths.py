@@ -21,7 +21,7 @@ from jointgap.lengths.region import FEASIBLE, FORCE_TOLERANCE, LEAST_FORCE, Cons
 NEEDED = tuple(f"optimise_{name}" for name in ("optima", "floor", "resimulated", "worth", "loads"))
 """Tables required, besides `fit_errors` where networks were trained."""
 
-MOTIONS = {  # sources of the frozen joint motion; the closest to steady operation first
+MOTIONS = {  # sources of the joint motion
     "simulation_settled": "simulation, a settled revolution",
     "simulation": "simulation, the first revolution",
     "networks": "networks, the first revolution",
@@ -42,7 +42,6 @@ class ChosenLengths:
     scenario: Scenario
     tables: Mapping[str, pd.DataFrame]  # `NEEDED` and fit_errors, by name
     row: Mapping[str, Any]  # of the table optimise_optima
-    best_points: Mapping[str, str]  # by source of the motion; empty without an optimum
     stretch: str  # part of the motion: settled (a revolution) or window (configured)
     gains: pd.DataFrame  # of the table optimise_resimulated, by stretch and measure
 
@@ -125,11 +124,16 @@ class ChosenLengths:
         return self.scenario.optimise.constraints.largest_pin_force or math.inf
 
     @property
+    def is_found(self) -> bool:
+        """Whether a search found the lengths; otherwise they have the smallest pin force."""
+        return self.row["method"] != LEAST_FORCE
+
+    @property
     def status(self) -> str:
         """``optimal``, ``infeasible``, or ``not converged``; without an optimum the lengths have
         the smallest force."""
         force = self.peak_force[1]
-        if self.row["method"] == LEAST_FORCE:
+        if not self.is_found:
             return "infeasible" if force > self.force_limit else "not converged"
         return "optimal" if force <= FORCE_TOLERANCE * self.force_limit else "infeasible"
 
@@ -167,15 +171,10 @@ def choose_lengths(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Ch
     is_equivalent = candidates["force"] == best["force"]
     is_equivalent &= candidates["error"] <= EQUIVALENT * best["error"]
     row = candidates.loc[candidates.loc[is_equivalent, "change"].idxmin()]
-    best_points = candidates.drop_duplicates("source").set_index("source")["point"].to_dict()
-    best_points[row["source"]] = row["point"]
-    if row["method"] == LEAST_FORCE:
-        best_points = {}
     return ChosenLengths(
         scenario,
         {"fit_errors": pd.DataFrame(columns=FIT_ERRORS.names), **tables},
         row.to_dict(),
-        {source: best_points[source] for source in MOTIONS if source in best_points},
         stretch,
         resimulated[resimulated["point"] == row["point"]]
         .set_index(["stretch", "measure"])
@@ -442,7 +441,7 @@ def document(optimum: ChosenLengths, name: str) -> dict[str, Any]:
         "objective": optimum.scenario.optimise.objective,
         "details": details(optimum),
         "remarks": list(remarks(optimum)),
-        "found_on": optimum.row["source"] if optimum.best_points else None,
+        "found_on": optimum.row["source"] if optimum.is_found else None,
         "at_bounds": list(optimum.bounds),
         "speed_rpm": optimum.scenario.simulate.speed * 30 / math.pi,
         **numbers,

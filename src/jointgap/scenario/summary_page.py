@@ -46,7 +46,6 @@ def page(optimum: ChosenLengths, name: str, repeat_until: float = math.inf) -> P
     result = [*_constraints(optimum)]
     if is_feasible:
         result = [*_lengths(optimum), *_gains(optimum), *_side_effects(optimum), *result]
-        result += _motions(optimum) if optimum.best_points else []
     links = [
         Link("Impacts, interactive", "figures/impacts.html", ": gaps, contact forces and modes"),
         Link("All figures", "figures", " (PNG, SVG, and the plotted data as Parquet)"),
@@ -96,7 +95,12 @@ def _lengths(optimum: ChosenLengths) -> Iterator[Block]:
     cranks, rods = (text if text == "fixed" else f"{text} mm" for text in searched)
     ratio = "" if options.ratio_limit is None else f", crank over rod up to {options.ratio_limit:g}"
     active = " No bound is active." if optimum.status == "optimal" and not optimum.bounds else ""
-    yield Paragraph(f"Searched (box {optimum.box}): crank {cranks}, rod {rods}{ratio}.{active}")
+    source = MOTIONS[optimum.row["source"]] if optimum.is_found else "no converged search"
+    yield Paragraph(
+        f"Searched (box {optimum.box}): crank {cranks}, rod {rods}{ratio}.{active}"
+        f" Motion used by the search: {source}. Of all searches these lengths have the smallest re-simulated"
+        f" {optimum.objective_label} over {optimum.stretch_label(optimum.stretch)}."
+    )
     floor = optimum.tables["optimise_floor"]
     floor = floor[(floor["source"] == optimum.row["source"]) & (floor["box"] == optimum.box)]
     if floor.empty or not optimum.is_of_angle:  # empty: the search did not converge
@@ -188,32 +192,3 @@ def _constraints(optimum: ChosenLengths) -> Iterator[Block]:
         result = "after" if is_feasible else "smallest force"
         yield TableBlock(("", "required", "before", result, "met"), cells, "lrrrl")
         yield Paragraph("Lengths and angles without clearance; forces simulated with clearance.")
-
-
-def _motions(optimum: ChosenLengths) -> Iterator[Block]:
-    yield Heading("Motion used by the search")
-    optima = optimum.tables["optimise_optima"].set_index(["source", "point"])
-    gains = optimum.tables["optimise_resimulated"].query(f"measure == {optimum.goal.measure!r}")
-    gains = gains.set_index(["point", "stretch"])
-    rows = []
-    for source, point in optimum.best_points.items():
-        lengths = optima.loc[(source, point)]
-        mark = " (chosen)" if source == optimum.row["source"] else ""
-        row = {
-            "motion from": f"{MOTIONS[source]}{mark}",
-            "crank [mm]": f"{1e3 * lengths['crank_length']:.3f}",
-            "rod [mm]": f"{1e3 * lengths['rod_length']:.3f}",
-        }
-        for stretch in ("settled", "window") if optimum.is_of_angle else ("settled",):
-            gain = gains.loc[(point, stretch)]
-            head = f"{optimum.objective_label}, {optimum.stretch_label(stretch)} [%]"
-            row[head] = f"{percent(gain['reduction'])} ({interval(gain)})"
-        rows.append(row)
-    motion = "one simulation for each pair of lengths on a grid"
-    if optimum.is_of_angle:
-        motion = "frozen joint motion from several sources"
-    yield Paragraph(
-        f"The search uses {motion}. The result is the pair of lengths with the smallest"
-        f" re-simulated {optimum.objective_label} over {optimum.stretch_label(optimum.stretch)}."
-    )
-    yield TableBlock.of(rows, "l" + "r" * (len(rows[0]) - 1))
