@@ -40,9 +40,12 @@ def scenario(number=2048, within=0.05) -> Scenario:
 def inferred(designs, errors: np.ndarray, within=0.05):
     """Inferred from designs with these relative errors of each printed number."""
     frame = pd.DataFrame(designs.values(0, designs.number))
-    for number in NUMBERS:
-        frame[number.column] = number.printed + number.scale * errors
-    return accept(designs, frame.assign(design=np.arange(len(frame)), reason=None), within)
+    return accept(designs, with_errors(frame, errors), within)
+
+
+def with_errors(frame: pd.DataFrame, errors: np.ndarray) -> pd.DataFrame:
+    numbers = {number.column: number.printed + number.scale * errors for number in NUMBERS}
+    return frame.assign(design=np.arange(len(frame)), reason=None, **numbers)
 
 
 def inferred_by_friction(within=0.05):
@@ -74,8 +77,11 @@ def test_a_setting_on_which_the_numbers_depend_is_informative_and_the_others_are
 def test_a_setting_without_influence_is_informative_once_in_a_hundred():
     """The errors are random; a list has fewer probabilities than a range, whose p is at most as
     small as stated."""
-    random, designs = np.random.default_rng(1), designs_of(scenario(512))
-    tables = [inferred(designs, random.random(512), within=0.1).settings for _ in range(100)]
+    random, designs = np.random.default_rng(1), designs_of(scenario(256))
+    frame = pd.DataFrame(designs.values(0, 256))
+    tables = [
+        accept(designs, with_errors(frame, random.random(256)), 0.1).settings for _ in range(100)
+    ]
     for setting, at_least in (("friction", 0.05), ("error_measure", 0.0)):
         rows = pd.concat(table[table["setting"] == setting].iloc[:1] for table in tables)
         p_value = rows["p_value"].to_numpy()

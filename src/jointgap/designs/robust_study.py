@@ -47,6 +47,7 @@ _LOAD_COLUMNS = ("force_mean", "force_deviation", "stroke_mean", "stroke_deviati
 _GAIN_COLUMNS = ("probability", "mean_fall", "measure_fall")
 _HEADS = {
     "asked": "required",
+    "probability": "share of the samples",
     "error_measure": "error, objective",
     "mean_fall": "reduction of the mean",
     "measure_fall": "reduction of the objective",
@@ -168,7 +169,7 @@ def _tables(optimum: RobustOptimum, facts: dict[str, Fact]) -> Iterator[TableBlo
     for name, reference in zip(optimum.gains["lengths"], optimum.gains["beside"], strict=True):
         label = f"{labels[name]}, compared with {labels[reference]}"
         cells += row(label, f"{name} beside {reference}/", _GAIN_COLUMNS)
-    yield fact_table(cells, "Share of the samples with a smaller error, and its reduction")
+    yield fact_table(cells, "Share of the samples with a smaller error, and its reduction", 3)
     if len(optimum.constraints):
         problem, cells = optimum.problem, []
         limits = {limit.key: f"{limit.words} {limit.range_text()}" for limit in problem.ranges}
@@ -179,7 +180,7 @@ def _tables(optimum: RobustOptimum, facts: dict[str, Fact]) -> Iterator[TableBlo
         ):
             label = f"{limits[key]}: {labels[name]}"
             cells += row(label, f"{name} keeps {key}/", ("asked", "probability"))
-        yield fact_table(cells, "Share of the samples that satisfy the constraints")
+        yield fact_table(cells, "Share of the samples that satisfy the constraints", 3)
     yield parameter_table(optimum.uncertain.axes, optimum.fresh)
 
 
