@@ -40,23 +40,14 @@ CUBE, WAVE = (
 
 
 def fitted(effects, values, chi2=64.0, nuisances=(MASS,)):
-    """A fit with standard errors of 0.1, 0.2, 0.3 ... of its parameters, as far as bounds say
-    nothing."""
-    own = [
-        Parameter(f"{c.label}.{p.key}", 0.0, p.low, p.high) for c in effects for p in c.coordinates
-    ]
+    """A fit whose parameters have the standard errors 0.1, 0.2, 0.3 ..., apart from bounds."""
+    coordinates = [(c.label, p) for c in effects for p in c.coordinates]
+    sizes = [Parameter(f"{label}.{p.key}", 0.0, p.low, p.high) for label, p in coordinates]
     residual, jacobian = np.zeros(SAMPLES), np.zeros((SAMPLES, len(values)))
     residual[-1] = chi2**0.5
     np.fill_diagonal(jacobian, 10.0 / np.arange(1, len(values) + 1))
-    return Fit(
-        tuple(effects),
-        (*nuisances, *own),
-        np.array(values, float),
-        residual,
-        jacobian,
-        1,
-        "converged",
-    )
+    values = np.array(values, float)
+    return Fit(tuple(effects), (*nuisances, *sizes), values, residual, jacobian, 1, "converged")
 
 
 BASE = fitted([], [1.0], 900.0)
@@ -94,30 +85,30 @@ def gaps(after=(1.0, 1.05), fall=(60.0, 64.0)):
     return pd.DataFrame(rows, columns=["role", "before", "after", "after_low"]).assign(**falls)
 
 
-def document(outcome, campaign=CAMPAIGN, **given):
-    windows = [
-        ("slow", "crank_torque", 350.0, 10.0, 2.0, 1e-9),
-        ("fast", "guide_force", 20.0, 40.0, 3.0, 0.004),
-    ]
+WINDOWS = [
+    ("slow", "crank_torque", 350.0, 10.0, 2.0, 1e-9),
+    ("fast", "guide_force", 20.0, 40.0, 3.0, 0.004),
+]
+
+
+def document(outcome, campaign=CAMPAIGN, undetectable="gravity", **given):
+    """The document of an outcome; tables by name, and other arguments."""
     columns = ["run", "channel", "start_deg", "end_deg", "rms", "p_adjusted"]
     tables = {name: pd.DataFrame(columns=TABLES[name].names) for name in verdict_json.TABLES}
+    merged = {"first": ["a", "b"], "second": ["b", "a"], "merged": True}
     tables |= {
-        "gaps": given.pop("gaps", gaps()),
-        "map_windows": pd.DataFrame(windows, columns=columns),
+        "gaps": gaps(),
+        "map_windows": pd.DataFrame(WINDOWS, columns=columns),
+        "detectable": pd.DataFrame({"label": [undetectable], "detectable": [False]}),
+        "confusability": pd.DataFrame(merged),
     }
-    tables["detectable"] = pd.DataFrame(
-        {"label": [given.pop("undetectable", "gravity")], "detectable": [False]}
-    )
-    tables["confusability"] = pd.DataFrame(
-        {"first": ["a", "b"], "second": ["b", "a"], "merged": True}
-    )
-    if "law_families" in given:
-        tables["law_families"] = given.pop("law_families")
+    tables |= {name: given.pop(name) for name in tables if name in given}
     return verdict_json.document(outcome, tables, campaign, **given)
 
 
-def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_is_met():
-    content = document(outcome_of(fitted([FRICTION], [1.5, 20.0])))
+def test_the_document_contains_the_decision_the_map_and_the_gaps():
+    outcome = outcome_of(fitted([FRICTION], [1.5, 20.0]))
+    content = document(outcome)
     assert {key: content[key] for key in content if key not in ("effects", "nuisances")} == {
         "schema_version": 3,
         "campaign": "demonstration",
@@ -133,18 +124,8 @@ def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_
         "held_out_test": "falls",
         "doubted_channels": [],
         "where": [
-            {
-                "run": "slow",
-                "channel": "crank_torque",
-                "crank_angle_deg": [350.0, 10.0],
-                "p_adjusted": 1e-9,
-            },
-            {
-                "run": "fast",
-                "channel": "guide_force",
-                "crank_angle_deg": [20.0, 40.0],
-                "p_adjusted": 0.004,
-            },
+            {"run": run, "channel": channel, "crank_angle_deg": [start, end], "p_adjusted": p}
+            for run, channel, start, end, _, p in WINDOWS
         ],
         "orders": [],
         "gap": {
@@ -155,10 +136,7 @@ def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_
         "preflight": {"undetectable": ["gravity"], "merged": [["a", "b"]]},
         "false_alarm_rate": None,
     }
-    assert (
-        document(outcome_of(fitted([FRICTION], [1.5, 20.0])), repeats=False)["basis"]
-        == "statistics"
-    )
+    assert document(outcome, repeats=False)["basis"] == "statistics"
 
 
 def test_where_no_held_out_sample_can_be_used_the_verdict_stands_with_a_gap_of_the_fitted_data_alone():
@@ -213,28 +191,23 @@ def test_an_effect_stands_with_its_site_its_gain_over_the_base_and_its_estimates
     }
 
 
-def test_of_two_effects_each_gains_over_the_other_alone_as_the_ranking_has_it():
-    both = fitted([FRICTION, SPRING], [1.5, 20.0, 7.0])
-    ranking = [("friction", both.bic + 30.0), ("spring", both.bic + 70.0), ("unheard_of", np.nan)]
-    for of, wanted in (
-        (ranking, [70.0, 30.0]),
-        ([("friction", np.nan), *ranking[1:]], [70.0, None]),
-    ):
-        effects = document(outcome_of(both, ranking=of))["effects"]
-        assert [one["name"] for one in effects] == ["friction", "spring"]
-        assert [one["delta_bic"] for one in effects] == [
-            one and pytest.approx(one) for one in wanted
-        ]
+@pytest.mark.parametrize("bic, gain", [(30.0, 30.0), (np.nan, None)])
+def test_each_of_two_effects_has_its_gain_over_the_other_one(bic, gain):
+    pair = fitted([FRICTION, SPRING], [1.5, 20.0, 7.0])
+    ranking = [("friction", pair.bic + bic), ("spring", pair.bic + 70.0)]
+    friction, spring = document(outcome_of(pair, ranking=ranking))["effects"]
+    assert (friction["name"], friction["delta_bic"]) == ("friction", pytest.approx(70.0))
+    assert (spring["name"], spring["delta_bic"]) == ("spring", gain and pytest.approx(gain))
+
+
+def test_equivalent_explanations_have_their_gains():
     rivals = [fitted([FRICTION], [1.5, 20.0], 70.0), fitted([SPRING], [1.5, 7.0], 72.0)]
     content = document(outcome_of(BASE, equivalent=rivals))
+    effects = [effect for (effect,) in content["equivalent"]]
     assert content["effects"] == []
-    assert [[one["name"] for one in rival] for rival in content["equivalent"]] == [
-        ["friction"],
-        ["spring"],
-    ]
-    assert [rival[0]["delta_bic"] for rival in content["equivalent"]] == pytest.approx(
-        [830.0 - LN, 828.0 - LN]
-    )
+    assert [effect["name"] for effect in effects] == ["friction", "spring"]
+    gains = [effect["delta_bic"] for effect in effects]
+    assert gains == pytest.approx([830.0 - LN, 828.0 - LN])
 
 
 def test_terms_of_a_law_are_one_effect_with_a_formula_beside_the_other_effects():
