@@ -3,6 +3,8 @@ verdict."""
 
 import json
 from dataclasses import replace
+from functools import partial
+from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -25,7 +27,6 @@ from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.parquet import describe
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.rig.model import build_model
-from tests.catalogue import refused
 
 DEMONSTRATION = "config/campaigns/demonstration.yaml"
 SCHEMA = ROOT / "workflow/schemas/verdict.schema.json"
@@ -78,26 +79,33 @@ def test_the_files_of_a_campaign_are_its_plan_and_its_data_and_loose_joints_are_
     } == {5}
 
 
-def test_what_cannot_be_a_list_of_campaigns_is_refused_with_the_mend(tmp_path):
+@pytest.mark.parametrize(
+    "paths, message",
+    [
+        ("mine.yaml", "must be a list"),
+        (["mine.yaml"], r"no file 'mine.yaml' \(looked in "),
+        (["config/campaigns"], "no file 'config/campaigns'.*; give the path of a campaign file"),
+        ([DEMONSTRATION, DEMONSTRATION], "same name 'demonstration'"),
+    ],
+)
+def test_an_invalid_list_of_campaigns_is_refused_with_the_fix(paths, message):
+    with pytest.raises(InputError, match=message):
+        campaigns(paths, (ROOT,))
+
+
+@pytest.mark.parametrize("count", [0, "many", 2.5, True, 10**9])
+def test_an_invalid_number_of_parts_is_refused(count):
+    with pytest.raises(InputError, match=r"fit_parts = .* must be a whole number of jobs from 1"):
+        campaigns([DEMONSTRATION], (ROOT,), count)
+
+
+def test_missing_data_and_braces_in_paths_are_refused(tmp_path):
     lost = written(tmp_path / "lost.yaml", folder=None)
+    with pytest.raises(InputError, match=r"run slow: no file 'demonstration/slow.csv'.*`file`"):
+        campaigns([str(lost)], (ROOT,))
     braces = written(tmp_path / "rig {campaign}/mine.yaml")
-    parts = "fit_parts =  ~ must be a whole number of jobs from 1 to 100"
-    cases = [
-        ("mine.yaml", None, "must be a list"),
-        (["mine.yaml"], None, "no file 'mine.yaml' (looked in "),
-        (
-            ["config/campaigns"],
-            None,
-            "no file 'config/campaigns' ~ ; give the path of a campaign file",
-        ),
-        ([DEMONSTRATION, DEMONSTRATION], None, "same name 'demonstration'"),
-        ([str(lost)], None, "run slow: no file 'demonstration/slow.csv' in  ~ ; correct `file`"),
-        ([str(braces)], None, "rig {campaign}/mine.yaml contains braces ~ rename"),
-        *(([DEMONSTRATION], count, parts) for count in (0, "many", 2.5, True, 10**9)),
-    ]
-    refused(
-        lambda paths, count: campaigns(paths, (ROOT,), *([] if count is None else [count])), cases
-    )
+    with pytest.raises(InputError, match=r"rig {campaign}/mine.yaml contains braces.*rename"):
+        campaigns([str(braces)], (ROOT,))
     for folder in ("our rig's", 'a "b"', "a { b"):
         mine = written(tmp_path / folder / "mine.yaml")
         assert campaigns([str(mine)], (ROOT,))["demonstration"].campaign == str(mine)
@@ -127,7 +135,7 @@ def test_a_campaign_whose_files_would_be_written_over_is_refused_and_they_stay(
     with pytest.raises(
         InputError, match=r"mechanism\.yaml: is an input of the campaign .* give another --folder"
     ):
-        asked("augment", tmp_path / "mine.yaml", "--folder", tmp_path)
+        asked("conclude", tmp_path / "mine.yaml", "--folder", tmp_path)
     assert (tmp_path / "mechanism.yaml").read_text() == content
     monkeypatch.chdir(tmp_path)  # by default the folder of results alone is kept free
     assert CampaignState(tmp_path / "mine.yaml").folder.path == Path(
@@ -238,29 +246,34 @@ CHANGES = [
 ]
 
 
-def test_what_has_changed_in_the_file_since_its_data_were_read_is_named_with_the_command_that_reads_it(
-    measured,
-):
-    folder, there = measured[1], ROOT / DEMONSTRATION
-    text = (
-        there.read_text().replace("../mechanisms", str(ROOT / "config/mechanisms"))
-        + f"folder: '{there.parent}'\n"
-    )
+@pytest.fixture
+def changed(measured):
+    """Measurements after a change of the campaign file's text."""
+    folder, file = measured[1], ROOT / DEMONSTRATION
+    text = file.read_text().replace("../mechanisms", str(ROOT / "config/mechanisms"))
+    text += f"folder: '{file.parent}'\n"
 
-    def go_on(old, new):
+    def change(old, new):
         assert old in text
         (folder / "changed.yaml").write_text(text.replace(old, new, 1))
         return CampaignState(folder / "changed.yaml", folder / "results").measurements
 
-    again = "repeat `jointgap measure` and the later stages"
-    refused(go_on, [(old, new, f"{again} ~ {words}") for old, new, words in CHANGES])
-    ordered = text.replace(MID, "").replace("runs:\n", f"runs:\n{MID}")
-    assert list(go_on(text, ordered).runs) == [
-        "slow",
-        "mid",
-        "fast",
-    ]  # by speed, whatever the file's order
-    renamed = go_on("name: demonstration", "name: another # of the same rig")
+    change.text = text
+    return change
+
+
+@pytest.mark.parametrize("old, new, message", CHANGES)
+def test_a_change_of_the_file_after_its_data_were_read_is_refused(changed, old, new, message):
+    with pytest.raises(InputError) as error:
+        changed(old, new)
+    assert message in str(error.value)
+    assert "repeat `jointgap measure` and the later stages" in str(error.value)
+
+
+def test_another_order_of_the_runs_or_another_name_is_no_change(changed):
+    reordered = changed.text.replace(MID, "").replace("runs:\n", f"runs:\n{MID}")
+    assert list(changed(changed.text, reordered).runs) == ["slow", "mid", "fast"]  # by speed
+    renamed = changed("name: demonstration", "name: another # of the same rig")
     assert set(renamed.runs) == {"slow", "mid", "fast"}
 
 
@@ -277,7 +290,7 @@ def used_before(tmp_path):
         "reoptimise/optimum.parquet",
     ]
     names += [f"figures/{name}.png" for name in FIGURES]
-    names += ["verdict/decision.parquet", "costs.jsonl"]
+    names.append("costs.jsonl")
     for name in names:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("of another day")
@@ -299,21 +312,15 @@ def test_results_of_another_campaign_file_are_kept_and_the_error_says_which_file
     damaged.write_text(
         damaged.read_text().replace("unit: ms", "unit: s").replace("t_ms", "no_such_column")
     )
-    commands = [
-        lambda file, name=name: asked(name, file) for name in ("measure", "preflight", "analyse")
-    ]
+    commands = [partial(asked, name) for name in ("measure", "preflight", "analyse")]
     commands += [
         lambda file: analyse(file, results),
         lambda file: campaigns([str(file)], (tmp_path,)),
     ]
-    words = (
-        f"{results} contains the results of another campaign file, {first} ~ give this campaign"
-        " another `name` ~ delete"
-    )
-    refused(
-        lambda act, file: act(file),
-        [(act, file, words) for act in commands for file in (second, damaged)],
-    )
+    message = f"{results} contains the results of another campaign file, {first}.*give this.*delete"
+    for command, file in product(commands, (second, damaged)):
+        with pytest.raises(InputError, match=message):
+            command(file)
     assert (results / "verdict.json").read_text() == "of the first file"
 
     def reached(state, **options):
@@ -347,11 +354,11 @@ def test_results_that_moved_with_their_campaign_file_are_still_of_it(tmp_path, m
 def test_an_analysis_that_fails_leaves_no_older_conclusion_and_one_that_cannot_begin_all(
     used_before, monkeypatch
 ):
-    (used_before / "screen").write_text("a file where a folder should be")
+    (used_before / "fit").write_text("a file where a folder should be")
     with pytest.raises(InputError, match="cannot be written"):
         analyse(ROOT / DEMONSTRATION, used_before)
     assert (used_before / "verdict.json").read_text() == "of another day"
-    (used_before / "screen").unlink()
+    (used_before / "fit").unlink()
 
     def fails(case, **given):
         raise SimulationError("the slide flies off")

@@ -21,7 +21,6 @@ from jointgap.identification.evidence import weigh_fit
 from jointgap.identification.fit import HALF_WIDTHS, LEVELS, Fit
 from jointgap.identification.force_law import ForceLawResult
 from jointgap.identification.verdict import Thresholds
-from tests.catalogue import each, refused
 
 SAMPLES = 100
 LN = float(np.log(SAMPLES))
@@ -41,23 +40,14 @@ CUBE, WAVE = (
 
 
 def fitted(effects, values, chi2=64.0, nuisances=(MASS,)):
-    """A fit with standard errors of 0.1, 0.2, 0.3 ... of its parameters, as far as bounds say
-    nothing."""
-    own = [
-        Parameter(f"{c.label}.{p.key}", 0.0, p.low, p.high) for c in effects for p in c.coordinates
-    ]
+    """A fit whose parameters have the standard errors 0.1, 0.2, 0.3 ..., apart from bounds."""
+    coordinates = [(c.label, p) for c in effects for p in c.coordinates]
+    sizes = [Parameter(f"{label}.{p.key}", 0.0, p.low, p.high) for label, p in coordinates]
     residual, jacobian = np.zeros(SAMPLES), np.zeros((SAMPLES, len(values)))
     residual[-1] = chi2**0.5
     np.fill_diagonal(jacobian, 10.0 / np.arange(1, len(values) + 1))
-    return Fit(
-        tuple(effects),
-        (*nuisances, *own),
-        np.array(values, float),
-        residual,
-        jacobian,
-        1,
-        "converged",
-    )
+    values = np.array(values, float)
+    return Fit(tuple(effects), (*nuisances, *sizes), values, residual, jacobian, 1, "converged")
 
 
 BASE = fitted([], [1.0], 900.0)
@@ -66,6 +56,20 @@ BASE = fitted([], [1.0], 900.0)
 def outcome_of(chosen, base=BASE, equivalent=(), ranking=()):
     rows = pd.DataFrame(ranking, columns=["explanation", "bic"]).assign(admissible=True)
     return Outcome("named", chosen, base, list(equivalent), rows, because="it is so")
+
+
+def ranked(*rows):
+    """A ranking: explanation, BIC, explained share and whether it is admissible."""
+    columns = ["explanation", "bic", "explained_share", "admissible"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def unexplained(ranking, best_known=None):
+    because = "it is poor"
+    return Outcome("unexplained", BASE, BASE, [], ranking, because, best_known=best_known)
+
+
+LIMITS = Thresholds(rate=0.01, omnibus=1.05, max_gain_threshold=12.0)
 
 
 def gaps(after=(1.0, 1.05), fall=(60.0, 64.0)):
@@ -81,30 +85,30 @@ def gaps(after=(1.0, 1.05), fall=(60.0, 64.0)):
     return pd.DataFrame(rows, columns=["role", "before", "after", "after_low"]).assign(**falls)
 
 
-def document(outcome, campaign=CAMPAIGN, **given):
-    windows = [
-        ("slow", "crank_torque", 350.0, 10.0, 2.0, 1e-9),
-        ("fast", "guide_force", 20.0, 40.0, 3.0, 0.004),
-    ]
+WINDOWS = [
+    ("slow", "crank_torque", 350.0, 10.0, 2.0, 1e-9),
+    ("fast", "guide_force", 20.0, 40.0, 3.0, 0.004),
+]
+
+
+def document(outcome, campaign=CAMPAIGN, undetectable="gravity", **given):
+    """The document of an outcome; tables by name, and other arguments."""
     columns = ["run", "channel", "start_deg", "end_deg", "rms", "p_adjusted"]
     tables = {name: pd.DataFrame(columns=TABLES[name].names) for name in verdict_json.TABLES}
+    merged = {"first": ["a", "b"], "second": ["b", "a"], "merged": True}
     tables |= {
-        "gaps": given.pop("gaps", gaps()),
-        "map_windows": pd.DataFrame(windows, columns=columns),
+        "gaps": gaps(),
+        "map_windows": pd.DataFrame(WINDOWS, columns=columns),
+        "detectable": pd.DataFrame({"label": [undetectable], "detectable": [False]}),
+        "confusability": pd.DataFrame(merged),
     }
-    tables["detectable"] = pd.DataFrame(
-        {"label": [given.pop("undetectable", "gravity")], "detectable": [False]}
-    )
-    tables["confusability"] = pd.DataFrame(
-        {"first": ["a", "b"], "second": ["b", "a"], "merged": True}
-    )
-    if "law_families" in given:
-        tables["law_families"] = given.pop("law_families")
+    tables |= {name: given.pop(name) for name in tables if name in given}
     return verdict_json.document(outcome, tables, campaign, **given)
 
 
-def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_is_met():
-    content = document(outcome_of(fitted([FRICTION], [1.5, 20.0])))
+def test_the_document_contains_the_decision_the_map_and_the_gaps():
+    outcome = outcome_of(fitted([FRICTION], [1.5, 20.0]))
+    content = document(outcome)
     assert {key: content[key] for key in content if key not in ("effects", "nuisances")} == {
         "schema_version": 3,
         "campaign": "demonstration",
@@ -120,18 +124,8 @@ def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_
         "held_out_test": "falls",
         "doubted_channels": [],
         "where": [
-            {
-                "run": "slow",
-                "channel": "crank_torque",
-                "crank_angle_deg": [350.0, 10.0],
-                "p_adjusted": 1e-9,
-            },
-            {
-                "run": "fast",
-                "channel": "guide_force",
-                "crank_angle_deg": [20.0, 40.0],
-                "p_adjusted": 0.004,
-            },
+            {"run": run, "channel": channel, "crank_angle_deg": [start, end], "p_adjusted": p}
+            for run, channel, start, end, _, p in WINDOWS
         ],
         "orders": [],
         "gap": {
@@ -142,10 +136,7 @@ def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_
         "preflight": {"undetectable": ["gravity"], "merged": [["a", "b"]]},
         "false_alarm_rate": None,
     }
-    assert (
-        document(outcome_of(fitted([FRICTION], [1.5, 20.0])), repeats=False)["basis"]
-        == "statistics"
-    )
+    assert document(outcome, repeats=False)["basis"] == "statistics"
 
 
 def test_where_no_held_out_sample_can_be_used_the_verdict_stands_with_a_gap_of_the_fitted_data_alone():
@@ -159,23 +150,21 @@ def test_where_no_held_out_sample_can_be_used_the_verdict_stands_with_a_gap_of_t
     validate(gap, schema | schema["properties"]["gap"] | {"required": ["identify", "confirm"]})
 
 
-def test_a_nuisance_whose_deviation_the_preflight_cannot_detect_has_no_interval():
-    def check(undetectable, name, has_interval):
-        base = fitted([], [0.5], nuisances=(Parameter(name, 0.5, -9.0, 9.0),))
-        stated = document(outcome_of(base), undetectable=undetectable)["nuisances"][name]
-        assert (stated["interval_90"] != [None, None]) == (stated["sd"] is not None) == has_interval
-        assert stated["value"] == 0.5 and "kept" not in stated  # as in the mechanism file
-
-    each(
-        check,
-        [
-            ("common_pin_restitution", "restitution", False),
-            ("pin_restitution:crank_pin", "restitution_crank_pin", False),
-            ("pin_restitution:crank_pin", "restitution_piston_pin", True),
-            ("pin_restitution:crank_pin", "joint_friction", True),
-            ("gravity", "restitution", True),
-        ],
-    )
+@pytest.mark.parametrize(
+    "undetectable, name, has_interval",
+    [
+        ("common_pin_restitution", "restitution", False),
+        ("pin_restitution:crank_pin", "restitution_crank_pin", False),
+        ("pin_restitution:crank_pin", "restitution_piston_pin", True),
+        ("pin_restitution:crank_pin", "joint_friction", True),
+        ("gravity", "restitution", True),
+    ],
+)
+def test_a_nuisance_without_detectable_deviation_has_no_interval(undetectable, name, has_interval):
+    base = fitted([], [0.5], nuisances=(Parameter(name, 0.5, -9.0, 9.0),))
+    stated = document(outcome_of(base), undetectable=undetectable)["nuisances"][name]
+    assert (stated["interval_90"] != [None, None]) == (stated["sd"] is not None) == has_interval
+    assert stated["value"] == 0.5 and "kept" not in stated  # as in the mechanism file
 
 
 def normal(value, sd, **tolerance):
@@ -202,28 +191,23 @@ def test_an_effect_stands_with_its_site_its_gain_over_the_base_and_its_estimates
     }
 
 
-def test_of_two_effects_each_gains_over_the_other_alone_as_the_ranking_has_it():
-    both = fitted([FRICTION, SPRING], [1.5, 20.0, 7.0])
-    ranking = [("friction", both.bic + 30.0), ("spring", both.bic + 70.0), ("unheard_of", np.nan)]
-    for of, wanted in (
-        (ranking, [70.0, 30.0]),
-        ([("friction", np.nan), *ranking[1:]], [70.0, None]),
-    ):
-        effects = document(outcome_of(both, ranking=of))["effects"]
-        assert [one["name"] for one in effects] == ["friction", "spring"]
-        assert [one["delta_bic"] for one in effects] == [
-            one and pytest.approx(one) for one in wanted
-        ]
+@pytest.mark.parametrize("bic, gain", [(30.0, 30.0), (np.nan, None)])
+def test_each_of_two_effects_has_its_gain_over_the_other_one(bic, gain):
+    pair = fitted([FRICTION, SPRING], [1.5, 20.0, 7.0])
+    ranking = [("friction", pair.bic + bic), ("spring", pair.bic + 70.0)]
+    friction, spring = document(outcome_of(pair, ranking=ranking))["effects"]
+    assert (friction["name"], friction["delta_bic"]) == ("friction", pytest.approx(70.0))
+    assert (spring["name"], spring["delta_bic"]) == ("spring", gain and pytest.approx(gain))
+
+
+def test_equivalent_explanations_have_their_gains():
     rivals = [fitted([FRICTION], [1.5, 20.0], 70.0), fitted([SPRING], [1.5, 7.0], 72.0)]
     content = document(outcome_of(BASE, equivalent=rivals))
+    effects = [effect for (effect,) in content["equivalent"]]
     assert content["effects"] == []
-    assert [[one["name"] for one in rival] for rival in content["equivalent"]] == [
-        ["friction"],
-        ["spring"],
-    ]
-    assert [rival[0]["delta_bic"] for rival in content["equivalent"]] == pytest.approx(
-        [830.0 - LN, 828.0 - LN]
-    )
+    assert [effect["name"] for effect in effects] == ["friction", "spring"]
+    gains = [effect["delta_bic"] for effect in effects]
+    assert gains == pytest.approx([830.0 - LN, 828.0 - LN])
 
 
 def test_terms_of_a_law_are_one_effect_with_a_formula_beside_the_other_effects():
@@ -269,34 +253,30 @@ def test_nuisances_stand_with_value_and_standard_error_or_the_reason_why_there_i
     )
 
 
-def test_the_text_has_null_for_what_is_no_number_is_read_again_and_nothing_else_is_a_verdict(
-    tmp_path,
-):
+def test_the_text_has_null_for_numbers_that_are_not_finite_and_is_read_again(tmp_path):
     path = tmp_path / "verdict.json"
-    numbers = {
-        "before": np.float64(2.5),
-        "after": math.nan,
-        "low": np.float32(-np.inf),
-        "runs": (np.int64(3), [np.inf]),
-    }
-    path.write_text(
-        verdict_json.text({"schema_version": 3, "campaign": "Prüfstand"} | numbers),
-        encoding="utf-8",
-    )
-    plain = {"before": 2.5, "after": None, "low": None, "runs": [3, [None]]}
-    assert verdict_json.read(path) == {"schema_version": 3, "campaign": "Prüfstand"} | plain
+    numbers = {"before": np.float64(2.5), "after": math.nan, "runs": (np.int64(3), [np.inf])}
+    content = {"schema_version": 3, "campaign": "Prüfstand"}
+    path.write_text(verdict_json.text(content | numbers), encoding="utf-8")
+    plain = {"before": 2.5, "after": None, "runs": [3, [None]]}
+    assert verdict_json.read(path) == content | plain
 
-    def read(text):
-        path.unlink() if text is None else path.write_text(text)
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ('{"schema_version": 2}', "not a verdict of schema_version 3; repeat the campaign's"),
+        ("[1]", "not a verdict of schema_version 3; repeat the campaign's stages"),
+        ("{", r"not a verdict .*; run the campaign's stages first"),
+        (None, r"not a verdict \(\[Errno 2\]"),
+    ],
+)
+def test_other_files_are_not_read_as_a_verdict(tmp_path, text, message):
+    path = tmp_path / "verdict.json"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(InputError, match=f"verdict.json: {message}"):
         verdict_json.read(path)
-
-    other = "not a verdict of schema_version 3; repeat the campaign's stages"
-    cases = [
-        ('{"schema_version": 2}', other),
-        ("[1]", other),
-        ("{", "not a verdict ~ ; run the campaign's stages first"),
-    ]
-    refused(read, [*cases, (None, "not a verdict ([Errno 2]")], InputError, f"{path}: ")
 
 
 def test_what_is_certain_has_the_values_of_the_best_explanation():
@@ -322,129 +302,85 @@ def test_a_named_sensor_fault_has_those_that_predict_the_same_beside_it():
     ] == [("lag", 2e-3)]
 
 
-def test_what_is_best_but_not_proven_stands_with_its_end_its_test_and_its_nearest_rival():
+def test_the_best_candidate_has_its_share_its_test_and_its_nearest_rival():
     best = fitted([FRICTION, SPRING], [1.5, 20.0, 7.0], 400.0)
-    rows = [
+    ranking = ranked(
         ("friction + spring", best.bic, 0.56, True),
         ("friction", best.bic + 5.0, 0.5, True),  # a part of it is no rival
         ("lost", best.bic + 6.0, 0.5, False),
         ("failed", np.nan, np.nan, True),
         ("wave", best.bic + 432.0, 0.1, True),
-    ]
-    ranking = pd.DataFrame(rows, columns=["explanation", "bic", "explained_share", "admissible"])
-    outcome = Outcome("unexplained", BASE, BASE, [], ranking, because="it is poor", best_known=best)
+    )
+    outcome = unexplained(ranking, best)
     content = document(outcome, gaps=gaps((6.0, 5.9), (-3.0, 40.0)), inconsistent=["torque"])
-    known = content["best_known"]
-    assert content["effects"] == [] and [one["name"] for one in known["effects"]] == [
-        "friction",
-        "spring",
-    ]
-    assert content["gap"] == {
-        "identify": {"before": 9.0, "after": 6.0},
-        "confirm": {"before": 8.0, "after": 5.9},
-    }
+    known, rival = content["best_known"], {"explanation": "wave", "explained_share": 0.1}
+    assert content["effects"] == []
+    assert [effect["name"] for effect in known["effects"]] == ["friction", "spring"]
+    assert content["gap"]["identify"] == {"before": 9.0, "after": 6.0}
+    assert content["gap"]["confirm"] == {"before": 8.0, "after": 5.9}
     assert known["explained_share"] == 0.56
-    assert known["rival"] == {
-        "explanation": "wave",
-        "behind": pytest.approx(432.0),
-        "explained_share": 0.1,
-    }
+    assert known["rival"] == rival | {"behind": pytest.approx(432.0)}
     assert (content["held_out_test"], content["doubted_channels"]) == ("stays", ["torque"])
     assert document(replace(outcome, ranking=ranking.head(1)))["best_known"]["rival"] is None
     assert document(replace(outcome, best_known=None))["best_known"] is None
 
 
-def test_a_formula_that_is_not_named_is_best_known_where_it_is_better_than_every_effect():
-    def known(chi2, of_effect, shown):
-        law = fitted([CUBE], [1.5, -2.5], chi2)
-        effect = of_effect and fitted([FRICTION], [1.5, 20.0], of_effect)
-        limits = Thresholds(rate=0.01, omnibus=1.05, max_gain_threshold=12.0)
-        found = Outcome(
-            "unexplained",
-            BASE,
-            BASE,
-            [],
-            ranking_frame([]),
-            because="it is poor",
-            best_known=effect,
-        )
-        proposed = ForceLawResult(
-            law, False, "it explains little", ranking=[weigh_fit(BASE, law, limits)]
-        )
-        outcome = with_force_law(found, proposed)
-        assert outcome.best_known is {"law": law, "effect": effect, None: None}[shown]
-        (row,) = outcome.placed_ranking.to_dict("records")
-        assert row["place"] == ("best_known" if shown == "law" else "")
-
-    # alone it has to be ahead of the base by 900 - 880 less ln n
-    each(
-        known,
-        [(50.0, 60.0, "law"), (70.0, 60.0, "effect"), (880.0, None, "law"), (890.0, None, None)],
-    )
+@pytest.mark.parametrize(
+    "chi2, chi2_of_effect, best",
+    # alone it has to gain 10 plus ln n over the base of 900
+    [(50.0, 60.0, "law"), (70.0, 60.0, "effect"), (880.0, None, "law"), (890.0, None, None)],
+)
+def test_a_formula_is_best_known_if_it_is_better_than_every_effect(chi2, chi2_of_effect, best):
+    law = fitted([CUBE], [1.5, -2.5], chi2)
+    effect = chi2_of_effect and fitted([FRICTION], [1.5, 20.0], chi2_of_effect)
+    ranking = [weigh_fit(BASE, law, LIMITS)]
+    outcome = unexplained(ranking_frame([]), effect)
+    result = ForceLawResult(law, False, "it explains little", ranking=ranking)
+    outcome = with_force_law(outcome, result)
+    assert outcome.best_known is {"law": law, "effect": effect, None: None}[best]
+    (row,) = outcome.placed_ranking.to_dict("records")
+    assert row["place"] == ("best_known" if best == "law" else "")
 
 
-def test_a_listed_effect_that_a_formula_found_again_has_one_row_in_the_ranking():
-    """Its earlier fit ended in another minimum."""
-    before, again = (fitted([FRICTION], [1.5, 20.0], chi2) for chi2 in (800.0, 70.0))
-    limits = Thresholds(0.01, 1.05, 12.0)
-    found = Outcome(
-        "unexplained",
-        BASE,
-        BASE,
-        [],
-        ranking_frame([weigh_fit(BASE, before, limits)]),
-        because="poor",
-    )
-    proposed = ForceLawResult(again, True, "", ranking=[weigh_fit(BASE, again, limits)])
-    named = with_force_law(found, proposed)
-    assert (named.verdict, len(named.ranking)) == ("named", 1)
-    refuted = replace(named, verdict="unexplained", chosen=BASE, best_known=again)
-    content = json.loads(verdict_json.text(document(refuted)))
-    assert content["best_known"]["explained_share"] == pytest.approx(
-        (900 - 70) / (900 - SAMPLES + 1)
-    )
+def test_a_listed_effect_that_is_fitted_again_has_one_row_in_the_ranking():
+    earlier, better = (fitted([FRICTION], [1.5, 20.0], chi2) for chi2 in (800.0, 70.0))
+    outcome = unexplained(ranking_frame([weigh_fit(BASE, earlier, LIMITS)]))
+    result = ForceLawResult(better, True, "", ranking=[weigh_fit(BASE, better, LIMITS)])
+    outcome = with_force_law(outcome, result)
+    assert (outcome.verdict, len(outcome.ranking)) == ("named", 1)
+    refuted = replace(outcome, verdict="unexplained", chosen=BASE, best_known=better)
+    share = document(refuted)["best_known"]["explained_share"]
+    assert share == pytest.approx((900 - 70) / (900 - SAMPLES + 1))
 
 
-def test_the_gap_after_is_that_of_the_best_candidate_as_the_page_and_the_terminal_say():
+def test_the_gap_after_is_that_of_the_best_candidate_or_of_the_first_equivalent_explanation():
     best = fitted([FRICTION], [1.5, 20.0], 400.0)
-    ranking = pd.DataFrame(
-        [("friction", best.bic, 0.2, True)],
-        columns=["explanation", "bic", "explained_share", "admissible"],
-    )
-    outcome = Outcome("unexplained", BASE, BASE, [], ranking, because="it is poor", best_known=best)
     table = gaps((6.0, 1.18), (-3.0, 40.0))
-    table = pd.concat([table, table[table["role"] == "confirm"].assign(run="slow", remark=None)])
-    content = document(outcome, gaps=table)
-    assert (
-        content["gap"]["confirm"] == {"before": 8.0, "after": 1.18} == content["held_out"][0]["gap"]
-    )
-    equal = document(outcome_of(BASE, equivalent=[best]), gaps=table)
-    assert equal["gap"]["confirm"]["after"] == 1.18
+    run = table[table["role"] == "confirm"].assign(run="slow", remark=None)
+    table = pd.concat([table, run])
+    content = document(unexplained(ranked(("friction", best.bic, 0.2, True)), best), gaps=table)
+    gap = {"before": 8.0, "after": 1.18}
+    assert content["gap"]["confirm"] == content["held_out"][0]["gap"] == gap
+    equivalent = document(outcome_of(BASE, equivalent=[best]), gaps=table)
+    assert equivalent["gap"]["confirm"] == gap
 
 
-def test_certain_effects_and_steps_that_were_not_run_come_from_the_decision():
+def test_certain_effects_and_skipped_steps_come_from_the_decision():
     best = fitted([FRICTION, SPRING], [1.5, 20.0, 7.0], 400.0)
-    ranking = [("friction + spring", best.bic, 0.56, True)]
-    ranking = pd.DataFrame(ranking, columns=["explanation", "bic", "explained_share", "admissible"])
-    told = {"certain": ("spring",), "not_searched": ("pairs of effects",)}
-    outcome = Outcome(
-        "unexplained", BASE, BASE, [], ranking, because="it is poor", best_known=best, **told
-    )
-    content = document(outcome)
-    assert [
-        (one["name"], one["parameters"]["stiffness_N_m"]["value"]) for one in content["certain"]
-    ] == [("spring", 7.0)]
+    outcome = unexplained(ranked(("friction + spring", best.bic, 0.56, True)), best)
+    steps = {"certain": ("spring",), "not_searched": ("pairs of effects",)}
+    content = document(replace(outcome, **steps))
+    (certain,) = content["certain"]
+    assert (certain["name"], certain["parameters"]["stiffness_N_m"]["value"]) == ("spring", 7.0)
     assert content["not_searched"] == ["pairs of effects"]
 
 
 def test_the_99_percent_interval_of_a_shape_contains_that_of_90_percent():
     drag = effect("slider_power_drag", "exponent")
-    family = pd.DataFrame(
-        [("slider_power_drag", "slider_power_drag", "exponent", 20.0, 19.9, 20.05, True, False)]
-    )
-    family.columns = TABLES["law_families"].names
+    row = ("slider_power_drag", "slider_power_drag", "exponent", 20.0, 19.9, 20.05, True, False)
+    families = pd.DataFrame([row], columns=TABLES["law_families"].names)
     chosen = fitted([drag], [1.5, 20.0])
-    (stated,) = document(outcome_of(chosen), law_families=family)["effects"]
-    own = stated["parameters"]["exponent"]
-    assert own["interval_99"] == stated["families"][0]["interval_99"] == own["interval_90"]
-    assert own["interval_90"][0] < 19.9 and own["interval_90"][1] > 20.05
+    (stated,) = document(outcome_of(chosen), law_families=families)["effects"]
+    shape, (family,) = stated["parameters"]["exponent"], stated["families"]
+    assert shape["interval_99"] == family["interval_99"] == shape["interval_90"]
+    assert shape["interval_90"][0] < 19.9 and shape["interval_90"][1] > 20.05

@@ -48,7 +48,7 @@ def test_markdown_and_html_have_every_block_escaped_outside_code():
         "## Where\n\n"
         "- one \\<b>\n- see `a*b|c`\n\n"
         "| what | value |\n| --- | ---: |\n| x \\| y z | 1.5 |\n| `p\\|q` | missed |\n\n"
-        "![Gap before & after](pictures/gaps.svg)\n\n"
+        "![Gap before & after](pictures/gaps.png)\n\n"
         "*Figure 1. Gap before & after. One is noise.*\n"
     )
     holds(

@@ -10,7 +10,6 @@ import yaml
 
 from jointgap.campaign.analyse import analyse
 from jointgap.campaign.sentences import answer
-from jointgap.campaign.state import CampaignState
 from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.noise import noise_of_model
 from jointgap.identification.problem import Problem
@@ -129,6 +128,3 @@ def test_with_one_channel_a_late_sensor_equals_an_early_encoder(tmp_path):
         (size,) = late["parameters"].values()
         assert abs(size["value"]) == pytest.approx(2e-3, abs=4 * size["sd"])
     assert "cannot show which" in answer(document)
-    assert (
-        CampaignState(path, tmp_path / "results").outcome("verdict").twins
-    )  # read again from its files

@@ -181,16 +181,15 @@ def command_of_scenario(stage):
 
 
 def command_of_campaign(stages):
-    """For params: the command of a job of a campaign, with its further stages and its part of the fits."""
-    name, *further = [stage.name for stage in stages]
+    """For params: the command of a job of a campaign, with its part of the fits."""
+    name = stages[0].name
 
     def command(wildcards):
         campaign = CAMPAIGNS[wildcards.campaign]
-        more = ["--go-on"] if name in ("preflight", "decide", "conclude") else []
+        more = ["--go-on"] if name in ("preflight", "conclude") else []
         more += ["--part", wildcards.part] if name in ("fit", "pair") else []
-        more += ["--parts", campaign.parts] if name in ("fit", "pair", "decide") else []
+        more += ["--parts", campaign.parts] if name in ("fit", "pair", "conclude") else []
         more += ["--anyway"] if name == "recalibrate" and config.get("anyway") else []
-        more += [text for one in further for text in ("--then", one)]
         return [
             name,
             campaign.plan[0],

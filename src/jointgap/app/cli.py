@@ -142,8 +142,11 @@ cli.removed = {
     "growth": "the page of a simulated scenario (`make run`) says up to which crank angle samples"
     " repeat",
     "noise": "use `jointgap recalibrate`, which estimates the noise first",
-    **dict.fromkeys(("regress", "confirm"), "use `jointgap decide`, which includes it"),
-    "rechain": "use `jointgap reoptimise` with the same arguments",
+    "screen": "use `jointgap fit`, which selects the candidates first",
+    **dict.fromkeys(
+        ("decide", "regress", "confirm", "locate", "augment", "reoptimise", "rechain"),
+        "use `jointgap conclude`, which includes it",
+    ),
 }
 OF_SCENARIO, OF_CAMPAIGN = (f"Workflow: stages of a {part}" for part in ("scenario", "campaign"))
 cli.sections = {
@@ -182,12 +185,10 @@ def analyse(campaign: Path, folder: Path | None, anyway: bool) -> None:
     from jointgap.app.run_summary import verdict_lines
     from jointgap.campaign.analyse import analyse as analyse_campaign
     from jointgap.campaign.campaign_files import end_after_failures
-    from jointgap.campaign.conclude import show
     from jointgap.campaign.state import CampaignState
 
     state = CampaignState(campaign, folder)
     analyse_campaign(campaign, state.folder.path, pictures=True, anyway=anyway)
-    show(state)
     click.echo("\n".join(verdict_lines(state.folder.path)))
     end_after_failures(state.folder)
 

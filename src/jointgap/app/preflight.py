@@ -62,11 +62,10 @@ class Preflight(Result):
     @property
     def figures(self) -> Mapping[str, str]:
         """Names for `plot`, with the titles of the figures; the first is the default."""
-        return {name: FIGURES[name].title for name in ("detectable", "confusability")}
+        return {"detectable": FIGURES["detectable"].title}
 
     def _draw(self, name: str):
-        content = {"preflight": {"merged": self.merged}}
-        return FIGURES.draw(name, {each: getattr(self, each) for each in self.figures}, content)
+        return FIGURES.draw(name, {name: self.detectable}, {})
 
     @property
     def facts(self) -> list[Fact]:

@@ -1,17 +1,16 @@
-"""All stages of a campaign in one process: first those required for the verdict, then the optional
-ones."""
+"""All stages of a campaign in one process."""
 
 from pathlib import Path
 from typing import Any
 
+from jointgap.campaign import verdict_json
 from jointgap.campaign.campaign_files import COSTS, MECHANISM, SUMMARIES, VERDICT, check_same_file
-from jointgap.campaign.conclude import conclude
 from jointgap.campaign.figures import FIGURES
 from jointgap.campaign.stages import CAMPAIGN_STAGES, run_stage
 from jointgap.campaign.state import CampaignState
 from jointgap.core.progress import with_progress
 from jointgap.core.results_folder import ResultsFolder
-from jointgap.core.schema import ADVICE, CAMPAIGN_OPTIMUM, DECISION
+from jointgap.core.schema import ADVICE, CAMPAIGN_OPTIMUM
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 
 
@@ -24,26 +23,28 @@ def analyse(
 ) -> dict[str, Any]:
     """Run the stages of a campaign and return the content of ``verdict.json``."""
     state = CampaignState(Path(campaign), Path(folder), settings)
-    required = CAMPAIGN_STAGES.needed_for("decide")
-    stages = [CAMPAIGN_STAGES[name] for name in (*required, "preflight", "locate", "augment")]
-    check_same_file(state.file, state.folder.path)
-    written = [path for stage in stages for path in stage.outputs(part=0)]
-    state.folder.check_writable(*written, *CAMPAIGN_STAGES["conclude"].files)
-    _remove_conclusions(state.folder)
-    options = {
+    options: dict[str, dict[str, Any]] = {
         "measure": {"pictures": pictures},
-        "preflight": {"advice": False},  # computed at the end if the verdict needs it
+        "preflight": {"optional": True, "advice": False},  # computed if the verdict needs it
         "recalibrate": {"anyway": anyway},
+        "fit": {},
+        "pair": {},
+        "conclude": {"optimum": False, "pictures": pictures},  # not required for the verdict
     }
+    check_same_file(state.file, state.folder.path)
+    stages = [CAMPAIGN_STAGES[name] for name in options]
+    written = [path for stage in stages for path in stage.outputs(part=0)]
+    state.folder.check_writable(*written)
+    _remove_conclusions(state.folder)
     for stage in with_progress(stages, "stages of the analysis"):
-        run_stage(stage, state, stage.name not in required, **options.get(stage.name, {}))
-    return conclude(state)
+        run_stage(stage, state, **options[stage.name])
+    return verdict_json.read(state.folder.path / VERDICT)
 
 
 def _remove_conclusions(folder: ResultsFolder) -> None:
     """Remove the results of an earlier analysis, so that an interrupted one does not show them as
     its own."""
-    paths = [folder.place(table) for table in (ADVICE, CAMPAIGN_OPTIMUM, DECISION)]
+    paths = [folder.place(table) for table in (ADVICE, CAMPAIGN_OPTIMUM)]
     paths += [folder.path / name for name in (VERDICT, MECHANISM, *SUMMARIES, COSTS)]
     paths += [folder.path / f"figures/{name}.png" for name in FIGURES]
     paths += (folder.path / "failed").glob("*.txt")

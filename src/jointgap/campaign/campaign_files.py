@@ -24,8 +24,7 @@ if TYPE_CHECKING:  # slow to load
 
 FIT_TABLES = (schema.FITS, schema.FIT_ARRAYS)
 NOISE_TABLES = (schema.NOISE, schema.NOISE_MEMORY, schema.NOISE_DRIVE)
-OUTCOME_TABLES = (*(table.at("verdict") for table in FIT_TABLES), schema.RANKING, schema.DECISION)
-"""Tables of fits, noise and the outcome."""
+"""Tables of fits and noise."""
 
 MECHANISM, VERDICT = "mechanism.yaml", "verdict.json"
 SUMMARIES = ("summary.md", "summary.html")

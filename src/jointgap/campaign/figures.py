@@ -19,7 +19,6 @@ Tables, Verdict = Mapping[str, pd.DataFrame], Mapping[str, Any]
 SPREADS = "standard deviations of the noise"
 MEAN = Quantity("mean residual", SPREADS)
 GAP = Quantity("gap: root mean square residual", SPREADS)
-COSINE = Quantity("cosine of the sensitivities", "1")
 POSITION = Quantity("slider position", "mm", "$x$")
 SPEED = Quantity("slider velocity", "m/s", "$v$")
 _SAMPLE, _RUN, _EFFECT = Quantity("sample", "1"), Quantity("run", ""), Quantity("effect", "")
@@ -34,7 +33,6 @@ MODELS = {"before": "base", "after": "augmented"}
 
 MOST_RUNS = 3  # columns that are readable on a page
 RANKED = 8  # explanations shown with one effect, and with several
-_DOTS = 1500  # samples shown as dots
 
 
 def list_rows(panel: Panel, names: Sequence[str]) -> None:
@@ -240,81 +238,6 @@ def _outline(panel: Panel, place: int, run: str, windows: pd.DataFrame) -> None:
         _record_spans(panel, series, place, run, spans)
 
 
-@figure(
-    "residuals",
-    "Residuals before and after",
-    "Location of the residual",
-    ("residuals", "channel_errors"),
-    nothing="no sample to compare with the model",
-)
-def residuals(tables: Tables, verdict: Verdict) -> Drawing:
-    """Residual by crank angle in standard deviations of noise and solver error: dots are samples,
-    lines are means over 5 deg. Before: no effect added, parameters re-fitted unless nominal ones
-    suffice. After: with the effects of the verdict, or else the best candidate. The grey band
-    contains 95 % of the samples of a true model. For large residuals the scale is linear inside the
-    band and logarithmic outside.
-    """
-    samples = tables["residuals"]
-    whitened = {
-        moment: (samples["measured"] - samples[model]) / samples["spread"]
-        for moment, model in MODELS.items()
-    }
-    moments, samples = _moments(*whitened.values()), samples.assign(**whitened)
-    runs = list(tables["channel_errors"]["run"].unique())
-    channels = list(samples["channel"].unique())
-    width = max(WIDTH, 2.9 * len(runs))
-    sheet = Sheet(0.8 + 1.75 * len(channels), len(channels), len(runs), width=width)
-    largest = samples[moments].abs().max(axis=1).groupby(samples["channel"]).max()
-    lowest = samples.groupby("run")["channel"].last()
-    for (run, channel), series in samples.groupby(["run", "channel"], sort=False):
-        is_angular = series["crank_angle"].notna().any()
-        title = f"{run}{', held out' if series['held_out'].all() else ''}: {format_name(channel)}"
-        row, column = channels.index(channel), runs.index(run)
-        abscissa, ordinate = (
-            CRANK_ANGLE if is_angular else _SAMPLE,
-            Quantity("residual", "noise sd"),
-        )
-        panel = sheet.panel((row, column), title, abscissa, ordinate)
-        if is_angular:
-            series = series.dropna(subset=["crank_angle"])
-        _dots(panel, series, moments, is_angular)
-        limit = 1.08 * largest[channel]
-        if largest[channel] > 12.0:
-            panel.linear_then_logarithmic(BAND, named=False)
-            panel.axes.set_ylabel(f"logarithmic beyond {BAND:g}\n{panel.y.label}")
-            limit = 1.5 * largest[channel]
-        panel.axes.set_ylim(-limit, limit)
-        if channel != lowest[run]:
-            _hide_scale(panel)
-        if column:
-            panel.axes.set_ylabel("")
-            panel.axes.tick_params(labelleft=False)
-    sheet.legend()
-    return sheet.drawing()
-
-
-def _dots(panel: Panel, samples: pd.DataFrame, moments: Sequence[str], is_angular: bool) -> None:
-    """Some of the samples, and means of all samples in 72 equal intervals (5 deg)."""
-    x = np.degrees(samples["crank_angle"]) % 360.0 if is_angular else samples["sample"]
-    x = x.to_numpy(dtype=float)
-    few = np.unique(np.linspace(0, len(x) - 1, min(_DOTS, len(x))).astype(int))
-    edges = np.linspace(x.min(), x.max(), 73)
-    centres = (edges[1:] + edges[:-1]) / 2.0
-    interval = pd.cut(x, edges, labels=False, include_lowest=True)
-    dots = {"marker": ".", "markersize": 2.0, "markeredgewidth": 0.0}
-    dots |= {"alpha": 0.3, "rasterized": True}
-    for moment in moments:
-        panel.marks(f"{moment}, samples", x[few], samples[moment].to_numpy()[few], moment, **dots)
-        panel.axes.lines[-1].set_label("")  # too small for the legend
-        # NaN of an empty interval breaks the curve
-        means = samples[moment].groupby(interval).mean().reindex(range(72))
-        panel.line(f"{moment}, mean", centres, means, moment, linewidth=1.3, zorder=3)
-    label = f"noise: {BAND:g} standard deviations"
-    _band(panel, np.array([x.min(), x.max()]), np.full(2, BAND), label)
-    if is_angular:
-        panel.over_crank_angle(0.0, 360.0, step=90.0)
-
-
 _KINDS = {
     "base": (BASE, "limit"),
     "single": ("one effect", "after"),
@@ -516,67 +439,6 @@ def gaps(tables: Tables, verdict: Verdict) -> Drawing:
         panel.axes.set_xlim(*limits)
         plot.label_log_ticks(panel.axes.xaxis, *limits)
     sheet.legend()
-    return sheet.drawing()
-
-
-@figure(
-    "confusability",
-    "Confusable effects",
-    "Detectability",
-    ("confusability",),
-    nothing="there are no candidates to compare",
-)
-def confusability(tables: Tables, verdict: Verdict) -> Drawing:
-    """Cosine between the changes of the measured channels that two effects cause, in units of the
-    noise and after re-fitting uncertain parameters. 1: these runs cannot distinguish them at any
-    size. Outlined: effects counted as one. No measured data are used.
-    """
-    from matplotlib.patches import Rectangle
-
-    pairs = tables["confusability"].assign(cosine=lambda table: table["cosine"].abs())
-    matrix = pairs.pivot_table(index="first", columns="second", values="cosine", dropna=False)
-    matrix = matrix.combine_first(matrix.T).fillna(0.0)
-    merged = verdict.get("preflight", {}).get("merged", ())
-    groups = [[label for label in group if label in matrix.index] for group in merged]
-    groups = [group for group in groups if len(group) > 1]
-    grouped = [label for group in groups for label in group]
-    labels = [*grouped, *(label for label in matrix.index if label not in grouped)]
-    cosine, count = matrix.loc[labels, labels].to_numpy(), len(labels)
-    size = 3.6 + 0.25 * count
-    sheet = Sheet(size * 0.95, 1, 1, width=size)
-    panel = sheet.panel((0, 0), "similarity of effects", _EFFECT, _EFFECT)
-    image = panel.axes.imshow(cosine, cmap="Blues", vmin=0, vmax=1)
-    y, x = (index.ravel().astype(float) for index in np.indices(cosine.shape))
-    panel.record(
-        COSINE.name,
-        x,
-        y,
-        value=cosine.ravel(),
-        value_quantity=COSINE.name,
-        value_unit=COSINE.unit,
-        label=[f"{first} / {second}" for first in labels for second in labels],
-    )
-    for (row, column), value in np.ndenumerate(cosine):
-        if row != column and value >= 0.5:
-            style = {"ha": "center", "va": "center", "fontsize": 6.0}
-            style["color"] = "white" if value > 0.6 else "black"
-            panel.axes.text(column, row, f"{value:.2f}".lstrip("0"), **style)
-    series = "indistinguishable in these runs"
-    for group in groups:
-        places = sorted(map(labels.index, group))
-        corner = (places[0] - 0.5, places[0] - 0.5)
-        style = {"fill": False, "linewidth": 1.8, "edgecolor": plot.COLOURS["before"], "zorder": 3}
-        square = Rectangle(corner, len(places), len(places), label=series, **style)
-        panel.axes.add_patch(square)
-        panel.record(series, places, places, label=[labels[place] for place in places])
-    names = [format_name(label) for label in labels]
-    panel.axes.set_xticks(range(count), names, rotation=90, fontsize=7.0)
-    panel.axes.set_yticks(range(count), names, fontsize=7.0)
-    panel.axes.set(xlabel="", ylabel="")
-    panel.axes.grid(False)
-    sheet.figure.colorbar(image, ax=panel.axes, label=COSINE.label, shrink=0.6)
-    if groups:
-        sheet.legend()
     return sheet.drawing()
 
 

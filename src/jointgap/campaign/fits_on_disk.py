@@ -11,18 +11,15 @@ from jointgap.core import schema
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import Frames
-from jointgap.identification.baseline import Baseline
 from jointgap.identification.fit import FAILED, LEVELS, Fit, nuisance_estimates
 from jointgap.identification.noise import NoiseEstimate
 from jointgap.identification.problem import Hypothesis, Problem, label_of
-from jointgap.identification.screening import LinearizedFit, Sensitivities, Sensitivity
 
 JOINED = " + "
 """Separator of the effects of an explanation."""
 
 _ANGLE = "crank_angle"
 _BASE = label_of(())
-_ORIGIN = "origin"  # in place of a parameter: residuals at zero size, if not those of the base
 _BETWEEN_TEXTS = "; "
 _SERIES = ["run", "channel"]
 
@@ -132,92 +129,6 @@ def noise_from_frames(frames: Frames) -> dict[tuple[str, str], NoiseEstimate]:
     return noise
 
 
-# ---- sensitivities
-
-
-def sensitivities_to_frames(sensitivities: Sensitivities, base: Fit) -> Frames:
-    """Tables `SIGNATURES` and `SIGNATURE_SHAPES` by name; with the base if it differs from its
-    fit."""
-    columns, shapes = [], []
-
-    def add(
-        label: str, start: int, derivatives: Mapping[str, np.ndarray], values: Mapping[str, float]
-    ) -> None:
-        for name, derivative in derivatives.items():
-            sample = np.arange(derivative.size)
-            row = {"label": label, "start": start, "name": name, "sample": sample}
-            columns.append(pd.DataFrame(row | {"derivative": derivative}))
-        shapes.extend((label, start, name, value) for name, value in values.items())
-
-    if sensitivities.residual is not base.residual:
-        keys = [parameter.key for parameter in sensitivities.parameters]
-        derivatives = dict(zip(keys, sensitivities.jacobian.T, strict=True))
-        values = dict(zip(keys, sensitivities.values, strict=True))
-        add(_BASE, 0, derivatives | {_ORIGIN: sensitivities.residual}, values)
-    starts: dict[str, int] = {}
-    for sensitivity in sensitivities.entries:
-        label = sensitivity.candidate.label
-        starts[label] = starts.get(label, -1) + 1
-        keys = [parameter.key for parameter in sensitivity.amplitudes]
-        derivatives = dict(zip(keys, sensitivity.columns.T, strict=True))
-        if sensitivity.origin is not sensitivities.residual:
-            derivatives[_ORIGIN] = sensitivity.origin
-        add(label, starts[label], derivatives, sensitivity.shape_parameters)
-    return {
-        "signatures": _frame(schema.SIGNATURES, columns),
-        "signature_shapes": pd.DataFrame(shapes, columns=schema.SIGNATURE_SHAPES.names),
-    }
-
-
-def sensitivities_from_frames(frames: Frames, baseline: Baseline) -> Sensitivities:
-    """Inverse of `sensitivities_to_frames`."""
-    shapes: dict[tuple[str, int], dict[str, float]] = {}
-    for row in frames["signature_shapes"].itertuples():
-        shapes.setdefault((row.label, row.start), {})[row.name] = row.value
-    base, problem = baseline.base, baseline.problem
-    values, residual, jacobian = base.values, base.residual, base.jacobian
-    candidates = {candidate.label: candidate for candidate in problem.model.candidates}
-    factor, entries = problem.settings.screening.secant_factor, []
-    for (label, start), rows in frames["signatures"].groupby(["label", "start"], sort=False):
-        by_name = rows.groupby("name", sort=False)["derivative"]
-        derivatives = {name: column.to_numpy() for name, column in by_name}
-        values_of_shapes = shapes.get((label, start), {})
-        if label == _BASE:
-            residual, keys = derivatives.pop(_ORIGIN), [p.key for p in base.parameters]
-            values = np.array([values_of_shapes[key] for key in keys])
-            columns = np.array([derivatives[key] for key in keys])
-            jacobian = columns.reshape(values.size, residual.size).T
-            continue
-        candidate, keys = candidates.get(label), []
-        if candidate is not None:
-            coordinates = candidate.coordinates_in(problem.runs)
-            keys = [p.key for p in coordinates if p.key in candidate.amplitudes]
-        if candidate is None or not derivatives.keys() >= set(keys):
-            raise InputError(
-                f"screen/signatures.parquet: {label} does not belong to the model of the campaign"
-                " file and its mechanism; repeat `jointgap recalibrate` and the later stages"
-            )
-        columns = [derivatives[key] for key in keys]
-        matrix = np.column_stack(columns) if keys else np.empty((residual.size, 0))
-        origin = derivatives.get(_ORIGIN, residual)
-        entries.append(
-            Sensitivity(candidate, values_of_shapes, matrix, origin, problem.runs, factor)
-        )
-    screened = frames["screened"].query("kind == 'failed'").set_index("explanation")
-    failed = screened["reason"].to_dict()
-    return Sensitivities(base.parameters, values, jacobian, residual, entries, failed)
-
-
-def screened_frame(
-    sensitivities: Sensitivities, shortlist: Sequence[LinearizedFit]
-) -> pd.DataFrame:
-    """Table `SCREENED`."""
-    rows = [(fit.label, kind_of(fit.hypothesis), fit.chi2, fit.bic, None) for fit in shortlist]
-    failed = sensitivities.failed.items()
-    rows += [(label, "failed", np.nan, np.nan, reason) for label, reason in failed]
-    return pd.DataFrame(rows, columns=schema.SCREENED.names)
-
-
 # ---- fits
 
 
@@ -294,10 +205,10 @@ def fits_to_frames(fits: Sequence[Fit], seconds: Sequence[float] = ()) -> Frames
     }
 
 
-def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate] = ()) -> list[Fit]:
+def fits_from_frames(frames: Frames, problem: Problem) -> list[Fit]:
     """Inverse of `fits_to_frames`."""
     families = [family.law for c in problem.model.candidates for family in c.families]
-    candidates = (*problem.model.candidates, *families, *more)
+    candidates = (*problem.model.candidates, *families)
     arrays = dict(list(frames["fit_arrays"].groupby(["fit", "array"], sort=False)))
     fits = []
     for number, rows in frames["fits"].groupby("fit", sort=False):

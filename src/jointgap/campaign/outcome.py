@@ -8,7 +8,7 @@ import pandas as pd
 
 from jointgap.campaign.fits_on_disk import fit_row
 from jointgap.core import schema
-from jointgap.identification.fit import Fit
+from jointgap.identification.fit import Fit, compress_rows
 from jointgap.identification.force_law import ForceLawResult
 from jointgap.identification.law_family import FamilyInterval
 from jointgap.identification.settings import DEFAULT_SETTINGS
@@ -78,6 +78,23 @@ def with_force_law(outcome: Outcome, result: ForceLawResult) -> Outcome:
         best = law
     because = f"{outcome.because}; {result.reason}"
     return replace(outcome, because=because, ranking=ranking, best_known=best)
+
+
+def compressed(outcome: Outcome) -> Outcome:
+    """The outcome with fewer rows in the Jacobians of its explanations, with the same inner
+    products."""
+
+    def compress(fit: Fit) -> Fit:
+        return replace(fit, jacobian=compress_rows(fit.jacobian)[0], slope=fit.half_derivative)
+
+    chosen, best = outcome.chosen, outcome.best_known
+    return replace(
+        outcome,
+        chosen=compress(chosen) if outcome.named else replace(chosen, gap_left=1.0),
+        twins=[compress(fit) for fit in outcome.twins],
+        equivalent=[compress(fit) for fit in outcome.equivalent],
+        best_known=compress(best) if best else None,
+    )
 
 
 def ranking_frame(

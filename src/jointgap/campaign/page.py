@@ -181,7 +181,7 @@ def _gap(verdict: Verdict, gaps: pd.DataFrame | None, moments: Sequence[str]) ->
             )
             text = f"The gap of {channels} is far below 1: the noise is overestimated. State or"
             blocks.append(Paragraph(f"{text} correct `noise`."))
-    return [*blocks, "gaps", *(["residuals"] if "after" in moments else [])]
+    return [*blocks, "gaps"]
 
 
 def _location(

@@ -18,7 +18,6 @@ from jointgap.config import (
 )
 from jointgap.config.campaign import Campaign
 from jointgap.core.errors import InputError, SimulationError
-from jointgap.core.joints import outputs
 from jointgap.core.schema import CAMPAIGN_OPTIMUM
 from jointgap.dynamics.simulation import simulate
 from jointgap.lengths.optimise import optimise
@@ -28,7 +27,6 @@ from jointgap.rig.simulate_run import tolerance_for
 # [1] half width of the search box relative to the lengths: it shows whether the optimum moves
 _BOX_SHARE = 0.02
 _RATIO_MARGIN = 0.02  # [1] by which the limit of the length ratio exceeds the mechanism's own
-_SURROGATE = Surrogate(iterations=300, seeds=(0,))
 _REVOLUTIONS = 3  # the last one is in steady state
 _SAMPLES_PER_REVOLUTION = 3600  # as in the shipped scenarios
 _TOLERANCE_M = 1e-10  # or less for small clearances
@@ -54,8 +52,7 @@ def models_to_optimise(
 
 
 def optimal_lengths(models: Mapping[str, Mechanism], speed: float) -> pd.DataFrame:
-    """Table `CAMPAIGN_OPTIMUM`: simulate each model, train networks of the clearance vectors and
-    optimise the lengths within 2 %."""
+    """Table `CAMPAIGN_OPTIMUM`: simulate each model and optimise the lengths within 2 %."""
     rows = []
     for name, mechanism in models.items():
         if mechanism.applied().loose:
@@ -69,20 +66,12 @@ def optimal_lengths(models: Mapping[str, Mechanism], speed: float) -> pd.DataFra
 
 def _optima(mechanism: Mechanism, speed: float) -> list[dict]:
     """A row for each source of joint motion."""
-    from jointgap.networks.train import train  # PyTorch takes seconds to start
-
     options = Simulate(
         speed=speed,
         tolerance=min(_TOLERANCE_M, tolerance_for(mechanism)),
         revolutions=_REVOLUTIONS,
         samples_per_revolution=_SAMPLES_PER_REVOLUTION,
     )
-    trajectory = simulate(mechanism, options).samples
-    networks = {
-        name: train(trajectory, name, _SURROGATE)[0].network.values_and_slopes
-        for name in outputs(mechanism.loose)
-        if "_" not in name  # the clearance vectors
-    }
     crank, rod = mechanism.crank.length, mechanism.rod.length
     low, high = 1.0 - _BOX_SHARE, 1.0 + _BOX_SHARE
     box = Box(crank_length=(low * crank, high * crank), rod_length=(low * rod, high * rod))
@@ -92,8 +81,9 @@ def _optima(mechanism: Mechanism, speed: float) -> list[dict]:
         genetic=Genetic(population=8, generations=10),
         ensemble=Ensemble(members=3, settled_revolution=_REVOLUTIONS),
     )
-    points = _SURROGATE.training_points
-    result = optimise(mechanism, options, search, points, trajectory, {"network": networks})
+    points = Surrogate().training_points  # the search leaves them out
+    samples = simulate(mechanism, options).samples
+    result = optimise(mechanism, options, search, points, samples, {})
     resimulated, optima = result["optimise_resimulated"], result["optimise_optima"]
     steady = resimulated.query("stretch == 'settled' and measure == 'rms'")
     optima = optima[optima["point"] == optima["source"] + "_near_local"]

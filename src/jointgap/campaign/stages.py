@@ -4,7 +4,6 @@ Imports are inside the stages, as compiled dynamics load slowly.
 """
 
 import json
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,7 +12,6 @@ from jointgap.campaign.campaign_files import (
     FIT_TABLES,
     MECHANISM,
     NOISE_TABLES,
-    OUTCOME_TABLES,
     SUMMARIES,
     VERDICT,
     recorded_costs,
@@ -45,19 +43,8 @@ def open_campaign(
 
 
 def run_campaign_stages(
-    first: Stage,
+    stage: Stage,
     state: "CampaignState",
-    then: Annotated[
-        Sequence[str],
-        Option(
-            "--then",
-            metavar="STAGE",
-            multiple=True,
-            help=(
-                "Further stage to run in the same process, without options of its own; repeatable."
-            ),
-        ),
-    ] = (),
     go_on: Annotated[
         bool,
         Option(
@@ -68,9 +55,9 @@ def run_campaign_stages(
     ] = False,
     **options: Any,
 ) -> str:
-    """Run a stage and further ones."""
+    """Run a stage."""
     from jointgap.campaign.campaign_files import end_after_failures
-    from jointgap.core.errors import InputError, did_you_mean
+    from jointgap.core.errors import InputError
 
     part, parts = options.get("part", 0), options.get("parts", 1)
     if part >= parts:
@@ -78,20 +65,15 @@ def run_campaign_stages(
             f"--part {part}: must be 0 to {parts - 1} with --parts {parts}; give a smaller part, or"
             " more --parts"
         )
-    if unknown := [name for name in then if name not in CAMPAIGN_STAGES]:
-        hint = did_you_mean(unknown[0], CAMPAIGN_STAGES)
-        raise InputError(f"--then {unknown[0]}: no such stage; {hint}")
-    stages = {first: options} | {CAMPAIGN_STAGES[name]: {} for name in then}
-    state.folder.check_writable(*(path for stage in stages for path in stage.outputs(part=part)))
-    required = {*CAMPAIGN_STAGES.needed_for("decide"), "conclude"} if go_on else CAMPAIGN_STAGES
-    texts = [
-        run_stage(stage, state, stage.name not in required, **arguments)
-        for stage, arguments in stages.items()
-    ]
-    if first.name == "conclude" and not go_on:
+    state.folder.check_writable(*stage.outputs(part=part))
+    text = run_stage(stage, state, go_on and stage.name in OPTIONAL, **options)
+    if stage.name == "conclude" and not go_on:
         end_after_failures(state.folder)
-    return "\n".join(filter(None, texts))
+    return text or ""
 
+
+OPTIONAL = ("preflight",)
+"""Stages that the verdict does not require."""
 
 CAMPAIGN_STAGES = Stages(open_campaign, run_campaign_stages)
 stage = CAMPAIGN_STAGES.stage
@@ -116,15 +98,22 @@ def _fits_of(stage: str) -> tuple[schema.Table, ...]:
 
 _MEASURED = (schema.MEASURED, schema.REMARKS, schema.CONTRADICTIONS, schema.CONFIG_SNAPSHOT)
 _RECALIBRATED = (*NOISE_TABLES, *_fits_of("recalibrate"))
-_SCREENED = (schema.SIGNATURES, schema.SIGNATURE_SHAPES, schema.SCREENED, schema.THRESHOLDS)
 _SINGLES = _fits_of("fit/{part}")
 _PAIRS = (*_fits_of("pair/{part}"), schema.NOT_SEARCHED)
-_MAP = (schema.MAP_BINS, schema.MAP_WINDOWS, schema.MAP_STANDOUT)
-_CONFIRMED = (schema.RESIDUALS, schema.CHANNEL_ERRORS, schema.GAPS)
-_DECIDED = (*_MEASURED, *_RECALIBRATED, *OUTCOME_TABLES)
 _PREFLIGHT = (schema.DETECTABLE, schema.CONFUSABILITY, schema.ADVICE)
-_IN_RECALIBRATE = {"does": "see recalibrate", "job": "recalibrate"}
-_IN_DECIDE = {"does": "see decide", "job": "decide"}
+_CONCLUDED = (
+    *_fits_of("verdict"),
+    schema.RANKING,
+    schema.LAW_FAMILIES,
+    schema.RESIDUALS,
+    schema.CHANNEL_ERRORS,
+    schema.GAPS,
+    schema.MAP_BINS,
+    schema.MAP_WINDOWS,
+    schema.MAP_STANDOUT,
+    schema.MISSING_FORCE,
+    schema.CAMPAIGN_OPTIMUM,
+)
 
 
 @stage(writes=(*_MEASURED, schema.LOOK), does="read and check the data")
@@ -182,7 +171,7 @@ def preflight(state: "CampaignState", advice: bool = True) -> str:
     return preflight_summary(**frames) if advice else ""
 
 
-@stage(reads=_MEASURED, writes=_RECALIBRATED, does="estimate noise, fit the model, screen effects")
+@stage(reads=_MEASURED, writes=_RECALIBRATED, does="estimate noise, fit the model")
 def recalibrate(state: "CampaignState", anyway: Anyway = False) -> None:
     """Estimate channel noise from cycle-to-cycle variation, and fit the uncertain parameters within
     their ranges."""
@@ -199,27 +188,8 @@ def recalibrate(state: "CampaignState", anyway: Anyway = False) -> None:
     state.write_fits([state.baseline.nominal, state.baseline.base], "recalibrate")
 
 
-@stage(reads=(*_MEASURED, *_RECALIBRATED), writes=_SCREENED, **_IN_RECALIBRATE)
-def screen(state: "CampaignState") -> None:
-    """Compute the sensitivity to each effect, and select candidates for the fits."""
-    import pandas as pd
-
-    from jointgap.campaign.fits_on_disk import screened_frame, sensitivities_to_frames
-    from jointgap.identification.model_selection import shortlist_singles
-    from jointgap.identification.noise import degrees_of_freedom
-    from jointgap.identification.thresholds import screen_candidates
-
-    baseline, dof = state.baseline, degrees_of_freedom(state.noise)
-    state.screening = screen_candidates(baseline, state.false_alarm_rate, dof, state.seed)
-    sensitivities, limits = state.screening
-    state.folder.write_all(sensitivities_to_frames(sensitivities, baseline.base))
-    state.folder.write(schema.THRESHOLDS, pd.DataFrame([vars(limits)]))
-    shortlist = shortlist_singles(sensitivities, limits, state.settings)
-    state.folder.write(schema.SCREENED, screened_frame(sensitivities, shortlist))
-
-
 @stage(
-    reads=(*_MEASURED, *_RECALIBRATED, *_SCREENED),
+    reads=(*_MEASURED, *_RECALIBRATED),
     writes=_SINGLES,
     does="fit candidates, part {part}",
     minutes=120,
@@ -233,7 +203,7 @@ def fit(state: "CampaignState", part: Part = 0, parts: Parts = 1) -> None:
 
 
 @stage(
-    reads=(*_MEASURED, *_RECALIBRATED, *_SCREENED, *_SINGLES),
+    reads=(*_MEASURED, *_RECALIBRATED, *_SINGLES),
     writes=_PAIRS,
     does="fit pairs, part {part}",
     minutes=120,
@@ -256,120 +226,29 @@ def pair(state: "CampaignState", part: Part = 0, parts: Parts = 1) -> None:
 
 
 @stage(
-    reads=(*_MEASURED, *_RECALIBRATED, *_SCREENED, *_SINGLES, *_PAIRS),
-    writes=(*OUTCOME_TABLES, schema.LAW_FAMILIES, *_CONFIRMED),
-    does="compare the fits, predict held-out runs, write the augmented mechanism, optimise lengths",
+    reads=(*_MEASURED, schema.LOOK, *_PREFLIGHT, *_RECALIBRATED, *_SINGLES, *_PAIRS),
+    writes=_CONCLUDED,
+    files=(MECHANISM, VERDICT, *SUMMARIES),
+    does="verdict, augmented mechanism, optimal lengths, page",
     minutes=120,
 )
-def decide(state: "CampaignState", parts: Parts = 1) -> None:
-    """Compare the fits, search a force law if no effect explains the residual, and decide on the
-    missing effects by the prediction of the held-out runs."""
-    from jointgap.campaign.fits_on_disk import channel_errors, residuals_in_file_convention
-    from jointgap.campaign.outcome import family_frame, outcome_of, with_force_law
-    from jointgap.identification import force_law
-    from jointgap.identification.confirmation import confirm
-    from jointgap.identification.evidence import final_verdict
-    from jointgap.identification.law_family import with_families
-    from jointgap.identification.model_selection import select_hypothesis
-    from jointgap.identification.verdict import UNEXPLAINED
+def conclude(
+    state: "CampaignState", parts: Parts = 1, optimum: bool = True, pictures: bool = True
+) -> None:
+    """Decide on the missing effects, and write verdict.json, the augmented mechanism, the optimal
+    link lengths before and after, the figures and the one-page summary.
 
-    singles, seconds = state.fits("fit", parts)
-    pairs, seconds_of_pairs = state.fits("pair", parts)
-    for label, duration in seconds_of_pairs.items():
-        seconds[label] = seconds.get(label, 0.0) + duration
-    folder, (sensitivities, limits) = state.folder, state.screening
-    decision = select_hypothesis(state.baseline, sensitivities, [*singles, *pairs], limits)
-    decision, families = with_families(state.baseline, decision, limits)
-    outcome = outcome_of(decision, seconds)
-    if outcome.verdict == UNEXPLAINED:
-        law = force_law.find_force_law(
-            state.baseline.problem, outcome.base, state.library, limits, state.baseline.differences
-        )
-        outcome = with_force_law(outcome, law)
-    frames = [folder.read(schema.NOT_SEARCHED, str(part)) for part in range(parts)]
-    steps = [step for frame in frames for step in frame["step"]]
-    steps = dict.fromkeys([*steps, *state.baseline.problem.not_searched])
-    outcome = replace(outcome, not_searched=tuple(steps))
-
-    # nominal values are kept if these suffice
-    plain = outcome.base if outcome.proposed else outcome.chosen
-    prediction = confirm(
-        state.model, state.noise, plain, outcome.proposed, state.seed, state.settings
-    )
-    inconsistent = state.remaining_inconsistencies(outcome.equivalent or [outcome.chosen])
-    outcome = final_verdict(outcome, prediction, inconsistent, state.settings.decision)
-    residuals = residuals_in_file_convention(prediction.residuals, state.clockwise)
-    folder.write(schema.RESIDUALS, residuals)
-    folder.write(schema.CHANNEL_ERRORS, channel_errors(residuals, state.campaign))
-    folder.write(schema.GAPS, prediction.gaps)
-    folder.write(schema.LAW_FAMILIES, family_frame(families))
-    state.write_outcome(outcome)
-
-
-@stage(reads=_DECIDED, writes=_MAP, **_IN_DECIDE)
-def locate(state: "CampaignState") -> None:
-    """Map the residual of the re-fitted model by run, channel and crank angle."""
-    from jointgap.campaign.fits_on_disk import spans_in_file_convention
-    from jointgap.identification.disagreement import map_disagreement
-
-    problem, base = state.baseline.problem, state.outcome.base
-    disagreement = map_disagreement(problem, base.residual, state.false_alarm_rate)
-    for table in (schema.MAP_BINS, schema.MAP_WINDOWS):
-        spans = getattr(disagreement, table.name.removeprefix("map_"))
-        state.folder.write(table, spans_in_file_convention(spans, state.clockwise))
-    state.folder.write(schema.MAP_STANDOUT, disagreement.standout)
-
-
-@stage(reads=_DECIDED, writes=(schema.MISSING_FORCE,), files=(MECHANISM,), **_IN_DECIDE)
-def augment(state: "CampaignState") -> None:
-    """Write the mechanism file with the identified effects."""
-    from jointgap.campaign.augment import augmented_file, missing_force
-    from jointgap.config.load import mechanism_as_written
-
-    campaign, outcome = state.campaign, state.outcome
-    text = augmented_file(campaign, outcome, mechanism_as_written(state.file))
-    force = missing_force(campaign, outcome, state.loads_of_runs)
-    write_text(state.folder.path / MECHANISM, text)
-    state.folder.write(schema.MISSING_FORCE, force)
-
-
-@stage(reads=_DECIDED, writes=(schema.CAMPAIGN_OPTIMUM,), **_IN_DECIDE)
-def reoptimise(state: "CampaignState") -> None:
-    """Optimise the link lengths for the model with and without the effects, at the speed and with
-    the known loads of the fastest fitted run.
-
-    The table is empty if no effect was added or all joints are ideal.
+    The best hypothesis is searched by comparison of the fits, and by a force law if no effect
+    explains the residual. The prediction of the held-out runs decides. The lengths are optimised at
+    the speed and with the known loads of the fastest fitted run.
     """
-    from jointgap.campaign.reoptimise import models_to_optimise, optimal_lengths
-
-    models, speed = models_to_optimise(state.campaign, state.outcome, state.loads_of_runs)
-    state.folder.write(schema.CAMPAIGN_OPTIMUM, optimal_lengths(models, speed))
-
-
-@stage(
-    reads=(
-        *_DECIDED,
-        *_CONFIRMED,
-        *_PREFLIGHT,
-        *_MAP,
-        schema.LAW_FAMILIES,
-        schema.MISSING_FORCE,
-        schema.CAMPAIGN_OPTIMUM,
-        schema.LOOK,
-    ),
-    files=(VERDICT, *SUMMARIES),
-    does="verdict, summary and figures",
-)
-def conclude(state: "CampaignState") -> None:
-    """Write verdict.json, the one-page summary and the figures."""
     from jointgap.campaign import conclude as conclusion
 
-    conclusion.conclude(state)
-    conclusion.show(state)
+    conclusion.conclude(state, parts, optimum, pictures)
 
 
 @stage(
-    reads=(*OUTCOME_TABLES, schema.GAPS, schema.RESIDUALS),
+    reads=(schema.RANKING, schema.GAPS, schema.RESIDUALS),
     files=(PUBLISHED,),
     does="publish to MLflow",
     after=("conclude",),
@@ -400,15 +279,8 @@ def run_stage(
             return stage.function(state, **options)
         with recorded_failure(state.folder, stage.name):
             return stage.function(state, **options)
-        _write_nothing(stage, state)
+        import pandas as pd
+
+        for table in stage.writes:
+            state.folder.write(table, pd.DataFrame(columns=table.names))
     return None
-
-
-def _write_nothing(stage: Stage, state: "CampaignState") -> None:
-    """Write empty outputs of a stage, which the workflow requires."""
-    import pandas as pd
-
-    for table in stage.writes:
-        state.folder.write(table, pd.DataFrame(columns=table.names))
-    for file in stage.files:
-        write_text(state.folder.path / file, f"# the stage {stage.name} could not write this\n")

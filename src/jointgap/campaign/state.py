@@ -1,29 +1,24 @@
 """State of a campaign: results of the stages so far."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import pandas as pd
-
 from jointgap.campaign import campaign_files as files
 from jointgap.campaign import fits_on_disk as disk
-from jointgap.campaign.outcome import Outcome
 from jointgap.config.load import load_campaign
 from jointgap.core import schema
 from jointgap.core.candidates import Candidate, Model
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.identification.baseline import Baseline, probed_differences
-from jointgap.identification.fit import Fit, compress_rows
-from jointgap.identification.noise import NoiseEstimate
+from jointgap.identification.fit import Fit
+from jointgap.identification.noise import NoiseEstimate, degrees_of_freedom
 from jointgap.identification.problem import Problem
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
-from jointgap.identification.thresholds import Screening
-from jointgap.identification.verdict import UNEXPLAINED, Thresholds
+from jointgap.identification.thresholds import Screening, screen_candidates
 from jointgap.rig.recording import Contradiction, from_frame, sentences
 
 if TYPE_CHECKING:
@@ -137,9 +132,10 @@ class CampaignState:
     @cached_property
     def screening(self) -> Screening:
         """Sensitivities of all candidates, and thresholds."""
-        limits = Thresholds(**self.folder.read(schema.THRESHOLDS).to_dict("records")[0])
-        frames = self.folder.read_all((schema.SIGNATURES, schema.SIGNATURE_SHAPES, schema.SCREENED))
-        return Screening(disk.sensitivities_from_frames(frames, self.baseline), limits)
+        baseline, dof = self.baseline, degrees_of_freedom(self.noise)
+        differences = probed_differences(baseline.problem, baseline.base.mapping)
+        baseline = replace(baseline, differences=differences)
+        return screen_candidates(baseline, self.false_alarm_rate, dof, self.seed)
 
     def fits(self, stage: str, parts: int) -> tuple[list[Fit], dict[str, float]]:
         """Fits of all `parts` of the `stage` fit or pair, and their durations [s] by label."""
@@ -151,45 +147,9 @@ class CampaignState:
             seconds |= dict(zip(rows["explanation"], rows["seconds"], strict=True))
         return fits, seconds
 
-    def _read_fits(self, stage: str, problem: Problem, more: Sequence[Candidate] = ()) -> list[Fit]:
-        return disk.fits_from_frames(self.folder.read_all(files.FIT_TABLES, stage), problem, more)
+    def _read_fits(self, stage: str, problem: Problem) -> list[Fit]:
+        return disk.fits_from_frames(self.folder.read_all(files.FIT_TABLES, stage), problem)
 
     def write_fits(self, fits: Sequence[Fit], stage: str, seconds: Sequence[float] = ()) -> None:
         """Write `fits` with complete Jacobians as those of `stage`, with their durations [s]."""
         self.folder.write_all(disk.fits_to_frames(fits, seconds), stage)
-
-    @cached_property
-    def outcome(self) -> Outcome:
-        """The outcome of the stage decide."""
-        row = self.folder.read(schema.DECISION).to_dict("records")[0]
-        verdict, lists = row["verdict"], {}
-        for name in ("certain", "not_searched"):
-            lists[name] = tuple(json.loads(row[name]))
-        # terms of a law are in the library, which is slow to make
-        kinds = self.folder.read(schema.FITS, "verdict")["kind"]
-        library = self.library if (kinds == "formula").any() else ()
-        base, chosen, *fits = self._read_fits("verdict", self.baseline.problem, library)
-        if verdict == UNEXPLAINED:
-            lists["best_known"] = next(iter(fits), None)
-        elif verdict.startswith("named"):
-            lists["twins"] = fits
-        else:
-            lists["equivalent"] = fits
-        ranking = self.folder.read(schema.RANKING)
-        return Outcome(verdict, chosen, base, because=row["because"], ranking=ranking, **lists)
-
-    def write_outcome(self, outcome: Outcome) -> None:
-        """Write the outcome of the stage decide."""
-        decision = {"verdict": outcome.verdict, "because": outcome.because}
-        decision |= {
-            name: json.dumps(getattr(outcome, name)) for name in ("certain", "not_searched")
-        }
-        fits = [outcome.base]
-        for fit in outcome.explanations:  # Jacobians with the same inner products in fewer rows
-            jacobian, slope = compress_rows(fit.jacobian)[0], fit.half_derivative
-            fits.append(replace(fit, jacobian=jacobian, slope=slope))
-        if not outcome.named:
-            fits.insert(1, replace(outcome.chosen, gap_left=1.0))
-        self.folder.write_all(disk.fits_to_frames(fits), "verdict")
-        self.folder.write(schema.RANKING, outcome.placed_ranking)
-        self.folder.write(schema.DECISION, pd.DataFrame([decision]))
