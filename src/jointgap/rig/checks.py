@@ -11,12 +11,10 @@ from jointgap.core.outliers import off_the_line
 MIN_SAMPLES = 12  # Of a run and of each channel
 SPEED_RATIOS = {"constant_speed": (0.5, 1.5), "measured_angle": (0.5, 1.5), "motor": (0.2, 5.0)}
 """Plausible range of mean speed over nominal speed [1], by drive."""
-REPORTED_SPEED_ERROR = (
-    0.03  # [1] Of the stated speed, over the mean one; measured speeds scatter by less
-)
-ANGLE_OUTLIER = (
-    0.1  # [rad] Largest plausible distance of a crank angle from the line between its neighbours
-)
+# [1] Of the stated speed, over the mean one; measured speeds scatter by less
+REPORTED_SPEED_ERROR = 0.03
+# [rad] Largest plausible distance of a crank angle from the line between its neighbours
+ANGLE_OUTLIER = 0.1
 LEAST_STEP = 0.02  # [rad] Half of the smallest reported permanent step of the angle
 # [rad] Largest distance of computed angles from a line over time; no crank turns so evenly
 COMPUTED_ANGLE = 1e-5

@@ -49,9 +49,8 @@ MAX_SETTLING_REVOLUTIONS = 30  # For slow transients (a bending rod, a motor)
 MOST_PASSES = 4  # Of the longest settling, for a motor or an engine with a heavy flywheel
 SETTLING_TIME_CONSTANTS = 7.0  # [1] Length of a slow transient: exp(-7) is a thousandth
 MOTOR_SAMPLES_PER_REVOLUTION = 60  # Knots of a motor's angle over time
-REST_SPEED = (
-    1e-3  # [rad/s] Start at rest: equations over the crank angle cannot start at zero speed
-)
+# [rad/s] Start at rest: equations over the crank angle cannot start at zero speed
+REST_SPEED = 1e-3
 # [mean piece of a measured angle] Shorter ones make a spline through their ends inaccurate
 NEAR_PIECES = 1e-2
 # [1, of the rounding scatter] With a larger scatter of the readings, a spline within the encoder's

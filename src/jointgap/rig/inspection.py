@@ -15,9 +15,8 @@ from jointgap.rig.recording import Measurements, Recording
 if TYPE_CHECKING:
     from jointgap.core.plot import Drawing
 
-MARKED_BELOW = (
-    100.0  # [samples per revolution] Below, samples are marked, as a line alone would hide gaps
-)
+# [samples per revolution] Below, samples are marked, as a line alone would hide gaps
+MARKED_BELOW = 100.0
 
 
 def inspect(

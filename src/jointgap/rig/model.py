@@ -77,9 +77,8 @@ from jointgap.rig.statistics import (
 from jointgap.rig.windows import RunInWindows, run_in_windows
 
 STEP_SHARE_OF_BOUNDS = 0.02  # [1] Step of a nuisance over the width of its bounds (experience)
-FRICTION_SPEED_FACTOR = (
-    4.0  # [1] Half width of the bounds of `friction_speed`, which is not measured
-)
+# [1] Half width of the bounds of `friction_speed`, which is not measured
+FRICTION_SPEED_FACTOR = 4.0
 # [1] Half width of the bounds of steady-contact damping: the last impacts before steady contact,
 # whose damping the published laws keep, have 0.02 to 0.22 m/s (default: 0.05 m/s)
 STEADY_CONTACT_DAMPING_FACTOR = 4.0
@@ -88,9 +87,8 @@ SHAPES_TRIED = (1 / 6, 1 / 2, 5 / 6)  # [1, of the range] Start values of its sh
 FIRST_ANGLE_REACH = (
     math.pi / 6
 )  # [rad] Bounds of a searched first angle, as the current model may lack an effect
-FIRST_ANGLES_TRIED = (
-    720  # Per revolution, if the first angle or clock offset is unknown; start of the fit
-)
+# Per revolution, if the first angle or clock offset is unknown; start of the fit
+FIRST_ANGLES_TRIED = 720
 SEARCHED_TURNS = 10  # For the offset of a second clock
 # Of a planned chaotic run: for longer ones the simulated cycles limit the accuracy
 MAX_PLANNED_REVOLUTIONS = 60
@@ -344,9 +342,8 @@ class SliderCrankModel:
         samples, run, jitter = data.plan.samples, data.plan.run.id, self.campaign.jitter
         rows = self._rows[run, channel]
         if jitter is None and not (samples.timed and CHANNEL_KINDS[channel].speed_power == 0):
-            jitter = (
-                0.0  # cycle-to-cycle variation of velocities and accelerations is due to impacts
-            )
+            # cycle-to-cycle variation of velocities and accelerations is due to impacts
+            jitter = 0.0
         resolution = (self.campaign.channels[channel].resolution or 0.0) * self.campaign.factor(
             channel
         )

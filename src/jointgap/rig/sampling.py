@@ -7,9 +7,8 @@ from math import tau
 
 import numpy as np
 
-OUTLIER = (
-    5.0  # [1, robust standard deviations] Distance of an outlier of the crank angle from its line
-)
+# [1, robust standard deviations] Distance of an outlier of the crank angle from its line
+OUTLIER = 5.0
 EVEN_ROWS = math.radians(
     0.5
 )  # [rad] Angles without times that are nearer to a line over their rows are uniform in time

@@ -202,9 +202,8 @@ ENCODER_FAULTS = (
 # [1, of its standard deviation] Torque within which a loose coupling changes sides: less than
 # between two samples
 SIDES_CHANGE = 1e-3
-TRUE_ANGLE_PASSES = (
-    3  # Of the fixed point for the true angle; each leaves the slope of the encoder's error, < 0.1
-)
+# Of the fixed point for the true angle; each leaves the slope of the encoder's error, < 0.1
+TRUE_ANGLE_PASSES = 3
 
 SENSOR_LAG, SENSOR_DELAY, LAG_AND_DELAY = "sensor_lag", "sensor_delay", "sensor_lag_and_delay"
 # Members of the family `LAG_AND_DELAY` (first order plus dead time), and their share [1] of the

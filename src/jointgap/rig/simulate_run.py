@@ -32,9 +32,8 @@ from jointgap.rig.sensors import Faults
 
 Columns = Mapping[str, np.ndarray]  # Channels of a motion (n,), by column
 
-FILM_TOLERANCE = (
-    1e-11  # [m] Local error with a lubricated joint: films are stiff, steps are short anyway
-)
+# [m] Local error with a lubricated joint: films are stiff, steps are short anyway
+FILM_TOLERANCE = 1e-11
 # [1] Periodic steady state: norm of the change of all readings between revolutions, over the noise
 SETTLED_LENGTH = 1.0
 SETTLED_AFTER = (3, 12)  # Least and largest number of revolutions dropped as transient

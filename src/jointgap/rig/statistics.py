@@ -20,14 +20,12 @@ Columns = Sequence[np.ndarray]  # Values (n,) [SI] of each channel
 
 BINS = 24  # Of the crank angle: 15 deg, about the duration of contact ringing (experience)
 MEDIAN_ANGLES = 144  # Of the median curve: six in a bin
-COMPRESSION_MEAN_SIZES = (
-    3.0  # [1, mean absolute deviations] Scale k of k tanh(u / k), which limits rare spikes
-)
+# [1, mean absolute deviations] Scale k of k tanh(u / k), which limits rare spikes
+COMPRESSION_MEAN_SIZES = 3.0
 PREDICTING_BINS = 2  # Previous bins that predict one: duration of contact ringing (experience)
 EDGE_SHARE_OF_BIN = 1e-6  # Nearer to an edge a sample counts for the bin that begins there
-START_DISTANCE = (
-    1e-7  # [m] Between the two starts whose motions are compared: far below any clearance
-)
+# [m] Between the two starts whose motions are compared: far below any clearance
+START_DISTANCE = 1e-7
 # [1] Largest difference of the two motions, over the noise, for a comparison by samples; it adds 4
 # % to the standard deviation
 MAX_DEPARTURE_SHARE_OF_NOISE = 0.3
@@ -37,9 +35,8 @@ CYCLES = 18  # Simulated in every evaluation
 LEARNING_CYCLES = 180  # Simulated once to estimate variances within 10 % (experience)
 CYCLES_PER_SIMULATION = 9  # Several short simulations run in parallel
 SETTLING_CYCLES = 1  # Additional, not counted
-REMEMBERED_CYCLES = (
-    30  # Of one learning simulation: slow changes increase the variance of a record's mean
-)
+# Of one learning simulation: slow changes increase the variance of a record's mean
+REMEMBERED_CYCLES = 30
 SAMPLES_PER_REVOLUTION = 320  # Least number of simulated samples
 PRIOR_CYCLES = 60  # Weight of the simulated variance in measured cycles (experience)
 MIN_SCATTER_CYCLES = 3  # Least number of measured cycles for their own variance
