@@ -10,7 +10,6 @@ from jointgap.rig.simulate_run import NUMERICS, channels_read, numerics_for
 from tests.rig.rigs import campaign, mechanism, rig
 
 
-
 @pytest.mark.parametrize(
     "loose, start, count",
     [((), "settled", 2), (("piston_pin",), "settled", 3), (("piston_pin",), "dead_centre", 2)],
