@@ -70,16 +70,6 @@ def test_each_run_has_a_figure_with_every_channel_and_all_samples(tmp_path):
         ).all()
 
 
-def test_a_channel_with_a_lower_rate_is_one_line_broken_at_gaps(tmp_path):
-    frame = noisy()
-    frame.loc[frame.index % 4 > 0, "M"] = np.nan  # of a slower logger
-    frame.loc[200:239, "M"] = np.nan
-    torque = looked(tmp_path, slow=frame)[1]["slow"].data.query("panel == 'slow: crank torque'")
-    assert frame["M"].count() == 90 == torque["y"].count()
-    missing = torque["y"].isna().to_numpy()
-    assert 0 < missing.sum() < 45 and np.count_nonzero(np.diff(missing.astype(int)) == 1) == 1
-
-
 def test_a_clockwise_run_is_drawn_at_the_angles_of_its_file(
     tmp_path,
 ):

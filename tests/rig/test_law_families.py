@@ -17,8 +17,6 @@ pytestmark = pytest.mark.integration
 SCHEMA = json.loads(Path("workflow/schemas/verdict.schema.json").read_text(encoding="utf-8"))
 STRIBECK = law("-f*tanh(v/0.01)*(0.3 + 0.7*exp(-|v|/0.8))", f=40.0)
 PLACED = law(f"-f*tanh(v/0.01)*(0.4 + 0.6*(1 + cos({math.pi / 0.15}*(x - 0.67)))/2)", f=10.0)
-CRANK = {"torque_N_m": 0.5, "tightest_angle_rad": 2.0, "varying_share": 0.6}
-ON_CRANK = {"name": "crank_angle_friction", "parameters": CRANK}
 
 
 def analysed(folder: Path, effect: dict) -> tuple[dict, dict, dict]:
@@ -46,15 +44,6 @@ def analysed(folder: Path, effect: dict) -> tuple[dict, dict, dict]:
             0.2,
         ),
         (
-            law("-s*(x-0.5)^3", s=5e3),
-            "slider_nonlinear_spring",
-            (0.5, 1, 2),
-            "a spring on the slider (cubic share",
-            "rest_position_m",
-            0.5,
-            0.01,
-        ),
-        (
             STRIBECK,
             "slider_stribeck_friction",
             (0, 0.7, 1),
@@ -72,7 +61,6 @@ def analysed(folder: Path, effect: dict) -> tuple[dict, dict, dict]:
             0.67,
             0.02,
         ),
-        (ON_CRANK, "crank_angle_friction", (0, 0.6, 1), "", "tightest_angle_rad", 2.0, 0.1),
     ],
 )
 def test_a_law_is_named_as_its_family_with_its_shape(

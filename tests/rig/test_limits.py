@@ -30,7 +30,7 @@ def test_the_reach_of_speed_and_first_angle_is_ten_standard_errors_of_the_line_a
     time = np.linspace(5.0, 7.0, n)
     read = 1.0 + 30.0 * (time - time[0]) + sd * rng.standard_normal(n)
     read[100] += 1.0  # an outlier counts neither for the line nor for its scatter
-    grid = sample_grid(time, read, speed=29.0, first=None, step=step)
+    grid = sample_grid(time, read, speed=29.0, first_angle=None, step=step)
     assert grid.speed == pytest.approx(30.0, abs=5 * math.sqrt(12 / n) * sd / 2.0)
     assert grid.first_angle == pytest.approx(1.0, abs=5 * 2 * sd / math.sqrt(n))
     assert grid.first_reach == pytest.approx(2 * 10 * sd / math.sqrt(n) + step / 2, rel=0.05)

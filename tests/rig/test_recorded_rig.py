@@ -81,14 +81,6 @@ def test_the_encoder_zero_acts_as_the_encoder_offset_in_each_drive(keys):
     )
 
 
-def test_an_encoder_that_lags_reads_less_by_the_speed_times_the_lag():
-    model = rig(nuisance={"encoder_lag": "5 ms"})
-    late = read(model, encoder_lag=2e-3)
-    early = read(model, ("encoder_offset", {"offset_rad": -2e-3 * model.nominal("slow")["speed"]}))
-    assert late["crank_angle"] == pytest.approx(read(model)["crank_angle"], abs=1e-9)
-    assert late["slider_position"] == pytest.approx(early["slider_position"], abs=1e-9)
-
-
 def test_zeros_lengths_and_lag_are_recovered_by_a_fit(tmp_path):
     own = replace(SHORT, jitter=0.0)
     model = model_of(tmp_path, own, nuisance=LAGGING)

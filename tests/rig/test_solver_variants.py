@@ -2,45 +2,12 @@
 tighter tolerance."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from jointgap.config.friction_laws import FRICTION_LAWS
-from jointgap.core.joints import JOINTS
-from jointgap.dynamics.friction import coulomb, threlfall
-from jointgap.rig.simulate_run import NUMERICS, channels_read, numerics_for, other_numerics
+from jointgap.rig.simulate_run import NUMERICS, channels_read, numerics_for
 from tests.rig.rigs import campaign, mechanism, rig
-
-SPEED = 1e-3  # m/s, of the usual law
-
-
-def joints(law: str) -> SimpleNamespace:
-    """What a simulation holds of the joints, all with the same friction law."""
-    made = {
-        name: SimpleNamespace(friction_law=FRICTION_LAWS[law].code, friction_speed=SPEED)
-        for name in JOINTS
-    }
-    return SimpleNamespace(**made)
-
-
-def test_the_other_friction_law_has_the_same_slope_at_zero_speed_and_the_same_end():
-    second = joints("coulomb")
-    tolerance, change = other_numerics(1)
-    change(second)
-    assert tolerance == 1.0
-    for name in JOINTS:
-        joint = getattr(second, name)
-        assert joint.friction_law == FRICTION_LAWS["threlfall"].code
-        assert joint.friction_speed == pytest.approx(3.0 * SPEED, rel=1e-12)
-        slow = 1e-6 * SPEED
-        assert threlfall(slow, 0.1, joint.friction_speed) == pytest.approx(
-            coulomb(slow, 0.1, SPEED), rel=1e-5
-        )
-        assert threlfall(100.0 * SPEED, 0.1, joint.friction_speed) == coulomb(
-            100.0 * SPEED, 0.1, SPEED
-        )
 
 
 @pytest.mark.parametrize(

@@ -358,7 +358,8 @@ def _share_or_bounds(
 ) -> float | tuple[float, float]:
     """The `value` of a nuisance in a campaign file: a share of its nominal value, or bounds
     [SI]."""
-    unit, error_text = NUISANCES[key], " is not a range"
+    unit = NUISANCES[key]
+    error_text = " is not a range"
     try:
         if isinstance(value, list | tuple) and len(value) == 2:
             low, high = (_possible(key, bound) for bound in value)
@@ -617,7 +618,8 @@ class Campaign(ConfigModel):
         mechanism = info.data.get("mechanism")  # None where it is invalid itself
         if mechanism is None:
             return {}
-        runs, channels = info.data.get("runs", ()), info.data.get("channels", {})
+        runs = info.data.get("runs", ())
+        channels = info.data.get("channels", {})
         loads = (*mechanism.effects, *(effect for run in runs for effect in run.effects))
         nominals = {
             key: () if key in ("speed", *MOTOR_LINE) else _nominal_values(mechanism, key)
@@ -796,7 +798,8 @@ class Campaign(ConfigModel):
     def shown_unit(self, channel: str) -> tuple[str, float]:
         """Display unit of a channel, and its SI value: the column's unit, except for counts and
         sensor signals."""
-        scale, unit = self.channels[channel].scale, self.channels[channel].unit
+        scale = self.channels[channel].scale
+        unit = self.channels[channel].unit
         if scale is None and split_share(unit)[1] == 1.0:
             return unit, self.factor(channel)
         unit = {"rad": "deg"}.get(CHANNELS[channel], CHANNELS[channel])

@@ -11,12 +11,10 @@ from jointgap.core.outliers import off_the_line
 MIN_SAMPLES = 12  # Of a run and of each channel
 SPEED_RATIOS = {"constant_speed": (0.5, 1.5), "measured_angle": (0.5, 1.5), "motor": (0.2, 5.0)}
 """Plausible range of mean speed over nominal speed [1], by drive."""
-REPORTED_SPEED_ERROR = (
-    0.03  # [1] Of the stated speed, over the mean one; measured speeds scatter by less
-)
-ANGLE_OUTLIER = (
-    0.1  # [rad] Largest plausible distance of a crank angle from the line between its neighbours
-)
+# [1] Of the stated speed, over the mean one; measured speeds scatter by less
+REPORTED_SPEED_ERROR = 0.03
+# [rad] Largest plausible distance of a crank angle from the line between its neighbours
+ANGLE_OUTLIER = 0.1
 LEAST_STEP = 0.02  # [rad] Half of the smallest reported permanent step of the angle
 # [rad] Largest distance of computed angles from a line over time; no crank turns so evenly
 COMPUTED_ANGLE = 1e-5
@@ -73,11 +71,13 @@ def stuck(values: np.ndarray, turned: np.ndarray) -> slice | None:
     )  # NaN differs from its neighbours
     lengths = np.diff(starts, append=values.size)
     longest = int(np.argmax(lengths))
-    begin, length = int(starts[longest]), int(lengths[longest])
+    begin = int(starts[longest])
+    length = int(lengths[longest])
     recurring = values[starts] == values[begin]
     if length < max(10, 8.0 * lengths[~recurring].max(initial=0)):
         return None
-    meanwhile, total = _range(turned[begin : begin + length]), _range(turned)
+    meanwhile = _range(turned[begin : begin + length])
+    total = _range(turned)
     recurs = (
         np.count_nonzero(recurring & (lengths > length / 2)) >= max(2.0, total / tau / 2.0)
         and meanwhile < tau
@@ -102,7 +102,8 @@ def angle_outliers(time: np.ndarray, angle: np.ndarray, least: float = ANGLE_OUT
     far compared with the scatter.
     """
     finite = np.flatnonzero(np.isfinite(angle))
-    places, away = finite[1:-1], off_the_line(time[finite], angle[finite])
+    places = finite[1:-1]
+    away = off_the_line(time[finite], angle[finite])
     usual = float(np.median(away)) if places.size else 0.0
     return places[away > max(least, 15.0 * usual)]
 
@@ -111,7 +112,8 @@ def lasting_step(time: np.ndarray, angle: np.ndarray, speed: float) -> tuple[int
     """The first sample after a permanent step of the angle, and its size [rad]; None if there is
     none."""
     finite = np.flatnonzero(np.isfinite(angle))
-    t, a = time[finite], angle[finite]
+    t = time[finite]
+    a = angle[finite]
     apart = np.diff(
         np.sort(np.mod(a, tau))
     )  # at least the step of a coarse encoder, which is usual
@@ -119,15 +121,18 @@ def lasting_step(time: np.ndarray, angle: np.ndarray, speed: float) -> tuple[int
     odd = np.searchsorted(finite, angle_outliers(time, angle, least))
     if not odd.size or odd.size > (a[-1] - a[0]) / tau + 2:  # the motion
         return None
-    speeds, usual = np.diff(a) / np.diff(t), float(np.median(np.diff(t)))
+    speeds = np.diff(a) / np.diff(t)
+    usual = float(np.median(np.diff(t)))
     low, high = (ratio * speed for ratio in SPEED_RATIOS["motor"])
     for group in np.split(odd, np.flatnonzero(np.diff(odd) > 1) + 1):
         # both sides of a step are outliers; so can be the neighbours of a wrong sample
         if len(group) != 2 or group[0] < 3 or group[-1] > t.size - 4:
             continue
-        left_side, right = group[0] - 1, group[-1] + 1
+        left_side = group[0] - 1
+        right = group[-1] + 1
         next_to = np.append(speeds[max(left_side - 4, 0) : left_side], speeds[right : right + 4])
-        mean, lapse = float(np.median(next_to)), t[right] - t[left_side]
+        mean = float(np.median(next_to))
+        lapse = t[right] - t[left_side]
         step = a[right] - a[left_side] - mean * lapse
         steady = low < mean < high and lapse <= 5 * usual
         if steady and abs(step) > 2.0 * max(least, float(np.ptp(next_to)) * lapse):
@@ -167,10 +172,8 @@ def clock_jump(time: np.ndarray, angle: np.ndarray) -> tuple[int, float] | None:
         speed = float(np.median(speeds))
         spread = max(float(np.ptp(np.percentile(speeds, (10.0, 90.0)))), 1e-3 * abs(speed))
     for row in np.flatnonzero(lapse > 5.0 * usual):
-        off, slack = (
-            abs(_nearest_turn(steps[row] - speed * lapse[row])),
-            0.03 * tau + spread * lapse[row],
-        )
+        off = abs(_nearest_turn(steps[row] - speed * lapse[row]))
+        slack = 0.03 * tau + spread * lapse[row]
         remaining = time[-1] - time[0] - lapse[row]
         if off > slack if slack < pi / 2.0 else lapse[row] > remaining:
             return int(row) + 1, float(lapse[row]) - usual
@@ -210,7 +213,8 @@ def speed_variation(time: np.ndarray, angle: np.ndarray) -> tuple[float, float, 
     engines).
     """
     finite = np.isfinite(angle)
-    time, angle = time[finite] - time[finite][0], angle[finite]
+    time = time[finite] - time[finite][0]
+    angle = angle[finite]
     turns = (angle[-1] - angle[0]) / tau
     period, orders = (2, np.arange(1, 7) / 2) if turns >= 4.0 else (1, np.arange(1, 4))
     terms = int(min(max(turns / period, 1), 8)) + 1
@@ -273,7 +277,8 @@ def standstill(
     """
     finite = np.isfinite(angle)
     finite[angle_outliers(time, angle)] = False
-    time, angle = time[finite], angle[finite]
+    time = time[finite]
+    angle = angle[finite]
     window = 0.25 * pi / speed  # [s] An eighth of a turn at nominal speed
     begins = time[time + window <= time[-1]]
     ahead = (np.interp(begins + window, time, angle) - angle[: begins.size]) / (0.25 * pi)
@@ -281,7 +286,8 @@ def standstill(
     slow = ahead < 0.02
     if not slow.any() or np.mean((ahead > low) & (ahead < high)) < 0.1:
         return None
-    turning, place = np.flatnonzero(ahead > 0.1), int(np.argmax(slow))
+    turning = np.flatnonzero(ahead > 0.1)
+    place = int(np.argmax(slow))
     low_row = int(turning[turning < place].max(initial=-1)) + 1
     high_row = int(turning[turning > place].min(initial=begins.size))
     end = begins[high_row] + window if high_row < begins.size else time[-1]

@@ -163,7 +163,8 @@ def _crank(campaign: Campaign, run: CampaignRun, recording: Recording) -> Crank 
     ends = {"left": np.nan, "right": np.nan}
     angle = np.interp(recording.time, recording.time[is_read], angle[is_read], **ends)
     is_read = np.isfinite(angle)
-    time, turned = recording.time[is_read], np.abs(angle[is_read] - angle[is_read][0])
+    time = recording.time[is_read]
+    turned = np.abs(angle[is_read] - angle[is_read][0])
     speed = turned[-1] / (time[-1] - time[0])
     quarter = np.interp(time + tau / 4 / speed, time, turned) - turned
     if np.std(quarter[time + tau / 4 / speed <= time[-1]]) > 0.15 * tau / 4:
@@ -262,14 +263,16 @@ def _orders(
     count = int(np.clip(per_turn / 4, 1, MAX_ORDER))
     loads = [effect for effect in campaign.mechanism.effects if effect.name != "gravity"]
     is_loaded = campaign.drive != "constant_speed" or bool(loads or campaign.own_loads)
-    expected, orders = ideal_orders(campaign.mechanism, speed, count), {}
+    expected = ideal_orders(campaign.mechanism, speed, count)
+    orders = {}
     turning = np.exp(1j * angle)[:, None] ** np.arange(1, count + 1)
     columns = np.column_stack([np.ones(angle.size), turning.real, turning.imag])
     for name, values in recording.channels.items():
         used = np.isfinite(angle) & np.isfinite(values)
         if name not in expected or (name in FORCES and is_loaded) or used.sum() < 4 * count + 4:
             continue
-        x, y = columns[used], values[used]
+        x = columns[used]
+        y = values[used]
         weights = np.linalg.lstsq(x.T @ x, x.T @ y, rcond=None)[0]
         error = float(np.std(y - x @ weights) * sqrt(4.0 * count / min(per_turn, y.size)))
         frequencies = speed * np.arange(1, count + 1)
@@ -313,7 +316,8 @@ def _wrong_turns(campaign: Campaign, periods: Mapping[str, float]) -> list[Contr
         return []
     if max(values) - min(values) > LEAST_PERIOD_ERROR * min(values):
         return []
-    period, unit = float(np.median(values)), campaign.channels["crank_angle"].unit
+    period = float(np.median(values))
+    unit = campaign.channels["crank_angle"].unit
     sentence = f"the other channels repeat every {period:.4g} turn of crank_angle, not every turn; "
     parts = split_share(unit)[1]
     if counts := counts_near(period * parts):
@@ -330,7 +334,8 @@ def _wrong_turns(campaign: Campaign, periods: Mapping[str, float]) -> list[Contr
 
 def _response(channel: Channel, frequencies: np.ndarray) -> np.ndarray:
     """Frequency response (k,) of a channel's filters at `frequencies` (k,) [rad/s]."""
-    s, response = 1j * frequencies, np.ones(frequencies.size)
+    s = 1j * frequencies
+    response = np.ones(frequencies.size)
     if channel.bandwidth is not None:
         top, bottom = butter(FILTER_ORDER, tau * channel.bandwidth, analog=True)
         response = np.polyval(top, s) / np.polyval(bottom, s)
@@ -366,14 +371,18 @@ def _held_speed(run: str, recording: Recording) -> Iterator[Contradiction]:
     """Check for speeds that are held for several samples and vary with the rate of the crank
     angle."""
     is_read = np.isfinite(recording.channels["crank_speed"])
-    time, speed = recording.time[is_read], recording.channels["crank_speed"][is_read]
+    time = recording.time[is_read]
+    speed = recording.channels["crank_speed"][is_read]
     changes = np.flatnonzero(np.diff(speed)) + 1
     lengths = np.diff(changes)
     if changes.size < MIN_HELD or lengths.min() < 2 or np.ptp(lengths) > 1 + 0.1 * lengths.max():
         return
-    gate, delay, best = float(np.mean(np.diff(time[changes]))), 0.0, 0.0
+    gate = float(np.mean(np.diff(time[changes])))
+    delay = 0.0
+    best = 0.0
     has_angle = np.isfinite(recording.crank_angle)
-    times, angles = recording.time[has_angle], recording.crank_angle[has_angle]
+    times = recording.time[has_angle]
+    angles = recording.crank_angle[has_angle]
     for shift in np.linspace(0.0, 2.0, 81) * gate:
         ends = time[changes, None] - shift + gate * np.array([-0.5, 0.5])
         rate = np.diff(np.interp(ends, times, angles), axis=1)[:, 0]
@@ -381,7 +390,8 @@ def _held_speed(run: str, recording: Recording) -> Iterator[Contradiction]:
         if np.count_nonzero(within) > MIN_HELD // 2 and np.ptp(rate[within]) > 0.0:
             correlation = abs(float(np.corrcoef(rate[within], speed[changes][within])[0, 1]))
             if correlation > best:
-                delay, best = float(shift), correlation
+                delay = float(shift)
+                best = correlation
     if best > MIN_CORRELATION:
         sentence = (
             f"crank_speed is not the rate of crank_angle: it is held for {1e3 * gate:.3g} ms and"
@@ -395,7 +405,8 @@ def _off_by(
     factor: float, campaign: Campaign, run: str, name: str, reference: str
 ) -> Contradiction:
     """A channel that is `factor` times its `reference`, with the sign or unit that fits."""
-    channel, base = campaign.channels[name], CHANNELS[name]
+    channel = campaign.channels[name]
+    base = CHANNELS[name]
     if factor < 0.0:
         fix = "remove the channel's sign: -1" if channel.sign == -1 else "give the channel sign: -1"
         sentence = (
@@ -423,7 +434,8 @@ def _encoder_zeros(campaign: Campaign, all_orders: AllOrders) -> dict[str, float
     """
     if common := _common_phase(all_orders):
         return dict.fromkeys(all_orders, common)
-    least, zeros = 1 if "encoder_zero" in campaign.nuisance else 2, {}
+    least = 1 if "encoder_zero" in campaign.nuisance else 2
+    zeros = {}
     for run, orders in all_orders.items():
         if sum(name not in FORCES for name in orders) >= least:
             zeros[run] = _common_phase({run: orders})
@@ -442,9 +454,11 @@ def _common_phase(all_orders: AllOrders) -> float:
         for name, series in orders.items()
         if series.is_clear(0.3)
     ]
-    channels, least = [series for name, series in clear if name not in FORCES], MIN_CORRELATION
+    channels = [series for name, series in clear if name not in FORCES]
+    least = MIN_CORRELATION
     if not channels:
-        channels, least = [series for _, series in clear], MIN_CORRELATION_OF_FORCES
+        channels = [series for _, series in clear]
+        least = MIN_CORRELATION_OF_FORCES
         for force in dict(clear):
             if not _is_unloaded([series for name, series in clear if name == force]):
                 return 0.0
@@ -510,14 +524,16 @@ def _swapped(campaign: Campaign, all_orders: AllOrders) -> list[Contradiction]:
         scale = campaign.factor(b) / campaign.factor(a)  # each column is read in the other's unit
         as_is = misfit(a, a, 1.0), misfit(b, b, 1.0)
         exchanged = misfit(a, b, 1.0 / scale), misfit(b, a, scale)
-        has_force, gain = any(name in FORCES for name in pair), sum(exchanged) / sum(as_is)
+        has_force = any(name in FORCES for name in pair)
+        gain = sum(exchanged) / sum(as_is)
         is_near = all(
             value < (0.7 if name in FORCES else 0.15)
             for value, name in zip(exchanged, pair, strict=True)
         )
         if min(as_is) > 0.15 and is_near and gain < (0.5 if has_force else 0.3):
             pairs.append((gain, pair))
-    contradictions, reported = [], set()
+    contradictions = []
+    reported = set()
     for _, pair in sorted(pairs):
         if reported.isdisjoint(pair):
             reported |= {*pair}
@@ -563,7 +579,8 @@ def _of_channel(
     if not clear:
         return
     factors = [orders.factor for orders in clear.values()]
-    is_alike, common = max(factors) < ALIKE * min(factors), float(np.median(factors))
+    is_alike = max(factors) < ALIKE * min(factors)
+    common = float(np.median(factors))
     least, gains = MIN_CORRELATION, GAINS
     if channel in FORCES:
         least, gains = MIN_CORRELATION_OF_FORCES, GAINS_OF_FORCES
@@ -576,7 +593,8 @@ def _of_channel(
         if not (is_alike and (is_opposite or is_scaled)):
             return
     for run, orders in clear.items():
-        factor, correlation = common if is_alike else orders.factor, orders.correlation
+        factor = common if is_alike else orders.factor
+        correlation = orders.correlation
         if correlation < -least:
             yield _off_by(-orders.factor, campaign, run, channel, _REFERENCE)
         elif correlation > least:

@@ -109,10 +109,12 @@ def averaged(angle: np.ndarray, values: np.ndarray, period: float) -> Averaged:
     bends = (
         np.eye(count) - 2.0 * np.roll(np.eye(count), 1, axis=1) + np.roll(np.eye(count), 2, axis=1)
     )
-    roughness, mean = bends.T @ bends, float(np.mean(values))
+    roughness = bends.T @ bends
+    mean = float(np.mean(values))
     least = 1e-9 * angle.size / count  # so that the matrix is regular where there is no sample
     rough, modes = eigh(roughness, (basis.T @ basis).toarray() + least * roughness)
-    information, sizes = 1.0 - least * rough, modes.T @ (basis.T @ (values - mean))
+    information = 1.0 - least * rough
+    sizes = modes.T @ (basis.T @ (values - mean))
     best = math.inf, 0.0, np.ones(count)
     for level in np.exp(_LEVELS) * angle.size / count:
         shrinkage = 1.0 / (1.0 + level * rough)
@@ -127,11 +129,11 @@ def averaged(angle: np.ndarray, values: np.ndarray, period: float) -> Averaged:
 
     def polynomials(c: np.ndarray) -> np.ndarray:
         """Of the pieces (k, 4) of splines with the coefficients `c` (k,)."""
-        left_knot, right, far_right = np.roll(c, 1), np.roll(c, -1), np.roll(c, -2)
-        cubic, square = (
-            -left_knot + 3 * c - 3 * right + far_right,
-            3 * left_knot - 6 * c + 3 * right,
-        )
+        left_knot = np.roll(c, 1)
+        right = np.roll(c, -1)
+        far_right = np.roll(c, -2)
+        cubic = -left_knot + 3 * c - 3 * right + far_right
+        square = 3 * left_knot - 6 * c + 3 * right
         parts = cubic, square, 3 * (right - left_knot), left_knot + 4 * c + right
         return np.column_stack(
             [part / 6.0 * (count / period) ** (3 - i) for i, part in enumerate(parts)]
@@ -151,7 +153,8 @@ def averaged(angle: np.ndarray, values: np.ndarray, period: float) -> Averaged:
 
 def average_cycle(angle: np.ndarray, values: np.ndarray) -> Averaged:
     """The average over one turn, or over two (four-stroke engines) if consecutive turns differ."""
-    turned, one_turn = float(np.ptp(angle)), averaged(angle, values, tau)
+    turned = float(np.ptp(angle))
+    one_turn = averaged(angle, values, tau)
     if turned * angle.size / (angle.size - 1) < 1.9 * tau:
         return one_turn
     two_turns, (ratio, share) = averaged(angle, values, 2.0 * tau), _FOUR_STROKE
@@ -175,7 +178,8 @@ def loads_of_run(
     """
     loads = [*run.effects]
     for name in PRESSURES.keys() & (channels or {}).keys():
-        channel, finite = campaign.channels[name], np.isfinite(angle) & np.isfinite(channels[name])
+        channel = campaign.channels[name]
+        finite = np.isfinite(angle) & np.isfinite(channels[name])
         cycle = average_cycle(angle[finite], channels[name][finite])
         keys = {
             "bore": channel.bore,

@@ -49,9 +49,8 @@ MAX_SETTLING_REVOLUTIONS = 30  # For slow transients (a bending rod, a motor)
 MOST_PASSES = 4  # Of the longest settling, for a motor or an engine with a heavy flywheel
 SETTLING_TIME_CONSTANTS = 7.0  # [1] Length of a slow transient: exp(-7) is a thousandth
 MOTOR_SAMPLES_PER_REVOLUTION = 60  # Knots of a motor's angle over time
-REST_SPEED = (
-    1e-3  # [rad/s] Start at rest: equations over the crank angle cannot start at zero speed
-)
+# [rad/s] Start at rest: equations over the crank angle cannot start at zero speed
+REST_SPEED = 1e-3
 # [mean piece of a measured angle] Shorter ones make a spline through their ends inaccurate
 NEAR_PIECES = 1e-2
 # [1, of the rounding scatter] With a larger scatter of the readings, a spline within the encoder's
@@ -148,10 +147,8 @@ def constant_speed_run(
     samples."""
     run, samples, back = plan.run, plan.samples, earlier
     offset, drift = samples.line(error) if np.ndim(error) else (error, 0.0)
-    first_angle, speed = (
-        values.get("first_angle", samples.first_angle) - offset,
-        values.get("speed", samples.speed) - drift,
-    )
+    first_angle = values.get("first_angle", samples.first_angle) - offset
+    speed = values.get("speed", samples.speed) - drift
     if isinstance(run.start, Start):
         back += _turned_before(run.start, first_angle, speed)
     elif not starts_with_record(run):
@@ -200,10 +197,12 @@ def _led_in_and_out(
     lead_rows = np.flatnonzero(begin.turned < turns * tau - apart)
     end_rows = np.flatnonzero(np.abs(end.turned + turns * tau - 0.25 * tau) < 0.25 * tau - apart)
     copies = [(begin, lead_rows, -k * turns) for k in range(math.ceil((back + 1) / turns), 0, -1)]
-    weights, split = np.vstack([begin.weights, end.weights]), len(begin.weights)
+    weights = np.vstack([begin.weights, end.weights])
+    split = len(begin.weights)
     parts = []
     for rotation, rows, moved in [*copies, (None, np.arange(time.size), 0), (end, end_rows, turns)]:
-        at, shifts = time[rows], np.zeros((rows.size, len(weights)))
+        at = time[rows]
+        shifts = np.zeros((rows.size, len(weights)))
         if rotation is not None:  # a copy is shifted by the errors of the rotation
             at = rotation.time_at(rotation.turned[rows] + moved * tau)
             columns = slice(split) if rotation is begin else slice(split, None)
@@ -242,7 +241,8 @@ def measured_drive(
     The record is extended as by `_led_in_and_out`; time 0 is the begin of the extension.
     """
     finite = np.isfinite(samples.read)
-    begins, readings = float(samples.elapsed[finite][0]), samples.read[finite]
+    begins = float(samples.elapsed[finite][0])
+    readings = samples.read[finite]
     time, angle, copies, cycle, turn = _led_in_and_out(
         samples.elapsed[finite] - begins, readings, back
     )
@@ -329,7 +329,8 @@ def measured_angle_run(
 ) -> DrivenRun:
     """A crank that follows the measured angle; `error_of` the encoder [rad] at the angles (n,)
     [rad] that it reads."""
-    table, begin = plan.measured.table.copy(), max(plan.measured.begin + lag, 0.0)
+    table = plan.measured.table.copy()
+    begin = max(plan.measured.begin + lag, 0.0)
     error = error_of(table[:, 6])
     table[:, 6] -= error
     if np.ndim(error):
@@ -338,7 +339,8 @@ def measured_angle_run(
         rates = make_interp_spline(time[apart], error[apart], k=5)
         for power in range(1, 6):
             table[:, 6 - power] -= rates(time, power) / math.factorial(power)
-    speed, first_angle = plan.samples.speed, float(table[0, 6])
+    speed = plan.samples.speed
+    first_angle = float(table[0, 6])
     p = parameters(mechanism, options_of(speed, first_angle, tolerance))
     drive = DriveParameters(kind=MEASURED, speed=speed, start_angle=first_angle)
     return _prescribed(
@@ -360,11 +362,14 @@ def motor_run(
     """
     run, samples = plan.run, plan.samples
     line = {key: values[key] for key in MOTOR_LINE if key in values}
-    motor, speed = motor.model_copy(update=line), values.get("speed", run.speed)
+    motor = motor.model_copy(update=line)
+    speed = values.get("speed", run.speed)
     finite = np.isfinite(samples.read)
     offset = float(np.mean(error[finite])) if np.ndim(error) else error
     first_angle = values.get("first_angle", samples.first_angle) - offset
-    start_speed, back, passes = REST_SPEED if run.start == "at_rest" else speed, 0.0, 1
+    start_speed = REST_SPEED if run.start == "at_rest" else speed
+    back = 0.0
+    passes = 1
     if isinstance(run.start, Start):
         back = _turned_before(run.start, first_angle, speed)
     elif not starts_with_record(run):

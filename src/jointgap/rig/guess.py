@@ -57,10 +57,13 @@ _WITH_UNIT = re.compile(
 def words_and_unit(heading: str) -> tuple[frozenset[str], str]:
     """Words of a heading in lower case, and its unit or '': ``Torque [Nm]``, ``M / Nm``,
     ``torque_Nm``, ``rpm``."""
-    text, unit, parts = heading, "", heading.split("_")
+    text = heading
+    unit = ""
+    parts = heading.split("_")
     match = _WITH_UNIT.fullmatch(heading)
     if match and respelled(match[2] or match[3] or ""):
-        text, unit = match[1], match[2] or match[3]
+        text = match[1]
+        unit = match[2] or match[3]
     elif len(heading) > 1 and heading.lower() not in frozenset().union(*_WORDS.values()):
         unit = heading if _is_usual_unit(heading) else ""
     for begin in () if unit else range(1, len(parts)):
@@ -217,7 +220,8 @@ def read_runs(files: Sequence[Path]) -> list[_Run]:
 def continued(values: np.ndarray) -> tuple[np.ndarray, float]:
     """An angle without gaps and without jumps back, and the size of these jumps or 0."""
     places = np.flatnonzero(np.isfinite(values))
-    angle, jump = values[places], 0.0
+    angle = values[places]
+    jump = 0.0
     steps = np.diff(angle)
     back = np.abs(steps) > 0.5 * np.ptp(angle)
     if back.any() and not back.all():
@@ -320,7 +324,8 @@ class Guesses:
 
     def _assign_angle(self) -> None:
         """The unit of the angle, from its jumps back, and `turned`."""
-        column, unit = self.angle, self.angle.unit_for("crank_angle")
+        column = self.angle
+        unit = self.angle.unit_for("crank_angle")
         angles, jumps = zip(*map(continued, column.values), strict=True)
         size = float(np.median(jumps))
         is_whole = all((values[np.isfinite(values)] % 1 == 0).all() for values in column.values)
@@ -350,7 +355,8 @@ class Guesses:
 
     def _assign_time(self) -> None:
         """The unit of the time, and `rates`."""
-        column, unit = self.time, self.time.unit_for("time")
+        column = self.time
+        unit = self.time.unit_for("time")
         if not unit and column.words & SAMPLE_NUMBERS:
             self._assign("time", column, ["sample numbers"], rate=FILL_IN)
             return
@@ -421,24 +427,29 @@ class Guesses:
         return ""
 
     def _assign_sensor(self, channel: str, column: Column) -> None:
-        base, unit, keys = CHANNELS[channel], column.unit_for(channel), {}
+        base = CHANNELS[channel]
+        unit = column.unit_for(channel)
+        keys = {}
         by = "its mean is the speed of the crank" if channel == "crank_speed" else "by its unit"
         reasons = ["" if column.named(channel) else by]
         if column.signal and not unit:
             reasons.append(f"the scale of the sensor, in {base}/{column.signal}")
-            unit, keys = column.signal, {"scale": FILL_IN}
+            unit = column.signal
+            keys = {"scale": FILL_IN}
         elif column.is_zero:
             reasons.append(
                 "all values are 0, as of a motor that is off; the noise of the torque, such as"
                 " 0.01 N*m"
             )
-            unit, keys = unit or base, {"noise": FILL_IN}
+            unit = unit or base
+            keys = {"noise": FILL_IN}
         elif channel in PRESSURES:
             reasons.append(
                 "load on a piston of diameter bore; ambient_pressure: 0 bar if gauge, 1.013 bar if"
                 " absolute"
             )
-            unit, keys = unit or FILL_IN, {"bore": FILL_IN, "ambient_pressure": FILL_IN}
+            unit = unit or FILL_IN
+            keys = {"bore": FILL_IN, "ambient_pressure": FILL_IN}
         else:
             if column.unit.lower() == "g":
                 reasons.append("g is the acceleration of gravity")
@@ -549,9 +560,11 @@ def campaign_lines(guesses: Guesses, name: str, mechanism: str) -> Iterator[str]
 
 def _run_lines(guesses: Guesses) -> Iterator[str]:
     """The runs by speed; the fastest one is held out."""
-    order, ids = np.argsort(np.abs(guesses.rates), kind="stable"), [*RESERVED_IDS]
+    order = np.argsort(np.abs(guesses.rates), kind="stable")
+    ids = [*RESERVED_IDS]
     for place, run in enumerate(order):
-        files, rate = guesses.runs[run].files, guesses.rates[run]
+        files = guesses.runs[run].files
+        rate = guesses.rates[run]
         stem = re.sub(r"[^\w-]+", "_", files[0].stem)[:40]
         ids.append(f"{stem}_{place + 1}" if stem in ids else stem)
         paths = [os.path.relpath(file) for file in files]
@@ -562,7 +575,8 @@ def _run_lines(guesses: Guesses) -> Iterator[str]:
             why = "guess: speed by angle and time"
         keys["role"] = "split" if len(order) == 1 else "confirm" if run == order[-1] else "identify"
         if rate < 0.0:
-            keys["direction"], why = "clockwise", f"{why}; the angle falls"
+            keys["direction"] = "clockwise"
+            why = f"{why}; the angle falls"
         yield f"  - {_flow(keys)}   # {why}"
 
 

@@ -15,9 +15,8 @@ from jointgap.rig.recording import Measurements, Recording
 if TYPE_CHECKING:
     from jointgap.core.plot import Drawing
 
-MARKED_BELOW = (
-    100.0  # [samples per revolution] Below, samples are marked, as a line alone would hide gaps
-)
+# [samples per revolution] Below, samples are marked, as a line alone would hide gaps
+MARKED_BELOW = 100.0
 
 
 def inspect(
@@ -37,7 +36,8 @@ def _turned(run: CampaignRun, recording: Recording) -> tuple[np.ndarray, np.ndar
     """Crank angle (n,) [rad], measured with gaps interpolated, or from times and nominal speed; and
     its deviation from steady rotation, NaN in gaps.
     """
-    angle, is_read = recording.crank_angle, np.isfinite(recording.crank_angle)
+    angle = recording.crank_angle
+    is_read = np.isfinite(recording.crank_angle)
     if not recording.has_angle:
         return run.speed * (recording.time - recording.time[0]), angle
     if not recording.has_time:
@@ -53,7 +53,8 @@ def _turned(run: CampaignRun, recording: Recording) -> tuple[np.ndarray, np.ndar
 
 def _numbers(run: CampaignRun, recording: Recording) -> list[dict]:
     angle, _ = _turned(run, recording)
-    total, samples = angle[-1] - angle[0], angle.size
+    total = angle[-1] - angle[0]
+    samples = angle.size
     revolutions = total * (1.0 + 1.0 / (samples - 1)) / tau  # the last sample counts as a step
     mean = spread = np.nan
     if recording.has_time and recording.has_angle:
@@ -64,7 +65,8 @@ def _numbers(run: CampaignRun, recording: Recording) -> list[dict]:
     rows = []
     for name, values in recording.all_channels.items():
         is_encoder = name == "crank_angle"
-        side, noise = run.side if is_encoder else 1.0, recording.noise[name]
+        side = run.side if is_encoder else 1.0
+        noise = recording.noise[name]
         low, high = sorted([side * float(np.nanmin(values)), side * float(np.nanmax(values))])
         rows.append(
             {
@@ -113,12 +115,14 @@ def _draw(campaign: Campaign, run: CampaignRun, recording: Recording) -> "Drawin
         title = format_name(name)
         panels.append((title, Quantity(title.split()[-1], format_unit(unit)), values / factor))
     with plot.matplotlib_style():
-        sheet, panel = Sheet(0.9 + 1.6 * len(panels), len(panels), 1), None
+        sheet = Sheet(0.9 + 1.6 * len(panels), len(panels), 1)
+        panel = None
         for row, (title, quantity, values) in enumerate(panels):
             panel = sheet.panel((row, 0), f"{run.id}: {title}", abscissa, quantity, below=panel)
             sampled = _sampled(values)
             for number in np.unique(cycle):
-                rows, is_first = sampled[cycle[sampled] == number], number == cycle[0]
+                rows = sampled[cycle[sampled] == number]
+                is_first = number == cycle[0]
                 name, colour = ("first cycle", "first") if is_first else ("later cycles", "settled")
                 above = {"alpha": 1.0, "zorder": 3} if is_first else {"alpha": 0.5, "zorder": 2}
                 panel.line(name, shown[rows], values[rows], colour, **above, **look)
@@ -131,6 +135,7 @@ def _sampled(values: np.ndarray) -> np.ndarray:
     """Rows to draw as a line: the samples, and the gaps that are longer than twice the channel's
     own interval."""
     rows = np.flatnonzero(np.isfinite(values))
-    steps, drawn = np.diff(rows), np.isfinite(values)
+    steps = np.diff(rows)
+    drawn = np.isfinite(values)
     drawn[rows[0] : rows[-1]] |= np.repeat(steps > 2 * np.median(steps), steps)
     return np.flatnonzero(drawn)

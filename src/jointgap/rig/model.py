@@ -77,9 +77,8 @@ from jointgap.rig.statistics import (
 from jointgap.rig.windows import RunInWindows, run_in_windows
 
 STEP_SHARE_OF_BOUNDS = 0.02  # [1] Step of a nuisance over the width of its bounds (experience)
-FRICTION_SPEED_FACTOR = (
-    4.0  # [1] Half width of the bounds of `friction_speed`, which is not measured
-)
+# [1] Half width of the bounds of `friction_speed`, which is not measured
+FRICTION_SPEED_FACTOR = 4.0
 # [1] Half width of the bounds of steady-contact damping: the last impacts before steady contact,
 # whose damping the published laws keep, have 0.02 to 0.22 m/s (default: 0.05 m/s)
 STEADY_CONTACT_DAMPING_FACTOR = 4.0
@@ -88,9 +87,8 @@ SHAPES_TRIED = (1 / 6, 1 / 2, 5 / 6)  # [1, of the range] Start values of its sh
 FIRST_ANGLE_REACH = (
     math.pi / 6
 )  # [rad] Bounds of a searched first angle, as the current model may lack an effect
-FIRST_ANGLES_TRIED = (
-    720  # Per revolution, if the first angle or clock offset is unknown; start of the fit
-)
+# Per revolution, if the first angle or clock offset is unknown; start of the fit
+FIRST_ANGLES_TRIED = 720
 SEARCHED_TURNS = 10  # For the offset of a second clock
 # Of a planned chaotic run: for longer ones the simulated cycles limit the accuracy
 MAX_PLANNED_REVOLUTIONS = 60
@@ -132,10 +130,8 @@ def _is_possible(context: FitContext, candidate: Candidate) -> bool:
 def law_candidates(campaign: Campaign, scale: MotionScale) -> list[Candidate]:
     """The laws that a campaign states itself, except those that the mechanism has."""
     angle = tau * (np.arange(OWN_LAW_ANGLES) + 0.5) / OWN_LAW_ANGLES
-    place, speed = (
-        scale.middle + scale.stroke * np.cos(angle),
-        -scale.stroke * scale.turning * np.sin(angle),
-    )
+    place = scale.middle + scale.stroke * np.cos(angle)
+    speed = -scale.stroke * scale.turning * np.sin(angle)
     candidates = []
     for name, law in campaign.candidates.items():
         if campaign.mechanism.effect(FORMULA_EFFECTS[law.site], name) is not None:
@@ -175,7 +171,8 @@ def law_candidates(campaign: Campaign, scale: MotionScale) -> list[Candidate]:
                         f" '{law.formula}' is {sizes[-1]:g} over a turn; {fix}"
                     )
             size = sizes[0]
-            low, high = spans[key].low, spans[key].high
+            low = spans[key].low
+            high = spans[key].high
             coordinates.append(Parameter(key, 0.0, low, high, most / size, spans[key].unit))
         for key, span in shapes.items():
             step = STEP_SHARE_OF_BOUNDS * (span.high - span.low)
@@ -215,7 +212,8 @@ def shared_nuisances(campaign: Campaign) -> tuple[Parameter, ...]:
         campaign, (key for key in campaign.nuisance if key not in campaign.run_nuisances)
     )
     if (width := friction_speed(campaign.mechanism)) is not None:
-        low, high = width / FRICTION_SPEED_FACTOR, width * FRICTION_SPEED_FACTOR
+        low = width / FRICTION_SPEED_FACTOR
+        high = width * FRICTION_SPEED_FACTOR
         nuisances.append(_parameter("friction_speed", width, low, high, "m/s"))
     reach = math.log(STEADY_CONTACT_DAMPING_FACTOR)
     names = steady_contact_damping(campaign.mechanism).values()
@@ -253,7 +251,8 @@ def run_nuisances(campaign: Campaign, plan: RunPlan, searched: bool) -> tuple[Pa
     run, samples = plan.run, plan.samples
     nuisances = _listed(campaign, (key for key in campaign.run_nuisances if key != "speed"), run.id)
     if plan.second_clock:
-        offset, reach = plan.clock_offset, FIRST_ANGLE_REACH / samples.speed
+        offset = plan.clock_offset
+        reach = FIRST_ANGLE_REACH / samples.speed
         nuisances.append(
             _parameter("clock_offset", offset, offset - reach, offset + reach, "s", run.id)
         )
@@ -310,7 +309,8 @@ class SliderCrankModel:
         }
         self._chaotic, series = {}, []
         for run, data in runs.items():
-            values, noise = self.nominal(run), noise_of(campaign, run)
+            values = self.nominal(run)
+            noise = noise_of(campaign, run)
             if channels := chaotic_channels(campaign, data.plan, values, noise):
                 is_fitted = ~data.held_out | data.held_out.all()
                 fitted = {
@@ -341,12 +341,13 @@ class SliderCrankModel:
         )
 
     def _samples(self, data: RunData, channel: str, noise: float | None) -> Series:
-        samples, run, jitter = data.plan.samples, data.plan.run.id, self.campaign.jitter
+        samples = data.plan.samples
+        run = data.plan.run.id
+        jitter = self.campaign.jitter
         rows = self._rows[run, channel]
         if jitter is None and not (samples.timed and CHANNEL_KINDS[channel].speed_power == 0):
-            jitter = (
-                0.0  # cycle-to-cycle variation of velocities and accelerations is due to impacts
-            )
+            # cycle-to-cycle variation of velocities and accelerations is due to impacts
+            jitter = 0.0
         resolution = (self.campaign.channels[channel].resolution or 0.0) * self.campaign.factor(
             channel
         )
@@ -362,7 +363,9 @@ class SliderCrankModel:
     def _statistics(self, run: str, data: RunData) -> Iterator[Series]:
         """Series of the chaotic channels: statistics of the fitted, then of the held-out
         samples."""
-        chaotic, angle, held_out = self._chaotic[run], data.plan.samples.angle, data.held_out
+        chaotic = self._chaotic[run]
+        angle = data.plan.samples.angle
+        held_out = data.held_out
         groups = [part for part in (False, True) if (held_out == part).any()]
         parts = []
         for part in groups:
@@ -404,7 +407,8 @@ class SliderCrankModel:
     @cached_property
     def candidates(self) -> tuple[Candidate, ...]:
         """All possible missing effects and sensor faults."""
-        campaign, runs = self.campaign, tuple(self.plans)
+        campaign = self.campaign
+        runs = tuple(self.plans)
         scale = motion_scale(self)
         read = channels_read(campaign, self.plans[runs[0]], self.nominal(runs[0]))
         spreads = {
@@ -413,10 +417,8 @@ class SliderCrankModel:
             if name != "crank_angle"
         }
         shared = {p.name: p for p in self.nuisances if p.run is None}
-        constant, frequency = (
-            campaign.drive == "constant_speed",
-            PLANNED_FORCE_ORDER * scale.turning / tau,
-        )
+        constant = campaign.drive == "constant_speed"
+        frequency = PLANNED_FORCE_ORDER * scale.turning / tau
         context = FitContext(campaign.mechanism, scale, shared, constant, frequency, runs)
         # with a single fitted run its zero is the common offset
         several = sum(plan.run.role != "confirm" for plan in self.plans.values()) > 1
@@ -439,10 +441,8 @@ class SliderCrankModel:
         self, run: str, values: Values, effects: Effects = (), numerics: int = 0
     ) -> dict[str, np.ndarray]:
         """Parameters as of `jointgap.core.candidates.Model.simulate`."""
-        plan, chaotic = (
-            replace(self.plans[run], channels=self._sampled(run)),
-            self._chaotic.get(run),
-        )
+        plan = replace(self.plans[run], channels=self._sampled(run))
+        chaotic = self._chaotic.get(run)
         read = self._read(plan, values, effects, numerics) if plan.channels else {}
         if chaotic is not None:
             statistics = simulated_statistics(self.campaign, chaotic, values, effects, numerics)
@@ -484,7 +484,8 @@ def library(model: SliderCrankModel) -> tuple[Candidate, ...]:
         " v*sin(theta)"
     )
     crank = "1 w w*|w| cos(theta) sin(theta) cos(2*theta) sin(2*theta)"
-    sizes, candidates = {"Y": scale.stroke, "v": scale.speed, "w": scale.turning}, []
+    sizes = {"Y": scale.stroke, "v": scale.speed, "w": scale.turning}
+    candidates = []
     for effect, site, terms, largest in (
         ("discovered_slider_force", "slider", slider, scale.force),
         ("discovered_crank_torque", "crank", crank, scale.force * scale.stroke),
@@ -558,7 +559,8 @@ def build_model(
     Measured runs that cannot be simulated are not used.
     """
     check_bounds(campaign)
-    runs, left_out = {}, dict(measurements.left_out) if measurements else {}
+    runs = {}
+    left_out = dict(measurements.left_out) if measurements else {}
     for run in (run.mirrored() for run in campaign.runs):
         if measurements is None:
             runs[run.id] = _planned(campaign, run, (revolutions or {}).get(run.id))
@@ -584,7 +586,8 @@ def build_model(
 
 
 def _plan(campaign: Campaign, run: CampaignRun, samples: SampleGrid) -> RunPlan:
-    drives, encoder = campaign.drive == "measured_angle", "crank_angle" in campaign.channels
+    drives = campaign.drive == "measured_angle"
+    encoder = "crank_angle" in campaign.channels
     channels = [
         name for name in campaign.channels if name not in ("time", "crank_angle", *PRESSURES)
     ]
@@ -625,7 +628,9 @@ def _planned(campaign: Campaign, run: CampaignRun, revolutions: float | None) ->
 
 
 def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> RunData:
-    constant, searched, step = campaign.drive == "constant_speed", False, _resolution(campaign)
+    constant = campaign.drive == "constant_speed"
+    searched = False
+    step = _resolution(campaign)
     samples = sample_grid(
         recording.time, recording.crank_angle, run.speed, run.first_angle, step, constant
     )
@@ -645,7 +650,8 @@ def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> Run
         )
     if constant and "crank_angle" not in campaign.channels:
         if "speed" in campaign.nuisance:
-            grid, bounds = plan.samples, campaign.bounds("speed", run.speed)
+            grid = plan.samples
+            bounds = campaign.bounds("speed", run.speed)
             speed = speed_from_periodicity(grid.elapsed, list(fitted.values()), *bounds)
             grid = replace(grid, speed=speed, angle=grid.first_angle + speed * grid.elapsed)
             plan = replace(plan, samples=grid)
@@ -716,7 +722,8 @@ def _with_clock_offset(
     """The plan with the offset of the second clock, within half a revolution, at which the current
     model agrees best with the measurement.
     """
-    grid, turn = plan.samples.first(SEARCHED_TURNS * tau), tau / plan.samples.speed
+    grid = plan.samples.first(SEARCHED_TURNS * tau)
+    turn = tau / plan.samples.speed
     time = np.arange(grid.time[0], grid.time[-1], turn / FIRST_ANGLES_TRIED)
     read = np.isfinite(grid.read)
     reading = (

@@ -215,10 +215,13 @@ def check_runs_left(campaign: Campaign, left_out: Mapping[str, str]) -> None:
 
 def _recording(file: RunFile) -> Recording:
     """The samples of a run; clipped, stuck and 'no data' values are contradictions of the file."""
-    campaign, run, values = file.campaign, file.run, _joined(file)
+    campaign = file.campaign
+    run = file.run
+    values = _joined(file)
     absent = {name: _no_data(file, name, values[name]) for name in values if name != "time"}
     time, angle, turned = _rotation(file, values, absent.get("crank_angle", np.empty(0, int)))
-    has_angle, has_time = "crank_angle" in values, "time" in values
+    has_angle = "crank_angle" in values
+    has_time = "time" in values
     channels = {}
     for name in [name for name in values if name not in ("time", "crank_angle")]:
         _check_varies(file, name, values[name])
@@ -344,7 +347,8 @@ def _gates(file: RunFile, name: str, values: Samples) -> tuple[np.ndarray, np.nd
     A gate ends between two samples. If gates of the stated time fit between all samples, they are
     used.
     """
-    time, read = values["time"], np.flatnonzero(np.isfinite(values[name]))
+    time = values["time"]
+    read = np.flatnonzero(np.isfinite(values[name]))
     # the gate of the first reading is unknown
     changes = read[1:][np.diff(values[name][read]) != 0.0]
     if changes.size < 2 or changes.size > read.size / 2:
@@ -352,7 +356,8 @@ def _gates(file: RunFile, name: str, values: Samples) -> tuple[np.ndarray, np.nd
     previous = time[read[np.searchsorted(read, changes) - 1]]
     gate = file.campaign.channels[name].average
     gates = gate * np.round((time[changes] - time[changes[0]]) / gate)
-    low, high = np.max(previous - gates), np.min(time[changes] - gates)
+    low = np.max(previous - gates)
+    high = np.min(time[changes] - gates)
     is_regular = low < high and np.diff(gates).min() > 0.0
     ends = 0.5 * (low + high) + gates if is_regular else 0.5 * (previous + time[changes])
     file.remark(
@@ -418,7 +423,8 @@ def _check_units(file: RunFile) -> None:
 
 def _in_si(file: RunFile) -> Samples:
     """Channels in SI, without samples that have no time (or angle)."""
-    values, file.rows = {}, file.columns.rows
+    values = {}
+    file.rows = file.columns.rows
     for name in file.channels:
         channel = file.campaign.channels[name]
         column = file.columns.values[channel.column]
@@ -506,7 +512,8 @@ def _check_varies(file: RunFile, name: str, values: np.ndarray) -> None:
 
 def _check_pressure(file: RunFile, name: str, values: np.ndarray) -> None:
     """InputError for negative absolute pressures; a remark on very small ones."""
-    channel, negative = file.campaign.channels[name], np.flatnonzero(values < 0.0)
+    channel = file.campaign.channels[name]
+    negative = np.flatnonzero(values < 0.0)
     if negative.size and channel.pressure_behind > 0.0:
         text = "negative absolute pressure; give 'ambient_pressure: 0 bar' for gauge pressures"
         raise file.error(name, text, negative[0])
@@ -550,8 +557,10 @@ def _rotation(
     file: RunFile, values: Samples, no_data: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times and angles of a run, each NaN if not measured, and the angle turned."""
-    absent, speed = np.full(file.rows.size, np.nan), file.run.speed
-    time, read = values.get("time", absent), values.get("crank_angle", absent)
+    absent = np.full(file.rows.size, np.nan)
+    speed = file.run.speed
+    time = values.get("time", absent)
+    read = values.get("crank_angle", absent)
     if "time" in values and not file.is_joined:
         _check_times(file, values)
     if "crank_angle" not in values:
@@ -669,7 +678,8 @@ def _check_angle_alone(file: RunFile, read: np.ndarray, angle: np.ndarray) -> No
 
 def _check_turns_on(file: RunFile, time: np.ndarray, angle: np.ndarray) -> None:
     """UnusableRun if the crank stands still or reverses, or its `angle` has a permanent step."""
-    drive, speed = file.campaign.drive, file.run.speed
+    drive = file.campaign.drive
+    speed = file.run.speed
     if drive == "constant_speed" and checks.stuck(angle, speed * time) is not None:
         return  # reported as a stuck encoder
     # a motor may start from rest
@@ -688,12 +698,15 @@ def _check_turns_on(file: RunFile, time: np.ndarray, angle: np.ndarray) -> None:
     if still is None:
         return
     begin, end, _ = still
-    when, part = f"from {begin:.6g} s to {end:.6g} s", "make two runs of it"
+    when = f"from {begin:.6g} s to {end:.6g} s"
+    part = "make two runs of it"
     if begin == time[0]:
-        when, part = f"until {end:.6g} s", "keep the later part"
+        when = f"until {end:.6g} s"
+        part = "keep the later part"
         part += ", and give the run 'start: unknown'" if file.run.start == "at_rest" else ""
     elif end >= time[-1]:
-        when, part = f"from {begin:.6g} s on", "keep the earlier part"
+        when = f"from {begin:.6g} s on"
+        part = "keep the earlier part"
     kind, verb = ("turns_back", "reverses") if reverses else ("standstill", "stands still")
     place = file.place("crank_angle", int(np.searchsorted(time, begin)))
     raise UnusableRun(kind, f"{place}: the crank {verb} {when}; cut the record there ({part})")

@@ -7,9 +7,8 @@ from math import tau
 
 import numpy as np
 
-OUTLIER = (
-    5.0  # [1, robust standard deviations] Distance of an outlier of the crank angle from its line
-)
+# [1, robust standard deviations] Distance of an outlier of the crank angle from its line
+OUTLIER = 5.0
 EVEN_ROWS = math.radians(
     0.5
 )  # [rad] Angles without times that are nearer to a line over their rows are uniform in time
@@ -108,14 +107,13 @@ def sample_grid(
     constant: bool = True,
 ) -> SampleGrid:
     """The samples of a recording whose encoder has the resolution `step` [rad]."""
-    finite, timed = np.isfinite(read), bool(np.isfinite(time).all())
+    finite = np.isfinite(read)
+    timed = bool(np.isfinite(time).all())
     if timed and finite.sum() >= 2:
         elapsed = time - time[0]
         slope, first_angle, sd = _robust_line(elapsed[finite], read[finite])
-        error, span = (
-            REACH * sd / math.sqrt(finite.sum()),
-            max(float(np.ptp(elapsed[finite])), 1e-300),
-        )
+        error = REACH * sd / math.sqrt(finite.sum())
+        span = max(float(np.ptp(elapsed[finite])), 1e-300)
         angle = (
             first_angle + slope * elapsed
             if constant
@@ -165,10 +163,12 @@ def aperiodic_share(speed: float, elapsed: np.ndarray, values: Sequence[np.ndarr
     """Residual of a Fourier series over `speed` times `elapsed` [1, of the variance], summed over
     channels."""
     angle = np.arange(1, SPEED_HARMONICS + 1) * (speed * elapsed)[:, None]
-    series, total = np.column_stack([np.ones(elapsed.size), np.cos(angle), np.sin(angle)]), 0.0
+    series = np.column_stack([np.ones(elapsed.size), np.cos(angle), np.sin(angle)])
+    total = 0.0
     for value in values:
         finite = np.isfinite(value)
-        x, centred = series[finite], value[finite] - value[finite].mean()
+        x = series[finite]
+        centred = value[finite] - value[finite].mean()
         residual = centred - x @ np.linalg.lstsq(x.T @ x, x.T @ centred, rcond=None)[0]
         total += float(residual @ residual) / max(float(centred @ centred), 1e-300)
     return total

@@ -79,7 +79,8 @@ def high_passed(values: np.ndarray, interval: float, cycle: float, corner: float
     The filter is in the periodic steady state of a motion that repeats after `cycle` [s]; 0: it
     starts at rest.
     """
-    lag, times = 1.0 / (math.tau * corner), interval * np.arange(values.size)
+    lag = 1.0 / (math.tau * corner)
+    times = interval * np.arange(values.size)
     slow = lagged(values, interval, lag)
     if cycle:
         change = (np.interp(cycle, times, slow) - values[0]) / -math.expm1(-cycle / lag)
@@ -94,7 +95,8 @@ def averaged(values: np.ndarray, interval: float, cycle: float, time: float) -> 
     first one.
     """
     times = interval * np.arange(values.size)
-    integral, begin = CubicSpline(times, values).antiderivative(), times - time
+    integral = CubicSpline(times, values).antiderivative()
+    begin = times - time
     early = np.minimum(begin, 0.0)
     back = np.floor(early / cycle) if cycle else 0.0
     earlier = back * integral(cycle) if cycle else values[0] * early
@@ -171,10 +173,8 @@ class SensorFault:
         parameter = coordinates[0]
         if self.of_each_run:
             coordinates = tuple(replace(parameter, run=run) for run in runs)
-        keys, has_site = (
-            tuple(coordinate.key for coordinate in coordinates),
-            self.name not in ENCODER_FAULTS,
-        )
+        keys = tuple(coordinate.key for coordinate in coordinates)
+        has_site = self.name not in ENCODER_FAULTS
         families = _families_of(self, site, parameter) if self.name in DELAY_SHARES else ()
         guesses = tuple(
             {parameter.key: share * reading.turning / math.tau} for share in self.guesses
@@ -202,9 +202,8 @@ ENCODER_FAULTS = (
 # [1, of its standard deviation] Torque within which a loose coupling changes sides: less than
 # between two samples
 SIDES_CHANGE = 1e-3
-TRUE_ANGLE_PASSES = (
-    3  # Of the fixed point for the true angle; each leaves the slope of the encoder's error, < 0.1
-)
+# Of the fixed point for the true angle; each leaves the slope of the encoder's error, < 0.1
+TRUE_ANGLE_PASSES = 3
 
 SENSOR_LAG, SENSOR_DELAY, LAG_AND_DELAY = "sensor_lag", "sensor_delay", "sensor_lag_and_delay"
 # Members of the family `LAG_AND_DELAY` (first order plus dead time), and their share [1] of the
@@ -474,7 +473,8 @@ class Faults:
             elif name in ENCODER_FAULTS:
                 self._encoder.append((FAULTS[name], values))
             elif name == LAG_AND_DELAY:
-                late, share = values[FAULTS[name].parameter], values["delay_share"]
+                late = values[FAULTS[name].parameter]
+                share = values["delay_share"]
                 parts = {SENSOR_LAG: (1.0 - share) * late, SENSOR_DELAY: share * late}
                 self._faults += [(FAULTS[part], site, value) for part, value in parts.items()]
             elif candidate.sensor:

@@ -32,9 +32,8 @@ from jointgap.rig.sensors import Faults
 
 Columns = Mapping[str, np.ndarray]  # Channels of a motion (n,), by column
 
-FILM_TOLERANCE = (
-    1e-11  # [m] Local error with a lubricated joint: films are stiff, steps are short anyway
-)
+# [m] Local error with a lubricated joint: films are stiff, steps are short anyway
+FILM_TOLERANCE = 1e-11
 # [1] Periodic steady state: norm of the change of all readings between revolutions, over the noise
 SETTLED_LENGTH = 1.0
 SETTLED_AFTER = (3, 12)  # Least and largest number of revolutions dropped as transient
@@ -240,7 +239,8 @@ def prepared(
 ) -> Prepared:
     """A run ready for simulation with the local error `tolerance` [m] (default: that of its
     plan)."""
-    side, nuisances = plan.run.side, dict(values)
+    side = plan.run.side
+    nuisances = dict(values)
     faults = Faults(effects, side, values, plan.second_clock)
     for (
         candidate,
@@ -292,7 +292,8 @@ def other_numerics(numerics: int) -> tuple[float, Callable[[Parameters], None]]:
 
 
 def _threlfall(p: Parameters) -> None:
-    coulomb, threlfall = FRICTION_LAWS["coulomb"], FRICTION_LAWS["threlfall"]
+    coulomb = FRICTION_LAWS["coulomb"]
+    threlfall = FRICTION_LAWS["threlfall"]
     for name in JOINTS:
         joint = getattr(p, name)
         if joint.friction_law == coulomb.code:
@@ -349,12 +350,16 @@ def read(
     [rad]."""
     driven, faults = run.driven, run.faults
     channels = {name: campaign.channels[name] for name in plan.channels}
-    samples, delay = plan.samples, faults.lag if plan.measured is None else 0.0
+    samples = plan.samples
+    delay = faults.lag if plan.measured is None else 0.0
     late = driven.at(samples.elapsed - delay) if delay else driven.angles
     if channels.keys() == {"crank_angle"} and not faults.follow_torque:
         return {"crank_angle": late + faults.of_encoder(late)}
     corners = [channel.bandwidth for channel in channels.values() if channel.bandwidth]
-    grid, count, interval, cycle = np.empty(0), driven.angles.size, 0.0, 0.0
+    grid = np.empty(0)
+    count = driven.angles.size
+    interval = 0.0
+    cycle = 0.0
     if corners or any(
         channel.remembers or faults.need_grid(name) for name, channel in channels.items()
     ):
@@ -388,8 +393,10 @@ def read(
         values = sensors.at_sensor(campaign, plan.run.side, name, true[name])
         values = faults.act("before_filter", name, values)
         behind = faults.delay(name)
-        begin, times = count * delays.index(behind), elapsed - behind
-        read, fine = values[begin : begin + count], values[count * len(delays) :]
+        begin = count * delays.index(behind)
+        times = elapsed - behind
+        read = values[begin : begin + count]
+        fine = values[count * len(delays) :]
         if channel.bandwidth:
             fine = sensors.low_pass(fine, interval, channel.bandwidth, channel.filter == "causal")
             read = CubicSpline(grid, fine)(times)
@@ -548,11 +555,9 @@ def _is_kinematic(p: Parameters) -> bool:
 def _kinematic_motion(p: Parameters, angles: np.ndarray) -> IntegrationResult:
     start_state(p)  # raises for a rod that does not reach the slide
     count = angles.size
-    times, states, auxiliary = (
-        crank_times(p, angles),
-        np.zeros((count, STATES)),
-        np.zeros((count, AUXILIARY_STATES)),
-    )
+    times = crank_times(p, angles)
+    states = np.zeros((count, STATES))
+    auxiliary = np.zeros((count, AUXILIARY_STATES))
     contacts = (np.full((count, 3), value) for value in (math.inf, math.inf, math.nan))
     return IntegrationResult(
         times,

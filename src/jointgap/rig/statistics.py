@@ -20,14 +20,12 @@ Columns = Sequence[np.ndarray]  # Values (n,) [SI] of each channel
 
 BINS = 24  # Of the crank angle: 15 deg, about the duration of contact ringing (experience)
 MEDIAN_ANGLES = 144  # Of the median curve: six in a bin
-COMPRESSION_MEAN_SIZES = (
-    3.0  # [1, mean absolute deviations] Scale k of k tanh(u / k), which limits rare spikes
-)
+# [1, mean absolute deviations] Scale k of k tanh(u / k), which limits rare spikes
+COMPRESSION_MEAN_SIZES = 3.0
 PREDICTING_BINS = 2  # Previous bins that predict one: duration of contact ringing (experience)
 EDGE_SHARE_OF_BIN = 1e-6  # Nearer to an edge a sample counts for the bin that begins there
-START_DISTANCE = (
-    1e-7  # [m] Between the two starts whose motions are compared: far below any clearance
-)
+# [m] Between the two starts whose motions are compared: far below any clearance
+START_DISTANCE = 1e-7
 # [1] Largest difference of the two motions, over the noise, for a comparison by samples; it adds 4
 # % to the standard deviation
 MAX_DEPARTURE_SHARE_OF_NOISE = 0.3
@@ -37,9 +35,8 @@ CYCLES = 18  # Simulated in every evaluation
 LEARNING_CYCLES = 180  # Simulated once to estimate variances within 10 % (experience)
 CYCLES_PER_SIMULATION = 9  # Several short simulations run in parallel
 SETTLING_CYCLES = 1  # Additional, not counted
-REMEMBERED_CYCLES = (
-    30  # Of one learning simulation: slow changes increase the variance of a record's mean
-)
+# Of one learning simulation: slow changes increase the variance of a record's mean
+REMEMBERED_CYCLES = 30
 SAMPLES_PER_REVOLUTION = 320  # Least number of simulated samples
 PRIOR_CYCLES = 60  # Weight of the simulated variance in measured cycles (experience)
 MIN_SCATTER_CYCLES = 3  # Least number of measured cycles for their own variance
@@ -102,7 +99,8 @@ class CycleStatistics:
 
     def cycles(self, angle: np.ndarray, values: Sequence[np.ndarray]) -> np.ndarray:
         """Statistics of every cycle (cycles, m); NaN for a bin without samples."""
-        first_turn, bins = np.floor(np.min(angle) / tau), BINS
+        first_turn = np.floor(np.min(angle) / tau)
+        bins = BINS
         place = np.floor((angle / tau - first_turn) * bins + EDGE_SHARE_OF_BIN).astype(int)
         count = int(place.max()) // bins + 1
         rows = np.full((count, len(self.channels), len(KINDS), bins), np.nan)
@@ -140,7 +138,8 @@ class CycleStatistics:
         cycles, simulated_cycles = (
             np.isfinite(statistics).sum(axis=0) for statistics in (rows, clean)
         )
-        square, simulated_square = np.nan_to_num(cycle_mean(rows)) ** 2, cycle_mean(clean) ** 2
+        square = np.nan_to_num(cycle_mean(rows)) ** 2
+        simulated_square = cycle_mean(clean) ** 2
         variance = simulated_square * cycle_variance(clean)
         several, scatter = (
             cycles >= MIN_SCATTER_CYCLES,
@@ -181,7 +180,8 @@ def _predictions(rows: np.ndarray, channels: int) -> list[tuple[np.ndarray, np.n
             places[j, kind, (place + near) % BINS] for j in range(i) for near in (-1, 0, 1)
         ]
         predictors += [places[i, 0, place]] if kind else []
-        places_used, target = np.array(predictors, dtype=int), places[i, kind, place]
+        places_used = np.array(predictors, dtype=int)
+        target = places[i, kind, place]
         weights = np.linalg.lstsq(centred[:, places_used], centred[:, target], rcond=1e-6)[0]
         predictions.append((places_used, weights * sizes[target] / sizes[places_used]))
     return predictions
@@ -278,9 +278,11 @@ def chaotic_run(
         return replace(plan, channels=channels, samples=samples, tolerance=STATISTICS_TOLERANCE)
 
     remembered = max(min(recorded, REMEMBERED_CYCLES), cycles)
-    many, members = math.ceil(LEARNING_CYCLES / remembered), math.ceil(CYCLES / cycles)
+    many = math.ceil(LEARNING_CYCLES / remembered)
+    members = math.ceil(CYCLES / cycles)
     angle, read = _ensemble(campaign, of_length(remembered), values, (), 0, many)
-    clean, seen = list(read.values()), [measured[channel] for channel in channels]
+    clean = list(read.values())
+    seen = [measured[channel] for channel in channels]
     sds = {channel: noise.get(channel) for channel in channels}
     if any(np.isfinite(value).any() for value in seen):
         excess = CycleStatistics.of(channels, angle, clean, finer).noise(
@@ -316,7 +318,8 @@ def measured_statistics(
     count = np.maximum(cycles, 1)
     if not len(rows):  # planned
         count[:] = max(round(float(np.ptp(angle)) / tau), 1)
-    simulated, several = chaotic.variance, cycles >= MIN_SCATTER_CYCLES
+    simulated = chaotic.variance
+    several = cycles >= MIN_SCATTER_CYCLES
     variance = simulated.copy()
     if several.any():
         # the variance of few cycles is uncertain: combine it with the median ratio to the simulated
@@ -325,7 +328,8 @@ def measured_statistics(
         weight = count[several] / (count[several] + PRIOR_CYCLES)
         variance[several] *= weight * ratio + (1.0 - weight) * np.median(ratio)
     error = np.sqrt(chaotic.persistence * variance / count + chaotic.error**2)
-    values, errors = statistics.split(cycle_mean(rows)), statistics.split(error)
+    values = statistics.split(cycle_mean(rows))
+    errors = statistics.split(error)
     return {name: (values[name], errors[name]) for name in values}
 
 

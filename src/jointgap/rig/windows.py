@@ -96,8 +96,10 @@ class RunInWindows:
     def _edges(self, per_turn: int, turns: float) -> np.ndarray:
         """Edges (k + 1,) of windows since the first sample [s]; they begin earlier for sensors with
         memory."""
-        samples, faults = self._plan.samples, self._run.faults
-        end, turn = float(samples.elapsed[-1]), tau / samples.speed
+        samples = self._plan.samples
+        faults = self._run.faults
+        end = float(samples.elapsed[-1])
+        turn = tau / samples.speed
         count = max(round(end / turn * per_turn), 1)
         edges = np.linspace(0.0, end, count + 1)
         edges[0], edges[-1] = -LEAD * turn, end + LEAD * turn
@@ -135,17 +137,17 @@ class RunInWindows:
 
     def steady_states(self, states: windows.WindowStates) -> windows.WindowStates:
         """As of `WindowedRun.steady_states`: by the filter without readings."""
-        edges, p = states.edges, self._run.driven.numbers
+        edges = states.edges
+        p = self._run.driven.numbers
         length = float(np.median(np.diff(edges)))
         earlier = np.arange(edges[0] - length, -self._run.driven.begin - length, -length)[::-1]
-        rows, n = self._rows(np.concatenate([earlier, edges]), np.empty(0)), earlier.size
+        rows = self._rows(np.concatenate([earlier, edges]), np.empty(0))
+        n = earlier.size
         nothing = windows.Readings(
             np.empty(0, np.int64), *np.zeros((2, 0)), *np.zeros((2, rows.angles.size, 0))
         )
-        start, free_states = (
-            np.zeros((1, self.size)),
-            np.full((n + edges.size - 1, self.size), np.nan),
-        )
+        start = np.zeros((1, self.size))
+        free_states = np.full((n + edges.size - 1, self.size), np.nan)
         filtered, _ = windows.filtered(
             p,
             rows,
@@ -192,7 +194,8 @@ class RunInWindows:
         state one turn later.
         """
         edges = self._edges(per_turn, turns)
-        count, p = edges.size - 1, self._run.driven.numbers
+        count = edges.size - 1
+        p = self._run.driven.numbers
         angles, places = np.unique(
             self._run.driven.at(self._plan.samples.elapsed), return_inverse=True
         )
@@ -202,11 +205,9 @@ class RunInWindows:
         directions = np.linspace(0.0, tau, DIRECTIONS[joints], endpoint=False)
         guesses = np.zeros((directions.size**joints, self.size))
         guesses[:, 0::2] = list(product(directions, repeat=joints))
-        prior, settings, starts = (
-            np.full((count, self.size), np.nan),
-            windows.FilterSettings(jump),
-            guesses,
-        )
+        prior = np.full((count, self.size), np.nan)
+        settings = windows.FilterSettings(jump)
+        starts = guesses
         if count > 2 * per_turn:
             two_turns, _ = windows.filtered(
                 p,
@@ -248,26 +249,31 @@ class RunInWindows:
     ) -> windows.Readings:
         """Readings for the filter at the `rows` until the time `last` [s]; `places` (n,): order of
         the samples."""
-        n, names = rows.angles.size, self.channels
-        data, weight = np.zeros((n, len(names))), np.zeros((n, len(names)))
-        factor, shift = np.ones(len(names)), np.zeros(len(names))
-        at_rows, elapsed = rows.sample >= 0, self._plan.samples.elapsed
+        n = rows.angles.size
+        names = self.channels
+        data = np.zeros((n, len(names)))
+        weight = np.zeros((n, len(names)))
+        factor = np.ones(len(names))
+        shift = np.zeros(len(names))
+        at_rows = rows.sample >= 0
+        elapsed = self._plan.samples.elapsed
         for c, name in enumerate(names):
             if name not in measured:  # no sample is used
                 continue
-            zero, unit = self._reading(name, 0.0), self._reading(name, 1.0)
-            factor[c], shift[c] = unit - zero, zero
+            zero = self._reading(name, 0.0)
+            unit = self._reading(name, 1.0)
+            factor[c] = unit - zero
+            shift[c] = zero
             rows_of_channel = np.flatnonzero(self._rows_of[name])
             is_used = np.isfinite(measured[name]) & (elapsed[rows_of_channel] < end)
-            values, weights = np.zeros(places.max() + 1), np.zeros(places.max() + 1)
+            values = np.zeros(places.max() + 1)
+            weights = np.zeros(places.max() + 1)
             values[places[rows_of_channel[is_used]]] = measured[name][is_used]
             weights[places[rows_of_channel[is_used]]] = (
                 1.0 / np.broadcast_to(noise[name], is_used.shape)[is_used]
             )
-            data[at_rows, c], weight[at_rows, c] = (
-                values[rows.sample[at_rows]],
-                weights[rows.sample[at_rows]],
-            )
+            data[at_rows, c] = values[rows.sample[at_rows]]
+            weight[at_rows, c] = weights[rows.sample[at_rows]]
         columns = np.array([SAMPLE.names.index(name) for name in names])
         return windows.Readings(columns, factor, shift, data, weight)
 
