@@ -7,9 +7,9 @@ import pytest
 from jointgap.app import report
 from jointgap.app.run_summary import optimum_lines, scenarios_without_optimum, verdict_lines
 from jointgap.config import Scenario, load_mechanism
+from jointgap.config.scenario_results import ScenarioResults
 from jointgap.core.errors import InputError
 from jointgap.core.page import to_markdown
-from jointgap.scenario.results import ScenarioResults
 from tests.campaign.verdicts import NAMED
 
 SUMMARY = {

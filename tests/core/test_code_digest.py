@@ -57,7 +57,7 @@ def test_an_edit_reruns_the_stages_of_packages_that_import_it_and_no_others(chan
 
 
 def test_helpers_of_the_same_module_and_types_in_annotations_count():
-    assert "def _first_revolution" in code_digest.source_of("scenario.stages", "surrogate")
+    assert "def _study(" in code_digest.source_of("designs.stages", "sensitivity")
     simulate = code_digest.source_of("scenario.stages", "simulate")
     assert "def simulate" in simulate and "def optimise" not in simulate
     assert "campaign.state" in code_digest.dependencies("campaign.stages", "measure")[0]

@@ -18,7 +18,6 @@ from jointgap.core.page import (
     Page,
     Paragraph,
     TableBlock,
-    data_address,
     to_html,
     to_markdown,
 )
@@ -176,14 +175,3 @@ def test_figures_and_tables_are_numbered_and_links_are_relative():
         "- [the run](./my%20run/summary.html) is `new`",
         r"[a\]b](./javascript%3Aalert%281%29)",
     )
-
-
-def test_a_figure_with_a_narrow_variant_shows_that_on_phones(tmp_path):
-    for name in ("wide.png", "narrow.png"):
-        (tmp_path / name).write_bytes(name.encode())
-    page = Page("page", (FigureBlock("wide", "Wide", narrow="narrow"),))
-    html = to_html(page, tmp_path)
-    assert html.index("max-width") < html.index(data_address(tmp_path / "narrow.png"))
-    assert data_address(tmp_path / "wide.png") in html
-    (tmp_path / "narrow.png").unlink()
-    assert "<picture>" not in to_html(page, tmp_path)

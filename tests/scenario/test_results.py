@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from jointgap.config import Scenario, Surrogate, read_yaml
+from jointgap.config.scenario_results import ScenarioResults, outputs_of, read_trajectory
 from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.dynamics.simulation import simulate
 from jointgap.networks.train import train
-from jointgap.scenario.results import ScenarioResults, outputs_of, read_trajectory
 from jointgap.scenario.trained import trained_surrogates
 
 MOTOR = {"kind": "motor", "stall_torque": 40.0, "no_load_speed": "660 rpm", "inertia": 0.05}

@@ -1,5 +1,5 @@
-# Before the first job: files of configuration are read strictly, nobody else works in the folder, SLURM takes the jobs, and what
-# is to be published will find its store. Dry runs and the processes of single jobs do the first alone.
+# Checks before the first job: configuration files, lock of the folder, SLURM and the MLflow store. Dry runs and processes of single
+# jobs check the configuration files only.
 
 import fcntl
 import os
@@ -18,8 +18,8 @@ from jointgap.core.errors import InputError
 
 
 def check_config_files(*more):
-    """Snakemake's own reader takes 0600 for 384 and, of two equal keys, the last one. As a module of another workflow
-    this one has no files of its own.
+    """Read the files strictly: Snakemake reads 0600 as 384 and ignores duplicate keys. A module of another workflow has no
+    configuration files.
     """
     if workflow.modifier.skip_configfile:
         return
@@ -31,13 +31,13 @@ def check_config_files(*more):
 
 
 def refuse(error):
-    """End here, as the commands do: of an error in an input function Snakemake shows where the function stands."""
+    """End with one line; Snakemake would show a traceback for an error in an input function."""
     sys.exit(f"jointgap: error: {error}")
 
 
 def hold_run_lock():
-    """Hold the folder's lock until this process ends. scripts/run-workflow waits for it and hands it on as open file 9."""
-    global run_lock  # a file that nobody keeps is closed
+    """Hold the lock of the folder until this process ends; scripts/run-workflow passes it on as open file 9."""
+    global run_lock  # keeps the file open
     Path(".cache").mkdir(exist_ok=True)
     run_lock = open(".cache/run.lock", "a")
     try:
@@ -54,7 +54,7 @@ def hold_run_lock():
 
 
 def scontrol(*question):
-    """What SLURM's controller says, in one line, and whether it had an answer."""
+    """Answer of SLURM's controller on one line, and whether it succeeded."""
     try:
         done = subprocess.run(["scontrol", *question], capture_output=True, text=True, timeout=20)
     except subprocess.TimeoutExpired:
@@ -63,8 +63,8 @@ def scontrol(*question):
 
 
 def check_slurm():
-    """Whether SLURM is there and takes all jobs: it lets one wait for ever that asks for more cores than any node has, and
-    the plug-in waits for ever for jobs of an array that Snakemake holds back.
+    """Check that SLURM is available and accepts all jobs. A job with more cores than any node, or an array that exceeds a limit
+    of Snakemake, would wait for ever.
     """
     commands = ("sbatch", "squeue", "sacct", "scancel", "scontrol", "srun")
     if missing := [name for name in commands if shutil.which(name) is None]:
@@ -114,10 +114,10 @@ def check_slurm():
 
 
 def check_mlflow_store():
-    """Where MLFLOW_TRACKING_URI names a store, and a job is to publish to it, it has to answer."""
-    asked = [job.rule.resources.get("mlflow_store") for job in workflow.dag.needrun_jobs()]
+    """Check that the store in MLFLOW_TRACKING_URI is available, if a job publishes to it."""
+    requests = [job.rule.resources.get("mlflow_store") for job in workflow.dag.needrun_jobs()]
     if not os.environ.get("MLFLOW_TRACKING_URI") or not any(
-        resource and resource.value for resource in asked
+        resource and resource.value for resource in requests
     ):
         return
     from jointgap.core.publish import check_store, store_address
@@ -128,7 +128,7 @@ def check_mlflow_store():
         refuse(error)
 
 
-# Snakemake obeys one onstart alone, so there is no other.
+# Snakemake runs only one onstart.
 onstart:
     hold_run_lock()
     for path in map(str, workflow.overwrite_configfiles or ()):

@@ -3,15 +3,15 @@
 
 for name, stages in CAMPAIGN_STAGES.jobs().items():
     first = stages[0]
-    place = PLACES.get(name, name.replace("-", "_"))
+    place = LOG_NAMES.get(name, name.replace("-", "_"))
 
     rule:
         name:
             f"campaign_{name.removesuffix('-campaign')}"
         input:
-            read_by_campaign(stages),
+            inputs_of_campaign_job(stages),
         output:
-            made_by(stages, CAMPAIGN),
+            outputs_of(stages, CAMPAIGN),
         log:
             f"{CAMPAIGN}/logs/{place}.log",
         conda:

@@ -1,4 +1,4 @@
-# What the rules share: the scenarios and campaigns of the configuration, typed and checked, and what each stage reads of them.
+# Shared by the rules: validated scenarios and campaigns, and input files, commands and options of each stage.
 
 import json
 from functools import cache
@@ -20,7 +20,7 @@ from jointgap.scenario.stages import SCENARIO_STAGES, drawn, stages_of
 STAGES = SCENARIO_STAGES | DESIGN_STAGES
 SCENARIO, CAMPAIGN = "results/{scenario}", "results/campaigns/{campaign}"
 
-# Where files of mechanisms are looked for: here, beside the configuration, in the workflow's folder.
+# Folders that are searched for mechanism files: current folder, folder of the configuration, folder of the workflow.
 FOLDERS = (
     Path(),
     *(Path(file).parent for file in workflow.overwrite_configfiles or ()),
@@ -41,16 +41,16 @@ try:
 except InputError as error:
     raise WorkflowError(str(error)) from None
 
-# Scenarios that are compared with the paper, and so with each other.
+# Scenarios that are compared with the paper and with each other.
 COMPARED = [name for name, scenario in SCENARIOS.items() if "compare" in stages_of(scenario)]
-CAMPAIGNS_SHOWN = [text for name in CAMPAIGNS for text in ("--campaign", name)]
+CAMPAIGN_ARGUMENTS = [text for name in CAMPAIGNS for text in ("--campaign", name)]
 
-# Names of the figures that a job draws, each as a picture, a drawing and a table; where there are networks it draws theirs too.
+# Figures of each stage; each gives a PNG, an SVG and a Parquet file. Figures of the networks are additional and not listed.
 FIGURES = {"figures": drawn(False)}
 
 
-# Names of logs and measured costs of jobs of which there are several, or that would be mixed up.
-PLACES = {
+# Names of logs and benchmark files of stages with several jobs.
+LOG_NAMES = {
     "surrogate": "surrogate/{output}",
     "fit": "fit_{part}",
     "pair": "pair_{part}",
@@ -63,8 +63,8 @@ wildcard_constraints:
     campaign="|".join(CAMPAIGNS) or "-",
 
 
-def kept_options(scenario, text):
-    """`text`, JSON, as a file: its name changes with what it holds, and with nothing else."""
+def stored_options(scenario, text):
+    """File with the JSON `text`; its name contains the digest of the text, so that a job reruns if the options change."""
     path = Path(
         ".snakemake", "options", f"{scenario}-{sha256(text.encode()).hexdigest()[:12]}.json"
     )
@@ -74,27 +74,27 @@ def kept_options(scenario, text):
 
 
 def options_file(scenario, stage):
-    """What a stage reads of a scenario's configuration, as a file."""
-    return kept_options(scenario, STAGES[stage].options(SCENARIOS[scenario]))
+    """File with the sections of a scenario that a stage reads."""
+    return stored_options(scenario, STAGES[stage].options(SCENARIOS[scenario]))
 
 
 def digest_of_drive(wildcards):
-    """For params: changes with the file of a measured drive."""
+    """For params: digest of the file of a measured drive."""
     return getattr(SCENARIOS[wildcards.scenario].simulate.drive, "content", "")
 
 
-def named_options(flag, scenarios, stage):
-    """For params: scenarios, each with the file of its options, as arguments."""
+def option_arguments(flag, scenarios, stage):
+    """For params: arguments with name and options file of each scenario."""
     return [text for name in scenarios for text in (flag, name, options_file(name, stage))]
 
 
 def siblings(scenario):
-    """The scenarios that differ from this one in nothing but which joints are loose."""
+    """Scenarios that differ from this one only in their loose joints."""
     return [name for name in looseness_variants(scenario, SCENARIOS) if name != scenario]
 
 
-def made_by(stages, folder):
-    """Patterns of what stages write in `folder`."""
+def outputs_of(stages, folder):
+    """Patterns of the files that stages write to a folder."""
     paths = []
     for stage in stages:
         pictures = [
@@ -106,22 +106,22 @@ def made_by(stages, folder):
     return [f"{folder}/{path}" for path in dict.fromkeys(paths)]
 
 
-def of_scenario(name, patterns):
-    """Files of a scenario; of those of which each output has its own, all."""
-    own = outputs(SCENARIOS[name].mechanism.applied().loose) or [""]
-    return list(dict.fromkeys(expand(patterns, scenario=name, output=own)))
+def scenario_files(name, patterns):
+    """Files of a scenario from patterns with {output}."""
+    names = outputs(SCENARIOS[name].mechanism.applied().loose) or [""]
+    return list(dict.fromkeys(expand(patterns, scenario=name, output=names)))
 
 
-def of_campaign(name, patterns):
-    """Files of a campaign; of those of which each part of the fits has its own, all."""
+def campaign_files(name, patterns):
+    """Files of a campaign from patterns with {part}, a part of the fits."""
     return list(dict.fromkeys(expand(patterns, campaign=name, part=range(CAMPAIGNS[name].parts))))
 
 
-def read_by_scenario(stage):
-    """For input: what a stage of a scenario reads, of the stages that the scenario goes through."""
+def inputs_of_scenario_job(stage):
+    """For input: tables and files of earlier stages that a stage of a scenario reads."""
     if stage.name in DESIGN_STAGES:
         read = (
-            made_of_designs
+            design_files
             if stage.publishes
             else datasets if "sweep" in stage.sections else lambda name: []
         )
@@ -129,26 +129,25 @@ def read_by_scenario(stage):
 
     def files(wildcards):
         name = wildcards.scenario
-        gone_through = [SCENARIO_STAGES[one] for one in stages_of(SCENARIOS[name])]
-        made = made_by(gone_through, SCENARIO)
-        read = [path for table in stage.reads if (path := f"{SCENARIO}/{table.path}") in made]
-        read += made_by([one for one in gone_through if one.name in stage.after], SCENARIO)
-        beside = siblings(name) if stage.name == "compare" else ()
+        stages = [SCENARIO_STAGES[stage_name] for stage_name in stages_of(SCENARIOS[name])]
+        written = outputs_of(stages, SCENARIO)
+        paths = [path for table in stage.reads if (path := f"{SCENARIO}/{table.path}") in written]
+        paths += outputs_of([earlier for earlier in stages if earlier.name in stage.after], SCENARIO)
+        compared = siblings(name) if stage.name == "compare" else ()
         return [
-            *of_scenario(name, read),
-            *(f"results/{other}/{RESIMULATED.path}" for other in beside),
+            *scenario_files(name, paths),
+            *(f"results/{sibling}/{RESIMULATED.path}" for sibling in compared),
         ]
 
     return files
 
 
-def read_by_campaign(stages):
-    """For input: the campaign file, its mechanism, what the stages of a job read and do not write, and the measured runs."""
-    others = [CAMPAIGN_STAGES[name] for stage in stages for name in stage.after]
-    read = [f"{CAMPAIGN}/{table.path}" for stage in stages for table in stage.reads] + made_by(
-        others, CAMPAIGN
-    )
-    own = made_by(stages, CAMPAIGN)
+def inputs_of_campaign_job(stages):
+    """For input: campaign file, mechanism file, measured runs, and tables of earlier jobs."""
+    earlier = [CAMPAIGN_STAGES[name] for stage in stages for name in stage.after]
+    paths = [f"{CAMPAIGN}/{table.path}" for stage in stages for table in stage.reads]
+    paths += outputs_of(earlier, CAMPAIGN)
+    written = outputs_of(stages, CAMPAIGN)
 
     def files(wildcards):
         campaign = CAMPAIGNS[wildcards.campaign]
@@ -156,14 +155,14 @@ def read_by_campaign(stages):
         return [
             *campaign.plan,
             *data,
-            *of_campaign(wildcards.campaign, [path for path in read if path not in own]),
+            *campaign_files(wildcards.campaign, [path for path in paths if path not in written]),
         ]
 
     return files
 
 
 def command_of_scenario(stage):
-    """For params: the command of a stage of a scenario, with the file of its options: what that holds reruns the stage."""
+    """For params: command of a stage of a scenario."""
     name = stage.name
 
     def command(wildcards):
@@ -174,7 +173,7 @@ def command_of_scenario(stage):
         more = ["--results", f"results/{scenario}"]
         more += ["--output-name", wildcards.output] if name == "surrogate" else []
         more += ["--workers", stage.threads] if stage.threads > 1 else []
-        more += named_options("--beside", siblings(scenario), name) if name == "compare" else []
+        more += option_arguments("--beside", siblings(scenario), name) if name == "compare" else []
         return [name, "--options", options, *more]
 
     return command
@@ -201,39 +200,38 @@ def command_of_campaign(stages):
     return command
 
 
-def every_scenario(wildcards=None):
-    """Every file of every scenario. A sweep goes without what learning and optimising need, so that is checked here."""
+def all_scenario_files(wildcards=None):
+    """Files of all scenarios. Checks sections that only networks and optimisation need."""
     files = ["results/overview.parquet"] if len(COMPARED) > 1 else []
     for name, scenario in SCENARIOS.items():
         try:
             check_all_sections(scenario, name)
         except InputError as error:
             refuse(error)
-        files += of_scenario(
-            name, made_by([SCENARIO_STAGES[one] for one in stages_of(scenario)], SCENARIO)
-        )
+        stages = [SCENARIO_STAGES[stage_name] for stage_name in stages_of(scenario)]
+        files += scenario_files(name, outputs_of(stages, SCENARIO))
     return files
 
 
-def every_campaign(wildcards=None):
-    """Every file of every campaign."""
+def all_campaign_files(wildcards=None):
+    """Files of all campaigns."""
     stages = [stage for job in CAMPAIGN_STAGES.jobs().values() for stage in job]
-    return [path for name in CAMPAIGNS for path in of_campaign(name, made_by(stages, CAMPAIGN))]
+    return [path for name in CAMPAIGNS for path in campaign_files(name, outputs_of(stages, CAMPAIGN))]
 
 
 def digest_of_report(wildcards):
-    """Changes with the code of the report."""
+    """For params: digest of the code of the report."""
     return code_digest("app.report", "write_report")
 
 
 def digest_of_overview(wildcards):
-    """Changes with the code of the comparison of the scenarios."""
+    """For params: digest of the code of the overview."""
     return code_digest("scenario.overview", "write_overview")
 
 
 @cache
 def designs_of_sweep(name):
-    """First design and number of designs of each job of a scenario's sweep; none where it names no parameters."""
+    """First design and number of designs of each job of a sweep; empty without parameters."""
     sweep = SCENARIOS[name].sweep
     if not sweep.parameters:
         return {}
@@ -251,8 +249,8 @@ def datasets(name):
 
 
 @cache
-def asked(name):
-    """The stages on many designs that a scenario asks for; what is asked has to be possible, before anything runs."""
+def studies(name):
+    """Stages on many designs that a scenario requests; infeasible requests end the workflow."""
     try:
         designs_of_sweep(name)
         return studies_of(SCENARIOS[name], checked=True)
@@ -260,37 +258,37 @@ def asked(name):
         refuse(f"scenario {name}: {error}")
 
 
-def made_of_designs(name):
-    """Every file that a scenario asks of many designs."""
-    stages = [DESIGN_STAGES[stage] for stage in asked(name)]
-    return [*datasets(name), *of_scenario(name, made_by(stages, SCENARIO))]
+def design_files(name):
+    """Files of the stages on many designs of a scenario."""
+    stages = [DESIGN_STAGES[stage] for stage in studies(name)]
+    return [*datasets(name), *scenario_files(name, outputs_of(stages, SCENARIO))]
 
 
 def part_options(wildcards):
-    """What a job depends on, as a file: how many designs there are is no part of it where a sequence can be grown."""
+    """Options file of a job of a sweep; without the number of designs of a Sobol sequence, which can be extended."""
     options = json.loads(DESIGN_STAGES["sweep-designs"].options(SCENARIOS[wildcards.scenario]))
     options["sweep"].pop("designs_per_job")
     options["sweep"].pop("trajectories")
     if options["sweep"]["design"] == "sobol":
         options["sweep"].pop("number")
-    return kept_options(wildcards.scenario, json.dumps(options))
+    return stored_options(wildcards.scenario, json.dumps(options))
 
 
 def published_options(name):
-    """What is published of a scenario's configuration, as a file: sections that nothing was made of need not go with the others."""
+    """Options file with the published sections of a scenario: those of the requested stages."""
     sections = {
         "description",
-        *(one for stage in asked(name) for one in DESIGN_STAGES[stage].sections),
+        *(section for stage in studies(name) for section in DESIGN_STAGES[stage].sections),
     }
-    return kept_options(name, SCENARIOS[name].model_dump_json(include=sections, by_alias=True))
+    return stored_options(name, SCENARIOS[name].model_dump_json(include=sections, by_alias=True))
 
 
-def made_of_sweeps(wildcards):
-    """Every file that the scenarios ask of many designs, and what says that it is published; one at least has to ask for some."""
-    asking = [name for name in SCENARIOS if asked(name)]
-    if not asking:
+def all_sweep_files(wildcards):
+    """Files of the stages on many designs of all scenarios, and their publishing summaries."""
+    names = [name for name in SCENARIOS if studies(name)]
+    if not names:
         refuse(
-            "sweep.parameters: no scenario names any; give them ranges or lists, as in config/sweep.yaml"
+            "sweep.parameters: no scenario has any; give them ranges or lists, as in config/sweep.yaml"
         )
-    published = [f"results/{name}/track_sweep/published.json" for name in asking]
-    return [*(file for name in asking for file in made_of_designs(name)), *published]
+    published = [f"results/{name}/track_sweep/published.json" for name in names]
+    return [*(file for name in names for file in design_files(name)), *published]

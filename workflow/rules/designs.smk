@@ -1,7 +1,7 @@
-# What `make sweep` and `make paper` make of many designs: the sweep itself, and what other sections of a scenario ask.
+# Sweeps and their studies (`make sweep`, `make paper`).
 
 
-# A file that is there is not removed before its job: of a sweep that has grown its designs are kept.
+# `update` keeps the existing file, so that an extended sweep keeps its designs.
 rule sweep_designs:
     output:
         update("results/{scenario}/sweep/designs/{part}.parquet"),
@@ -27,6 +27,6 @@ rule sweep_designs:
 
 rule swept:
     input:
-        made_of_sweeps,
+        all_sweep_files,
     message:
-        "all designs of the sweeps are measured"
+        "all sweeps are complete"

@@ -4,7 +4,7 @@
 
 for name, stages in [*SCENARIO_STAGES.jobs().items(), *DESIGN_STAGES.jobs().items()]:
     first = stages[0]
-    place = PLACES.get(name, name.replace("-", "_"))
+    place = LOG_NAMES.get(name, name.replace("-", "_"))
     tables = {table.name: f"{SCENARIO}/{table.path}" for table in first.writes if len(stages) == 1}
     cost = f"{Path(first.files[0]).parent}/benchmark" if first.publishes else f"benchmarks/{place}"
 
@@ -12,9 +12,9 @@ for name, stages in [*SCENARIO_STAGES.jobs().items(), *DESIGN_STAGES.jobs().item
         name:
             name.replace("-", "_")
         input:
-            read_by_scenario(first),
+            inputs_of_scenario_job(first),
         output:
-            *(path for path in made_by(stages, SCENARIO) if path not in tables.values()),
+            *(path for path in outputs_of(stages, SCENARIO) if path not in tables.values()),
             **tables,
         log:
             f"{SCENARIO}/logs/{place}.log",

@@ -1,4 +1,4 @@
-# What people ask for: everything, campaigns alone, the report; and what is said at the end of a run.
+# Targets of the Makefile, and the messages at the end of a run.
 
 from snakemake.logging import logger
 
@@ -19,18 +19,18 @@ rule overview:
     conda:
         "../envs/jointgap.yaml"
     params:
-        scenarios=lambda wildcards: named_options("--scenario", COMPARED, "compare"),
+        scenarios=lambda wildcards: option_arguments("--scenario", COMPARED, "compare"),
         code=digest_of_overview,
     message:
-        "put the scenarios side by side"
+        "compare the scenarios"
     shell:
         "jointgap overview --results results {params.scenarios:q} > {log:q} 2>&1"
 
 
 rule whole_report:
     input:
-        every_scenario,
-        every_campaign,
+        all_scenario_files,
+        all_campaign_files,
     output:
         "results/{kind}report.html",
     log:
@@ -41,8 +41,8 @@ rule whole_report:
         "../envs/jointgap.yaml"
     params:
         shown=lambda wildcards: [
-            *named_options("--scenario", SCENARIOS, "compare"),
-            *CAMPAIGNS_SHOWN,
+            *option_arguments("--scenario", SCENARIOS, "compare"),
+            *CAMPAIGN_ARGUMENTS,
         ],
         code=digest_of_report,
     message:
@@ -53,24 +53,24 @@ rule whole_report:
 
 use rule whole_report as campaign_report with:
     input:
-        every_campaign,
+        all_campaign_files,
     output:
         "results/campaign-report.html",
     log:
         "results/logs/campaign-report.log",
     params:
-        shown=CAMPAIGNS_SHOWN,
+        shown=CAMPAIGN_ARGUMENTS,
         code=digest_of_report,
 
 
 rule campaigned:
     input:
-        every_campaign,
+        all_campaign_files,
     message:
         "every campaign has its verdict"
 
 
-# What could not be made beside a verdict, and a scenario without an optimum, make the run a failed one, though all is there.
+# Failed optional stages of a campaign, and scenarios without an optimum, make the run fail.
 onsuccess:
     from jointgap.app.run_summary import optimum_lines, scenarios_without_optimum, verdict_lines
     from jointgap.campaign.campaign_files import failures

@@ -139,7 +139,7 @@ class FigureBlock:
     caption.
 
     HTML omits missing figures. A `moving` one is a GIF, a still one PNG and SVG; `small` ones are
-    placed side by side. `narrow` is the stem of a variant for phones.
+    placed side by side.
     """
 
     kind: ClassVar = "figure"
@@ -148,7 +148,6 @@ class FigureBlock:
     caption: str = ""
     moving: bool = False
     small: bool = False
-    narrow: str = ""
 
     @property
     def image(self) -> str:
@@ -182,7 +181,6 @@ class _Shown(NamedTuple):
     number: int = 0
     place: str = ""
     image: str = ""
-    narrow: str = ""
 
 
 def written_today() -> str:
@@ -212,7 +210,7 @@ def to_html(page: Page, figures: Path | str = "figures") -> str:
         for block in page.blocks
         if not isinstance(block, FigureBlock) or Path(figures, block.image).exists()
     ]
-    shown = tuple(_with_images(item, Path(figures)) for item in _numbered(blocks))
+    shown = tuple(_numbered(blocks, Path(figures)))
     ahead = next((n for n, item in enumerate(shown) if isinstance(item.block, Heading)), len(shown))
     sections = [item for item in shown if isinstance(item.block, Heading)]
     if len(sections) > _PARTS_UP_TO:
@@ -225,24 +223,16 @@ def to_html(page: Page, figures: Path | str = "figures") -> str:
     )
 
 
-def _with_images(item: _Shown, figures: Path) -> _Shown:
-    if not isinstance(item.block, FigureBlock):
-        return item
-    narrow = figures / f"{item.block.narrow}.png"
-    return item._replace(
-        image=data_address(figures / item.block.image),
-        narrow=data_address(narrow) if narrow.is_file() else "",
-    )
-
-
-def _numbered(blocks) -> Iterator[_Shown]:
-    """The blocks with numbers of figures and captioned tables, and anchors of headings."""
+def _numbered(blocks: Iterable[Block], folder: Path | None = None) -> Iterator[_Shown]:
+    """The blocks with numbers of figures and captioned tables, anchors of headings, and images in
+    the `folder` of figures."""
     figures = tables = 0
     places: set[str] = set()
     for block in blocks:
         if isinstance(block, FigureBlock):
             figures += 1
-            yield _Shown(block, figures)
+            image = data_address(folder / block.image) if folder else ""
+            yield _Shown(block, figures, image=image)
         elif isinstance(block, TableBlock) and block.caption:
             tables += 1
             yield _Shown(block, tables)
