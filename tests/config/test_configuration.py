@@ -18,8 +18,8 @@ from jointgap.config import (
     parse_options,
     resolve,
 )
-from jointgap.config.load import json_schema, sources_of
-from jointgap.config.yaml_files import Layer, merge, merged
+from jointgap.config.load import json_schema
+from jointgap.config.yaml_files import merge
 from jointgap.core.errors import InputError
 from jointgap.designs.stages import DESIGN_STAGES
 from jointgap.scenario.stages import SCENARIO_STAGES
@@ -115,32 +115,6 @@ def test_a_wrong_base_is_an_error(tmp_path, mechanism, words):
     config = SHIPPED | {"run": ["own"], "scenarios": {"own": {"mechanism": mechanism}}}
     with pytest.raises(InputError, match=words):
         resolve(config, (ROOT, tmp_path))
-
-
-def test_each_value_is_reported_with_its_file(other):
-    folders = (ROOT, other.parent)
-    own = {
-        "mechanism": {"base": "other.yaml", "slider": {"offset": "1 mm"}},
-        "simulate": {"speed": "9 rpm"},
-    }
-    lower = Layer("lower.yaml", SHIPPED | {"figures": {"animation_frames": 3}})
-    files = [
-        lower,
-        Layer("mine.yaml", {"run": ["own"], "scenarios": {"own": own | {"optimise": AROUND_IT}}}),
-    ]
-    scenario = resolve(merged(files), folders)["own"]
-    rows = sources_of(scenario, "own", files, folders)
-    found = {key: (source, value) for key, source, value in rows}
-    expected = {
-        "mechanism.slider.mass": (str(other), '"2 kg"'),
-        "mechanism.slider.offset": ("mine.yaml, scenario own", '"1 mm"'),
-        "simulate.speed": ("mine.yaml, scenario own", '"9 rpm"'),
-        "simulate.revolutions": ("lower.yaml", "4"),
-        "figures.animation_frames": ("lower.yaml", "3"),
-        "mechanism.gravity_direction": ("default", str(-math.pi / 2)),
-        "mechanism.joints.crank_pin": (str(other), '"ideal"'),
-    }
-    assert {key: found[key] for key in expected} == expected
 
 
 WRONG = {

@@ -65,10 +65,14 @@ def add_command(stages: Stages, stage: Stage, section: str) -> None:
         cli.sections[section].append(stage.name)
 
 
-REMOVED_OPTIONS = (
-    *("--trajectory", "--events", "--fit", "--history", "--errors"),
-    *("--folder", "--designs"),
-)
+_FILES = ("--trajectory", "--events", "--fit", "--history", "--errors", "--folder", "--designs")
+REMOVED_OPTIONS = {
+    **dict.fromkeys(_FILES, "use --results, the folder of the results of the scenario"),
+    "--sources": "`jointgap config` prints all values in SI",
+    "--browser": "open the printed link",
+    "--no-browser": "nothing is opened",
+}
+"""Options of earlier versions, with what to use instead."""
 
 
 class SectionedGroup(click.Group):
@@ -91,11 +95,8 @@ class SectionedGroup(click.Group):
         try:
             return super().invoke(ctx)
         except click.NoSuchOption as error:
-            if error.option_name in REMOVED_OPTIONS:
-                ctx.fail(
-                    f"{error.option_name} was removed; use --results, the folder of the results of"
-                    " the scenario."
-                )
+            if hint := REMOVED_OPTIONS.get(error.option_name):
+                ctx.fail(f"{error.option_name} was removed; {hint}.")
             raise
         except KeyboardInterrupt:
             click.echo("jointgap: interrupted", err=True)
@@ -541,30 +542,25 @@ def export(source: Path, to: Path | None, units: tuple[str, ...], force: bool) -
 @cli.command()
 @click.argument("files", type=FILE, nargs=-1, required=True)
 @click.option("--scenario", help="Name of the scenario; the first one of `run` when absent.")
-@click.option(
-    "--sources",
-    is_flag=True,
-    help="Print a table instead: each key, its value as written, and its file.",
-)
-def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None:
+def config(files: tuple[Path, ...], scenario: str | None) -> None:
     """Check configuration FILES, each overriding those before it, and print one scenario, with all
     keys in SI, as JSON for --options. Warnings, such as of an implausible mass, go to the standard
     error output.
     """
     from jointgap.config import load, read_yaml
-    from jointgap.config.yaml_files import Layer, merged, plain_speeds
+    from jointgap.config.yaml_files import merge, plain_speeds
     from jointgap.core.errors import InputError, did_you_mean
     from jointgap.dynamics.mechanism_warnings import remarks
     from jointgap.lengths.region import check_constraints
 
-    layers, folders, warnings = [], [], []
+    content, folders, warnings = {}, [], []
     for file in files:
-        layers.append(Layer(str(file), read_yaml(file)))
+        content = merge(content, read_yaml(file))
         folders = [file.parent, file.parent.parent, *folders]
         warnings += plain_speeds(file)
     folders = (Path(), *folders)
     source = " with ".join(map(str, files))
-    scenarios = load.resolve(merged(layers), folders, source)
+    scenarios = load.resolve(content, folders, source)
     check_constraints(scenarios, source)
     name = scenario or next(iter(scenarios))
     if name not in scenarios:
@@ -575,10 +571,7 @@ def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None
     warnings += remarks(selected.mechanism, selected.simulate.highest_speed)
     for warning in warnings:
         click.echo(f"jointgap: {warning}", err=True)
-    if sources:
-        click.echo(_aligned(load.sources_of(selected, name, layers, folders)))
-    else:
-        click.echo(selected.model_dump_json(indent=2, by_alias=True))
+    click.echo(selected.model_dump_json(indent=2, by_alias=True))
 
 
 @cli.command()

@@ -1,11 +1,8 @@
 """The report: the results of all scenarios and campaigns of a run on one page."""
 
-import html
 import json
-import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import date
 from pathlib import Path
 
 from jointgap.app.run_summary import Summary, has_optimum, other_objective
@@ -30,7 +27,7 @@ from jointgap.core.page import (
     TableBlock,
 )
 from jointgap.core.plot import FigureSpec
-from jointgap.core.words import format_day, format_falls, format_name, joined
+from jointgap.core.words import format_falls, format_name, joined
 from jointgap.scenario import overview
 from jointgap.scenario.figures import FIGURES, described
 
@@ -122,31 +119,12 @@ def page(scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], fol
         blocks += [Heading(overview.TITLE), *overview.side_by_side(table)]
     for part in parts:
         blocks += part.blocks(is_single, shown)
-    folders = (*scenarios, *(f"campaigns/{name}" for name in campaigns))
-    blocks += _pages_of_other_runs(folder, {f"{name}/summary.html" for name in folders})
     footer = (
         f"{pages.written_today()} Runs and their files: `jointgap dashboard`. Stages:"
         " docs/workflow.md."
     )
     title = _headline(summaries, parts)
     return Page(title, tuple(blocks), subject="Results of this run", footer=footer)
-
-
-def _pages_of_other_runs(folder: Path, shown: Collection[str]) -> list[Block]:
-    """Links to the pages of other runs in the `folder` of results; the newest first."""
-    paths = [
-        path
-        for pattern in ("*", "*/*")
-        for path in folder.glob(f"{pattern}/summary.html")
-        if path.relative_to(folder).as_posix() not in shown
-    ]
-    links = []
-    for path in sorted(paths, key=lambda path: path.stat().st_mtime, reverse=True):
-        title = re.search("<title>(.*?)</title>", path.read_text(encoding="utf-8"), re.DOTALL)
-        words = html.unescape(title[1]) if title else path.parent.name
-        day = format_day(date.fromtimestamp(path.stat().st_mtime))
-        links.append(Link(words, path.relative_to(folder).as_posix(), f", written on {day}"))
-    return [Heading("Other results in this folder"), Bullets(tuple(links))] if links else []
 
 
 def _row(name: str, summary: Summary) -> dict[str, str | Link]:

@@ -89,9 +89,8 @@ def optimum_lines(names: Sequence[str], results: Path) -> list[str]:
             scenarios_by_remark.setdefault(remark, []).append(name)
     for remark, scenarios in scenarios_by_remark.items():
         is_shared = len(scenarios) == len(summaries) > 1
-        lines.append(
-            f"remark on {'all scenarios' if is_shared else ', '.join(scenarios)}: {remark}"
-        )
+        owners = "all scenarios" if is_shared else ", ".join(scenarios)
+        lines.append(f"remark on {owners}: {remark}")
     if len(summaries) > _MOST_PAGES:
         return [*lines, f"pages: {results}/*/summary.html"]
     return [*lines, *(f"page of {name}: {results / name / 'summary.html'}" for name in summaries)]

@@ -1,7 +1,6 @@
 """Reads configurations and campaign files, and writes their JSON schemas."""
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,13 +10,10 @@ from jointgap.config.campaign import NUISANCES, Campaign
 from jointgap.config.mechanism import Mechanism
 from jointgap.config.scenario import Scenario
 from jointgap.config.yaml_files import (
-    Layer,
-    leaves,
-    mechanism_layers,
-    merged,
+    complete_mechanism,
+    merge,
     read_json,
     read_yaml,
-    sources,
     with_effect_files,
     with_file,
 )
@@ -64,7 +60,7 @@ def load_mechanism(path: Path | str) -> Mechanism:
     >>> mechanism.crank.length, mechanism.loose
     (0.15, ('crank_pin', 'piston_pin'))
     """
-    content = _mechanism(str(path), (Path(),), "mechanism")
+    content = complete_mechanism(str(path), (Path(),), "mechanism")
     if "mechanism" in content:
         raise InputError(
             f"{path}: is a configuration or campaign file; give the mechanism file that it"
@@ -73,18 +69,14 @@ def load_mechanism(path: Path | str) -> Mechanism:
     return validate(Mechanism, content, str(path))
 
 
-def _mechanism(mechanism: Any, folders: tuple[Path, ...], key: str) -> Any:
-    """The complete content of a mechanism, with its bases."""
-    return merged(mechanism_layers(mechanism, folders, "", key))["mechanism"]
-
-
 def _with_mechanism(
     data: dict[str, Any], folders: tuple[Path, ...], source: str = ""
 ) -> dict[str, Any]:
     """`data` with the complete content of its mechanism, with files resolved in `folders`."""
     if "mechanism" not in data:
         return data
-    return data | {"mechanism": _mechanism(data["mechanism"], folders, f"{source}mechanism")}
+    content = complete_mechanism(data["mechanism"], folders, f"{source}mechanism")
+    return data | {"mechanism": content}
 
 
 def _with_drive_file(
@@ -138,9 +130,9 @@ def resolve(
     """The scenarios that a configuration runs; `whole`: with sections that only have defaults."""
     defaults = _DEFAULT_SECTIONS if whole else {}
     scenarios = {}
-    for name, layers in scenario_layers(config, folders, source).items():
+    for name, content in _contents(config, folders, source).items():
         where = f"{source}, scenario {name}"
-        data = defaults | _with_drive_file(merged(layers), folders, where)
+        data = defaults | _with_drive_file(content, folders, where)
         scenarios[name] = validate(Scenario, data, where)
     return scenarios
 
@@ -150,10 +142,10 @@ def check_all_sections(scenario: Scenario, name: str, source: str = "configurati
     validate(Scenario, scenario.model_dump(by_alias=True), f"{source}, scenario {name}")
 
 
-def scenario_layers(
-    config: Mapping[str, Any], folders: tuple[Path, ...] = (Path(),), source: str = "configuration"
-) -> dict[str, list[Layer]]:
-    """The layers of a configuration's scenarios, by name; parameters as in `resolve`."""
+def _contents(
+    config: Mapping[str, Any], folders: tuple[Path, ...], source: str
+) -> dict[str, dict[str, Any]]:
+    """The sections of each scenario that a configuration runs."""
     allowed = {*Configuration.model_fields, *Scenario.model_fields}
     for key in config:
         if key in Scenario.removed:
@@ -163,7 +155,7 @@ def scenario_layers(
     common = {key: config[key] for key in config if key in Scenario.model_fields}
     settings = {key: config[key] for key in config if key not in common}
     settings = validate(Configuration, settings, source)
-    layers = {}
+    contents = {}
     for name in settings.run or settings.scenarios:
         where = f"{source}, scenario {name}"
         if name not in settings.scenarios:
@@ -171,20 +163,16 @@ def scenario_layers(
             raise InputError(f"{source}: run lists '{name}'; {hint}")
         if name in _RESERVED:
             raise InputError(f"{where}: the name is reserved for other results; choose another one")
-        written = [Layer(source, common), Layer(where, settings.scenarios[name] or {})]
-        with_mechanism = [layer for layer in written if "mechanism" in layer.data]
-        if not with_mechanism:
+        keys = settings.scenarios[name] or {}
+        content = merge(common, keys)
+        if "mechanism" not in content:
             raise InputError(
                 f"{where}: key 'mechanism' is missing; give the path of a mechanism file"
             )
-        top = with_mechanism[-1]
-        layers[name] = mechanism_layers(
-            top.data["mechanism"], folders, top.source, f"{where}: mechanism"
-        )
-        for layer in written:
-            sections = {key: layer.data[key] for key in layer.data if key != "mechanism"}
-            layers[name].append(Layer(layer.source, sections))
-    return layers
+        mechanism = keys.get("mechanism", common.get("mechanism"))  # a whole one, not merged
+        content["mechanism"] = complete_mechanism(mechanism, folders, f"{where}: mechanism")
+        contents[name] = content
+    return contents
 
 
 def is_complete(config: Mapping[str, Any]) -> bool:
@@ -201,26 +189,6 @@ def is_complete(config: Mapping[str, Any]) -> bool:
         )
     except (KeyError, TypeError):  # a missing scenario, or not mappings
         return False
-
-
-def sources_of(
-    scenario: Scenario, name: str, files: Sequence[Layer], folders: tuple[Path, ...] = (Path(),)
-) -> list[tuple[str, str, str]]:
-    """Each key of a scenario with its source and its value as written."""
-    in_files = sources(files)
-    prefixes = {"": (), f", scenario {name}": ("scenarios", name)}  # outside of mechanism files
-    rows = {}
-    for path, (value, source) in sources(scenario_layers(merged(files), folders, "")[name]).items():
-        if source in prefixes:
-            source = in_files[*prefixes[source], *path][1] + source
-        rows[path] = (value, source)
-    for path, value in leaves(scenario.model_dump(mode="json")):
-        if not any(path[: len(written)] == written for written in rows):
-            rows[path] = (value, "default")
-    return sorted(
-        (".".join(path), source, json.dumps(value, ensure_ascii=False))
-        for path, (value, source) in rows.items()
-    )
 
 
 def load_campaign(path: Path | str) -> Campaign:

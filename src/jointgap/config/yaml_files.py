@@ -1,4 +1,4 @@
-"""YAML and JSON files, read strictly and merged, with the source of each value.
+"""YAML and JSON files, read strictly and merged.
 
 A mechanism is the path of a file, the name of a shipped one, or its content, complete. It may
 instead modify another one: ``base``, the path or name of that one, together with the keys that
@@ -8,9 +8,7 @@ differ. A file may have a ``base`` too.
 import json
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import reduce
+from collections.abc import Iterator, Mapping, Sequence
 from math import tau
 from pathlib import Path
 from typing import Any
@@ -148,14 +146,6 @@ def read_json(text: str, source: str) -> Any:
         raise InputError(f"{source}: is not JSON: {error}") from error
 
 
-@dataclass(frozen=True)
-class Layer:
-    """Keys with their values, and their source."""
-
-    source: str
-    data: Mapping[str, Any]
-
-
 def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     """`base` overridden by `over`: mappings merge key by key, everything else is replaced."""
     merged = dict(base)
@@ -163,24 +153,6 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
         both = isinstance(merged.get(key), Mapping) and isinstance(value, Mapping)
         merged[key] = merge(merged[key], value) if both else value
     return merged
-
-
-def merged(layers: Iterable[Layer]) -> dict[str, Any]:
-    """All `layers` merged, each overriding those before it."""
-    return reduce(merge, (layer.data for layer in layers), {})
-
-
-def sources(layers: Iterable[Layer]) -> dict[tuple[str, ...], tuple[Any, str]]:
-    """The value and source of each key, by its path, after merging `layers`."""
-    values: dict[tuple[str, ...], tuple[Any, str]] = {}
-    for layer in layers:
-        for path, value in leaves(layer.data):
-            for lower in list(values):  # keys above and below it are replaced
-                depth = min(len(lower), len(path))
-                if lower[:depth] == path[:depth]:
-                    del values[lower]
-            values[path] = (value, layer.source)
-    return values
 
 
 def leaves(data: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -225,15 +197,10 @@ def plain_speeds(path: Path | str) -> list[str]:
     return remarks
 
 
-def mechanism_layers(
-    mechanism: Any,
-    folders: Sequence[Path],
-    source: str,
-    key: str,
-    files: tuple[Path, ...] = (),
-) -> list[Layer]:
-    """The layers of a mechanism, from its deepest ``base`` to its own keys; `files` are those that
-    refer to it."""
+def complete_mechanism(
+    mechanism: Any, folders: Sequence[Path], key: str, files: tuple[Path, ...] = ()
+) -> Any:
+    """The content of a mechanism, merged over its ``base``; `files` are those that refer to it."""
     if isinstance(mechanism, str):
         file = mechanism_file(mechanism, folders, key)
         if file.resolve() in files:
@@ -241,15 +208,14 @@ def mechanism_layers(
                 f"{key}: '{mechanism}' is its own base; remove the last reference to it"
             )
         content, folders = read_yaml(file), (file.parent, *folders)
-        return mechanism_layers(content, folders, str(file), str(file), (*files, file.resolve()))
+        return complete_mechanism(content, folders, str(file), (*files, file.resolve()))
     content = with_effect_files(mechanism, folders, key)
-    layer = Layer(source, {"mechanism": content})
     if not isinstance(content, Mapping) or BASE not in content:
-        return [layer]
+        return content
     base, key = content.pop(BASE), f"{key}{': ' if files else '.'}{BASE}"
     if not isinstance(base, str):
         raise InputError(f"{key} = {base!r}: must be the path of a mechanism file")
-    return [*mechanism_layers(base, folders, source, key, files), layer]
+    return merge(complete_mechanism(base, folders, key, files), content)
 
 
 def with_effect_files(mechanism: Any, folders: Sequence[Path], key: str) -> Any:

@@ -224,8 +224,10 @@ def _sum(tables: Sequence[Table]) -> Table:
     period = float(multiples[is_common.argmax()])
     knots = [np.array([0.0, period])]
     for table in tables:
-        shifts = table.begin + table.period * np.arange(round(period / table.period))
-        knots.append(np.mod(table.sign * np.add.outer(shifts, table.pieces[:, 0]), period).ravel())
+        repetitions = np.arange(round(period / table.period))
+        shifts = table.begin + table.period * repetitions
+        positions = np.add.outer(shifts, table.pieces[:, 0]).ravel()
+        knots.append(np.mod(table.sign * positions, period))
     knots = np.unique(np.concatenate(knots))
     knots = knots[np.append(np.diff(knots) > 1e-9 * period, True)]
     knots[0] = 0.0
@@ -233,8 +235,10 @@ def _sum(tables: Sequence[Table]) -> Table:
         knots = np.linspace(0.0, period, MOST_ROWS + 1)
     force = np.zeros(knots.size)
     for table in tables:
-        spline = PPoly(table.pieces[:, 1:].T, np.append(table.pieces[:, 0], table.period))
-        force += spline(np.mod(table.sign * knots - table.begin, table.period))
+        breaks = np.append(table.pieces[:, 0], table.period)
+        spline = PPoly(table.pieces[:, 1:].T, breaks)
+        positions = np.mod(table.sign * knots - table.begin, table.period)
+        force += spline(positions)
     force[-1] = force[0]
     total = CubicSpline(knots, force, bc_type="periodic")
     return Table(tables[0].over, 1.0, 0.0, period, _pieces(total))
@@ -311,7 +315,7 @@ def _read_table(parameters: ForceTableParameters, _changed: int) -> _Table:
     fitting = [
         period
         for period in periods
-        if period * (1.0 - 1e-6) - _GAP * step <= span <= period * (1.0 + 1e-6)
+        if (1.0 - 1e-6) * period - _GAP * step <= span <= (1.0 + 1e-6) * period
     ]
     if not fitting and x_key == "time":
         text = f": the rows span {span:.6g} s, but the period is {periods[0]:.6g} s"
