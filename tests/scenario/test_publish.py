@@ -10,7 +10,6 @@ import pytest
 from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.core.publish import check_store, opened, store_address
-from tests.catalogue import refused
 from tests.scenario import published_tables as synthetic
 from tests.scenario.mlflow_store import client_of, publish, runs_of
 from tests.scenario.published_tables import numbers, scenario
@@ -137,8 +136,9 @@ def test_a_store_that_does_not_answer_is_one_error_without_its_password(tmp_path
             "postgres://host/runs",
             "nowhere://x",
         ]
-        words = "MLflow store  ~ start the server, correct its address"
-        refused(check_store, [(address, words) for address in addresses])
+        for address in addresses:
+            with pytest.raises(InputError, match=r"MLflow store .*start the server, correct its"):
+                check_store(address)
         with pytest.raises(InputError, match=r"http://joe:\*\*\*@") as told:
             check_store(addresses[0])
     assert "secret" not in str(told.value) and len(told.value.args) == 1
