@@ -76,7 +76,7 @@ def test_no_make_target_is_read_as_configuration():
 def test_an_unreadable_configuration_is_refused_before_snakemake(run_workflow, tmp_path):
     good, file = tmp_path / "good.yaml", tmp_path / "mine.yaml"
     good.write_text("figures: {animation_frames: 1}\n")
-    for content in (None, "figures: {animation_frames: 1\n"):
+    for content in (None, "figures: {animation_frames: 1}\nfigures: {animation_frames: 2}\n"):
         if content is not None:
             file.write_text(content)
         done = run_workflow("--configfile", str(good), str(file), "--cores", "1")
