@@ -85,22 +85,9 @@ def said_by(server: str, command: str) -> list[tuple]:
 def mlflow_server(database, tmp_path) -> Iterator[str]:
     """Address of an MLflow server on the database."""
     address = f"http://127.0.0.1:{free_port(5100)}"
-    command = [
-        sys.executable,
-        "-m",
-        "mlflow",
-        "server",
-        "--backend-store-uri",
-        database,
-        "--workers",
-        "2",
-    ]
-    command += [
-        "--port",
-        address.rpartition(":")[2],
-        "--artifacts-destination",
-        (tmp_path / "artifacts").as_uri(),
-    ]
+    command = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", database]
+    command += ["--workers", "2", "--port", address.rpartition(":")[2]]
+    command += ["--artifacts-destination", (tmp_path / "artifacts").as_uri()]
     with open(tmp_path / "server.log", "w") as log:
         quiet = os.environ | {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
         server = subprocess.Popen(

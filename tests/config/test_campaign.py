@@ -1,4 +1,4 @@
-"""A campaign file is read once, checked whole, and refused with key, value and mend."""
+"""Campaign files: values, checks and errors."""
 
 import json
 import math
@@ -13,7 +13,6 @@ from jointgap.config.campaign import CHANNELS, NUISANCES, RESERVED_IDS, SHARED, 
 from jointgap.config.load import campaign_json_schema, load_campaign, validate
 from jointgap.config.yaml_files import merge
 from jointgap.core.errors import InputError
-from tests.catalogue import each, refused, written
 from tests.config.mechanisms import PAPER, ROOT, paper
 
 CAMPAIGN = yaml.safe_load("""
@@ -40,9 +39,25 @@ def runs(**changes) -> list[dict]:
     return [run for run in laid if changes.get(run["id"], {}) is not None]
 
 
+def cases_of(table: str) -> list[tuple]:
+    """Rows `YAML => YAML => message` of a text."""
+    rows = [line.split(" => ") for line in table.strip().splitlines()]
+    return [(*map(yaml.safe_load, values), message.strip()) for *values, message in rows]
+
+
+def check_refused(act, cases, start="") -> None:
+    """Each case is refused with a message that contains the words between ` ~ `."""
+    for *values, words in cases:
+        with pytest.raises(InputError) as error:
+            act(*values)
+        message = str(error.value)
+        assert message.startswith(start)
+        assert [word for word in words.split(" ~ ") if word not in message] == []
+
+
 @pytest.fixture
 def load(tmp_path):
-    """Reads the campaign with other keys from a file; None takes a key or a channel away."""
+    """Reads the campaign with other keys from a file; None removes a key or a channel."""
     (tmp_path / "paper.yaml").write_text(PAPER.read_text(encoding="utf-8"), encoding="utf-8")
 
     def loaded(over: dict, kind: str = "yaml") -> Campaign:
@@ -240,8 +255,8 @@ mid: {first_angle: 10 deg} => 'mid' has first_angle ~ remove first_angle
 
 def test_a_mistake_in_a_campaign_is_named_with_file_key_value_and_mend(load, tmp_path):
     cases = [
-        *written(MISTAKES),
-        *(({"runs": runs(**changes)}, words) for changes, words in written(RUNS)),
+        *cases_of(MISTAKES),
+        *(({"runs": runs(**changes)}, words) for changes, words in cases_of(RUNS)),
     ]
     cases += [({"mechanism": IDEAL | {"crank": {}}}, "key 'mechanism.crank.length' is missing")]
     unnamed = [
@@ -255,7 +270,7 @@ def test_a_mistake_in_a_campaign_is_named_with_file_key_value_and_mend(load, tmp
     ]
     gated = {"time": None, "crank_torque": {"column": "M", "unit": "N*m", "average": "50 ms"}}
     cases += [({"channels": gated}, "crank_torque.average requires the channel time")]
-    refused(load, cases, starts=f"{tmp_path / 'rig.yaml'}: ")
+    check_refused(load, cases, f"{tmp_path / 'rig.yaml'}: ")
 
 
 RUN = {"id": "slow", "file": "slow.csv", "speed": "200 rpm", "role": "split"}
@@ -283,7 +298,7 @@ def test_a_value_of_the_wrong_kind_is_stated_in_words_and_nothing_is_said_that_i
         "channels": channels,
     }
     assert validate(Campaign, good, "rig.yaml").runs[0].id == "slow"
-    cases = written(KINDS)
+    cases = cases_of(KINDS)
     speed = (
         "runs.slow.speed = '3 m': has the unit 'meter' and requires rad/s or a unit that converts"
         " to it"
@@ -292,12 +307,10 @@ def test_a_value_of_the_wrong_kind_is_stated_in_words_and_nothing_is_said_that_i
     other = "runs.{}: id '{}' is a reserved name of results; choose another id"
     cases += [({"runs": [RUN | {"id": name}]}, other.format(name, name)) for name in RESERVED_IDS]
 
-    def told(over, words):
-        with pytest.raises(InputError) as caught:
+    for over, words in cases:
+        with pytest.raises(InputError) as error:
             validate(Campaign, good | over, "rig.yaml")
-        assert str(caught.value) == f"rig.yaml: {words}"
-
-    each(told, cases)
+        assert str(error.value) == f"rig.yaml: {words}"
 
 
 def test_a_nuisance_has_a_nominal_value_to_vary_from(load):
@@ -312,7 +325,7 @@ def test_a_nuisance_has_a_nominal_value_to_vary_from(load):
             "joint_friction requires equal ~ 0.01 in piston_pin; list joint_friction_crank_pin",
         ),
     ]
-    refused(
+    check_refused(
         lambda own, given: load({"mechanism": own, "nuisance": {"joint_friction": given}}), cases
     )
     own = load({"mechanism": two, "nuisance": {"joint_friction_piston_pin": [0.0, 0.3]}})
@@ -381,7 +394,7 @@ def test_a_law_of_the_campaign_file_that_cannot_be_one_is_refused(load, tmp_path
         ({"site": "slider", "force": "-v"}, "has 0 parameters; give one"),
     ]
     starts = f"{tmp_path / 'rig.yaml'}: candidates.my_law"
-    refused(
+    check_refused(
         lambda law: load(
             {"candidates": {"my_law": {"c": c} | law if "-v" not in law.values() else law}}
         ),

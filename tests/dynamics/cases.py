@@ -83,15 +83,8 @@ def mechanism(
 
 
 def options(**changed) -> Simulate:
-    return Simulate(
-        **{
-            "speed": SPEED,
-            "revolutions": 1,
-            "samples_per_revolution": 360,
-            "tolerance": 1e-12,
-            **changed,
-        }
-    )
+    defaults = {"speed": SPEED, "revolutions": 1, "samples_per_revolution": 360}
+    return Simulate(**defaults | {"tolerance": 1e-12} | changed)
 
 
 def integrated(
@@ -107,16 +100,9 @@ def free_impact(made: Mechanism, mass: float, speed: float) -> tuple[Parameters,
     """Impact and separation (2, 9) of a rod of `mass` [kg] that hits a standing crank head-on at
     `speed` [m/s], its mass centre in the pin.
     """
-    p = with_numbers(
-        parameters(made, options(speed=1.0)),
-        bodies={
-            "crank_length": 0.0,
-            "rod_centre": 0.0,
-            "rod_mass": mass,
-            "rod_inverse_mass": 1 / mass,
-        },
-        piston_pin={"clearance": 10.0},
-    )
+    rod = {"rod_centre": 0.0, "rod_mass": mass, "rod_inverse_mass": 1 / mass}
+    p = parameters(made, options(speed=1.0))
+    p = with_numbers(p, bodies={"crank_length": 0.0} | rod, piston_pin={"clearance": 10.0})
     start = np.array([0.0, 0.0, 0.0, 0.0, 0.0, speed, 0.0, speed]), np.zeros(AUXILIARY_STATES)
     until = p.crank_pin.clearance / speed + 0.02
     return p, integrate_to_angles(p, start, np.array([0.0, until]), 1e-14).events[:2]

@@ -31,14 +31,7 @@ def impact_duration(stiffness: float, exponent: float, mass: float, speed: float
 
 def joint(**changed) -> JointParameters:
     """A steel journal of 7 mm in a bearing of 8 mm: elastic, dry, frictionless by default."""
-    values = {
-        "loose": True,
-        "clearance": 1e-3,
-        "body_radius": 0.008,
-        "partner_radius": 0.007,
-        "stiffness": 3.6e10,
-        "friction_speed": 1e-3,
-        "stribeck_speed": 0.0,
-        "film_clearance": 0.0,
-    }
+    radii = {"clearance": 1e-3, "body_radius": 0.008, "partner_radius": 0.007}
+    law = {"stiffness": 3.6e10, "friction_speed": 1e-3, "stribeck_speed": 0.0}
+    values = {"loose": True, "film_clearance": 0.0} | radii | law
     return JointParameters(**{**values, **changed})

@@ -159,11 +159,9 @@ def joint_powers(moved: Motion, name: str) -> tuple[np.ndarray, np.ndarray]:
     push, drag = moved[f"{name}_normal_force"], moved[f"{name}_friction_force"]
     if not joint.loose:
         rubbing = moved.made.effect("pin_friction", name)
-        moment = (
-            rubbing.coefficient * moved.made.joint(name).journal_radius * push
-            if rubbing
-            else 0.0 * push
-        )
+        moment = 0.0 * push
+        if rubbing:
+            moment = rubbing.coefficient * moved.made.joint(name).journal_radius * push
         return 0.0 * push, moment * np.tanh((body - partner) / CRANK_SIGN_SPEED) * (body - partner)
     number = NUMBERS[name]
     r, parting = moved[f"r{number}"], moved[f"r{number}_dot"]
@@ -182,22 +180,13 @@ def joint_powers(moved: Motion, name: str) -> tuple[np.ndarray, np.ndarray]:
         loss = loss + dry * parting - rubbed * sliding
         push, drag = push - dry, drag - rubbed
         filled = np.sqrt(1 - np.minimum(r / gap, 1 - thinnest / gap) ** 2)
+        filled_gap = gap * filled
         shear = (
-            2
-            * math.pi
-            * film.viscosity_Pa_s
-            * data.journal_radius**3
-            * film.length_m
-            / (gap * filled)
+            2 * math.pi * film.viscosity_Pa_s * data.journal_radius**3 * film.length_m / filled_gap
         )
         couple = -0.5 * r * drag  # the pair of forces acts halfway between the centres
-        loss = (
-            loss
-            + push * parting
-            - drag * around
-            - couple * (body + partner)
-            + shear * (body - partner) ** 2
-        )
+        loss = loss + push * parting - drag * around - couple * (body + partner)
+        loss = loss + shear * (body - partner) ** 2
     else:
         loss = loss + push * parting - drag * sliding
     return elastic * depth / (joint.exponent + 1), loss

@@ -26,17 +26,10 @@ def ends(t, z, speed):
     centre, velocity, rate = z[0:2], z[4:6], z[6]
     crank = CRANK * np.array([np.cos(speed * t), np.sin(speed * t)])
     near, far = -CENTRE * along, (ROD - CENTRE) * along
-    return (
-        (crank, centre + near, turn(speed, crank), velocity + turn(rate, near), speed, rate),
-        (
-            np.array([z[3], 0.0]),
-            centre + far,
-            np.array([z[7], 0.0]),
-            velocity + turn(rate, far),
-            0.0,
-            rate,
-        ),
-    ), centre
+    slider, slider_velocity = np.array([z[3], 0.0]), np.array([z[7], 0.0])
+    first = crank, centre + near, turn(speed, crank), velocity + turn(rate, near), speed, rate
+    second = slider, centre + far, slider_velocity, velocity + turn(rate, far), 0.0, rate
+    return (first, second), centre
 
 
 def penetration(joint):
@@ -70,11 +63,8 @@ def force_on_ring(joint, contact, now, chi, friction, friction_speed, memory):
     )
     tangent = np.array([-outward[1], outward[0]])
     approach, begin = contact
-    push = (
-        STIFFNESS
-        * depth**1.5
-        * (1 + damping_factor(chi, approach, now - begin, memory) * approach_rate(joint))
-    )
+    damping = damping_factor(chi, approach, now - begin, memory)
+    push = STIFFNESS * depth**1.5 * (1 + damping * approach_rate(joint))
     push = max(push, 0.0)
     return (
         push * outward - friction * np.tanh(slip @ tangent / friction_speed) * push * tangent,

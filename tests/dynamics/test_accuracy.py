@@ -55,15 +55,8 @@ def test_independent_code_gives_the_same_motion(
         kept = 2.5 * duration, 2.5 * duration, reference
         # a contact whose memory has faded
         assert (run.times[-1] - run.begins[-1, :2] > 5 * duration).any()
-    states, impacts = plain.simulate(
-        np.radians(DEGREES),
-        SPEED,
-        LAWS[law](restitution),
-        friction,
-        friction_speed,
-        tolerance=1e-15,
-        memory=kept,
-    )
+    law = LAWS[law](restitution), friction, friction_speed
+    states, impacts = plain.simulate(np.radians(DEGREES), SPEED, *law, tolerance=1e-15, memory=kept)
     worst("plain scipy code, 45 deg [m]", np.abs(placed(p, run) - states[:, :4]).max(), 1e-10)
     ours = run.events[run.events[:, 2] == 1]
     assert len(ours) >= 5
@@ -81,11 +74,8 @@ def test_independent_code_agrees_with_force_free_contacts(worst):
     states, impacts = plain.simulate(
         np.radians(degrees), SPEED, LAWS["exact_restitution"](0.1), 0.0, 1e-3, 1e-15
     )
-    worst(
-        "plain scipy code, 220 deg, e = 0.1 [m]",
-        np.abs(placed(p, run) - states[:, :4]).max(),
-        1e-11,
-    )
+    deviation = np.abs(placed(p, run) - states[:, :4]).max()
+    worst("plain scipy code, 220 deg, e = 0.1 [m]", deviation, 1e-11)
     assert len(impacts) == (run.events[:, 2] == 1).sum()
 
 

@@ -17,19 +17,10 @@ LOAD = VISCOSITY * RADIUS * LENGTH**3 / CLEARANCE**2  # times a rate: force
 def oiled(side=-1.0) -> JointParameters:
     """Journal of 7 mm on the partner (`side` -1) or on the body (+1)."""
     radii = (RADIUS + CLEARANCE, RADIUS)[:: -int(side)]
-    film = {
-        "film_viscosity": VISCOSITY,
-        "film_length": LENGTH,
-        "film_clearance": CLEARANCE,
-        "film_least": THINNEST,
-    }
-    return joint(
-        side=side,
-        body_radius=radii[0],
-        partner_radius=radii[1],
-        clearance=CLEARANCE - THINNEST,
-        **film,
-    )
+    film = {"film_viscosity": VISCOSITY, "film_length": LENGTH}
+    film |= {"film_clearance": CLEARANCE, "film_least": THINNEST}
+    radii = {"body_radius": radii[0], "partner_radius": radii[1]}
+    return joint(side=side, clearance=CLEARANCE - THINNEST, **radii, **film)
 
 
 def random_motions(count=200, widest=0.98):
@@ -76,22 +67,12 @@ def test_closed_form_integrals_agree_with_quadrature(eccentricity, angle):
 
     def integral(power):
         def part(x):
-            return (
-                math.cos(x) ** (2 - power)
-                * math.sin(x) ** power
-                / (1 - a * math.cos(x) - b * math.sin(x)) ** 3
-            )
+            thickness = 1 - a * math.cos(x) - b * math.sin(x)
+            return math.cos(x) ** (2 - power) * math.sin(x) ** power / thickness**3
 
         near_the_peak = [math.copysign(math.pi / 2 - width, b) for width in (0.3, 0.03)]
-        return quad(
-            part,
-            -math.pi / 2,
-            math.pi / 2,
-            points=near_the_peak,
-            epsabs=1e-13,
-            epsrel=1e-11,
-            limit=400,
-        )[0]
+        settings = {"points": near_the_peak, "epsabs": 1e-13, "epsrel": 1e-11, "limit": 400}
+        return quad(part, -math.pi / 2, math.pi / 2, **settings)[0]
 
     found = film_integrals(a, b, math.sqrt(1 - eccentricity**2))
     assert found[0] == pytest.approx(integral(0), rel=1e-9)
@@ -105,13 +86,8 @@ def test_a_rotating_journal_has_ocvirks_load_and_attitude(eccentricity):
         oiled(), eccentricity * CLEARANCE, 0.0, 0.0, 0.0, 0.4 * rate, 0.6 * rate
     )
     rest = 1 - eccentricity**2
-    size = (
-        LOAD
-        * rate
-        * eccentricity
-        / (4 * rest**2)
-        * math.sqrt(math.pi**2 * rest + 16 * eccentricity**2)
-    )
+    factor = math.sqrt(math.pi**2 * rest + 16 * eccentricity**2)
+    size = LOAD * rate * eccentricity / (4 * rest**2) * factor
     assert math.hypot(fx, fy) == pytest.approx(size, rel=1e-13)
     assert fy / -fx == pytest.approx(math.pi * math.sqrt(rest) / (4 * eccentricity), rel=1e-13)
     assert fx < 0  # back to the centre
@@ -125,14 +101,8 @@ def test_squeezing_in_and_out_sums_to_the_full_film(
     inwards, outwards = (
         film_force(oiled(), e, 0.0, sign * speed, 0.0, 0.0, 0.0)[0] for sign in (1, -1)
     )
-    full_film = (
-        LOAD
-        / CLEARANCE
-        * speed
-        * math.pi
-        * (1 + 2 * eccentricity**2)
-        / (1 - eccentricity**2) ** 2.5
-    )
+    shape = math.pi * (1 + 2 * eccentricity**2) / (1 - eccentricity**2) ** 2.5
+    full_film = LOAD / CLEARANCE * speed * shape
     assert outwards - inwards == pytest.approx(full_film, rel=1e-12)
     assert inwards < 0 < outwards
 

@@ -46,16 +46,8 @@ def turning(time):
     return angle, clearance
 
 
-NAMES = (
-    "crank_x",
-    "crank_y",
-    "rod_x",
-    "rod_y",
-    "slider_x",
-    "slider_y",
-    "rod_angle",
-    "transmission_angle",
-)
+NAMES = ("crank_x", "crank_y", "rod_x", "rod_y", "slider_x", "slider_y", "rod_angle")
+NAMES = (*NAMES, "transmission_angle")
 
 
 @pytest.mark.parametrize(
@@ -126,13 +118,8 @@ def test_the_paper_form_is_the_printed_sum_of_partial_derivatives():
     given = (MECHANISM.crank.length, MECHANISM.rod.length, MECHANISM.rod.mass_centre)
     places = (clearance.r2.position, clearance.r3.position, angle.position)
     turns = (clearance.gamma2, clearance.gamma3)
-    arguments = (
-        *given,
-        *places,
-        *(one.position for one in turns),
-        angle.velocity,
-        angle.acceleration,
-    )
+    positions = tuple(one.position for one in turns)
+    arguments = (*given, *places, *positions, angle.velocity, angle.acceleration)
     arguments += (*(one.velocity for one in turns), *(one.acceleration for one in turns))
     for name, functions in paper_functions().items():
         motion = getattr(ours, name)

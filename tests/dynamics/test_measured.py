@@ -26,13 +26,8 @@ def known(time):
 def along(folder, times, angles, revolutions, start=0.0, **keys):
     """Options for a run along a table of angles."""
     pd.DataFrame({"t": times, "theta": angles}).to_csv(folder / "angle.csv", index=False)
-    drive = {
-        "kind": "measured",
-        "file": str(folder / "angle.csv"),
-        "time": "t",
-        "angle": "theta",
-        **keys,
-    }
+    drive = {"kind": "measured", "file": str(folder / "angle.csv"), "time": "t", "angle": "theta"}
+    drive |= keys
     return options(
         drive=drive, start_angle=start, revolutions=revolutions, samples_per_revolution=360
     )
@@ -72,10 +67,8 @@ def test_angle_and_derivatives_are_recovered_within_steps_or_noise(
         off = np.abs(samples[f"crank_{column}"] - value)[10:-10].max() / scale
         worst(f"measured angle, {name}: {column}", off, bound)
     exact = Closed(mechanism(), *(samples[f"crank_{column}"].to_numpy() for column in columns))
-    off = (
-        np.abs(samples.crank_torque - exact.virtual_work_torque()).max()
-        / np.abs(samples.crank_torque).max()
-    )
+    exact = exact.virtual_work_torque()
+    off = np.abs(samples.crank_torque - exact).max() / np.abs(samples.crank_torque).max()
     worst("measured angle: torque by virtual work", off, 1e-13)
 
 

@@ -13,12 +13,8 @@ from tests.dynamics.cases import ALL, SPEED, free_impact, integrated, mechanism,
 from tests.dynamics.laws import faded_damping, impact_duration, joint
 
 CHI, APPROACH = 0.8, 0.4
-FADING = {
-    "damping": CHI,
-    "memory_time": 2e-3,
-    "fading_time": 1e-3,
-    "steady_contact_damping": CHI / 0.05,
-}
+FADING = {"damping": CHI, "memory_time": 2e-3, "fading_time": 1e-3}
+FADING["steady_contact_damping"] = CHI / 0.05
 
 
 @pytest.mark.parametrize("exponent, speed", [(1.0, 0.5), (1.5, 1e-3), (3.0, 0.5)])
@@ -87,12 +83,8 @@ STARTS, SAMPLES = 12, 360
 def settled(**contact) -> np.ndarray:
     """Slider acceleration and crank torque in a settled revolution, by start angle: (12, 2, 360)."""
     made, found = mechanism(friction=0.15, gravity=True, **contact), []
-    chosen = {
-        "speed": 10 * np.pi,
-        "revolutions": 12,
-        "samples_per_revolution": SAMPLES,
-        "tolerance": 1e-10,
-    }
+    chosen = {"speed": 10 * np.pi, "revolutions": 12, "tolerance": 1e-10}
+    chosen["samples_per_revolution"] = SAMPLES
     for start in range(STARTS):
         run = simulate(made, options(start_angle=2 * np.pi * start / STARTS, **chosen))
         last = run.samples[["slider_acceleration", "crank_torque"]].to_numpy()[-SAMPLES - 1 : -1].T

@@ -108,9 +108,6 @@ def test_a_start_one_turn_later_or_from_an_intermediate_state_gives_the_same_mot
     rest = integrate_to_angles(
         there, (run.states[on_the_way], run.auxiliary_states[on_the_way]), angles, 1e-14
     )
-    worst(
-        "start on the way, 45 deg [m]",
-        np.abs(rest.states - run.states[on_the_way:])[:, :4].max(),
-        1e-10,
-    )
+    deviation = np.abs(rest.states - run.states[on_the_way:])[:, :4].max()
+    worst("start on the way, 45 deg [m]", deviation, 1e-10)
     assert rest.times[-1] == pytest.approx(run.times[-1] - run.times[on_the_way], rel=1e-12)

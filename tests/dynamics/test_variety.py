@@ -45,12 +45,8 @@ def any_case(random, films):
         clearance=float(random.choice([1e-3, 2e-4, 5e-5])),
     )
     speed = float(random.choice([5, 60, 300]))
-    motor = {
-        "kind": "motor",
-        "stall_torque": 0.2 * speed**2 + 10,
-        "no_load_speed": 2 * speed,
-        "inertia": 0.5,
-    }
+    motor = {"kind": "motor", "stall_torque": 0.2 * speed**2 + 10}
+    motor |= {"no_load_speed": 2 * speed, "inertia": 0.5}
     started = options(
         speed=speed,
         start_angle=float(random.choice(np.linspace(0, 6, 61))),

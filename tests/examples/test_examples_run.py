@@ -9,6 +9,8 @@ import pytest
 
 from tests.examples import test_emps, test_pendulum
 
+pytestmark = pytest.mark.integration
+
 
 @pytest.fixture
 def run(monkeypatch, capsys):

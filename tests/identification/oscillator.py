@@ -111,10 +111,8 @@ class Windows:
 
     @property
     def damping(self):
-        return (
-            self.values.get("damping", DAMPING)
-            + self.effects.get("spring", {"damping": 0.0})["damping"]
-        )
+        more = self.effects.get("spring", {"damping": 0.0})["damping"]
+        return self.values.get("damping", DAMPING) + more
 
     def window_of(self, time, states):
         return np.clip(

@@ -87,10 +87,8 @@ def test_a_stalled_fit_improves_through_sums_though_an_effect_is_missing():
     problem, at = Problem(model, stated_noise(model)), {"knocking.size": 0.5}
     differences = probed_differences(problem, {p.key: p.nominal for p in problem.nuisances})
     stalled = fit_hypothesis(problem, (KNOCKING,), at)
-    assert (
-        fit_from_sums(problem, fit_hypothesis(first_sums(problem), (KNOCKING,), at), differences)
-        is None
-    )
+    of_sums = fit_hypothesis(first_sums(problem), (KNOCKING,), at)
+    assert fit_from_sums(problem, of_sums, differences) is None
     fit = fit_through_sums(problem, stalled, differences)
     assert fit.chi2 < 0.95 * stalled.chi2
     assert (

@@ -117,6 +117,7 @@ def test_large_numerical_shifts_widen_each_parameter_separately_within_its_bound
     assert second.std() == pytest.approx(sd[1], rel=4.0 / np.sqrt(2.0 * independent))
 
 
+@pytest.mark.integration  # many fits
 def test_ranks_of_the_truth_are_uniform_and_90_percent_intervals_cover_90_percent():
     """Truths are uniform within narrow bounds. Fixing parameters at their bounds would give
     intervals that are too short."""
@@ -155,6 +156,7 @@ def test_a_shift_at_a_bound_widens_the_other_parameters_intervals_to_both_sides(
     assert inside["interval_90"] == pytest.approx([1.0 - half_width, 1.0 + half_width], abs=0.01)
 
 
+@pytest.mark.integration  # many fits
 def test_90_percent_intervals_cover_90_percent_with_numerical_shifts():
     """Simulations err by as much as other numerics change the values, in any direction."""
     low = np.zeros(3)

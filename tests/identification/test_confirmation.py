@@ -37,18 +37,11 @@ class Levels:
     def __post_init__(self):
         own = tuple(Parameter("own", 0.0, step=0.1, run=run) for run in self.runs)
         self.nuisances = (Parameter("shared", 0.0, step=0.1), *own)
-        self.series = [
-            Series(
-                run,
-                "y",
-                "1",
-                level + rise * X + self._scatter(),
-                X,
-                X,
-                np.full(SAMPLES, run in self.held_out),
-            )
-            for run, (level, rise) in self.runs.items()
-        ]
+        self.series = []
+        for run, (level, rise) in self.runs.items():
+            held_out = np.full(SAMPLES, run in self.held_out)
+            value = level + rise * X + self._scatter()
+            self.series.append(Series(run, "y", "1", value, X, X, held_out))
 
     def _scatter(self):
         """Alternating by one standard deviation: its mean square is exactly 1."""
@@ -66,21 +59,10 @@ class Levels:
 def fit_of(model, hypothesis=(), **values):
     """A fit with a shared level of 2, these values and else 0, of the runs for fitting."""
     parameters = Problem(model, model.noise).parameters(hypothesis)
-    found = np.array(
-        [
-            ({"shared": 2.0} | values).get(p.name.partition(".")[2] or p.name, 0.0)
-            for p in parameters
-        ]
-    )
-    return Fit(
-        hypothesis,
-        parameters,
-        found,
-        np.zeros(SAMPLES),
-        np.zeros((SAMPLES, len(parameters))),
-        1,
-        "converged",
-    )
+    names = [p.name.partition(".")[2] or p.name for p in parameters]
+    found = np.array([({"shared": 2.0} | values).get(name, 0.0) for name in names])
+    residual, jacobian = np.zeros(SAMPLES), np.zeros((SAMPLES, len(parameters)))
+    return Fit(hypothesis, parameters, found, residual, jacobian, 1, "converged")
 
 
 def confirmed(model, rise=None):
@@ -169,15 +151,8 @@ def test_90_percent_intervals_of_the_gap_of_noise_cover_90_percent():
     for seed in range(400):
         random = np.random.default_rng([31, seed])
         noise = random.standard_normal(200)
-        gap = _gap(
-            [
-                _squares(
-                    pd.DataFrame({"whitened_base": noise, "whitened_augmented": noise}),
-                    random,
-                    settings,
-                )
-            ]
-        )
+        whitened = pd.DataFrame({"whitened_base": noise, "whitened_augmented": noise})
+        gap = _gap([_squares(whitened, random, settings)])
         inside.append(gap["before_low"] <= 1.0 <= gap["before_high"])
     check_rate(inside, 0.88, 0.92)
 

@@ -28,13 +28,8 @@ LIMITS = Thresholds(0.01, 1.05, 12.0)
 COULOMB, SPRING = effect("coulomb"), effect("spring")
 MASS = effect("mass", replaces={"slider_mass": "size"})
 PIN = effect("pin", BOTH, replaces={"joint_friction": "size"})
-LENGTHS = Candidate(
-    "lengths",
-    "rod",
-    (Parameter("a", 0.0), Parameter("b", 0.0)),
-    ("a", "b"),
-    replaces={"length": "a"},
-)
+BOTH_SIZES = Parameter("a", 0.0), Parameter("b", 0.0)
+LENGTHS = Candidate("lengths", "rod", BOTH_SIZES, ("a", "b"), replaces={"length": "a"})
 
 
 def fitted(chi2, *effects, values=(1.0,), slope=1e6, nuisances=1, **more):
@@ -45,16 +40,8 @@ def fitted(chi2, *effects, values=(1.0,), slope=1e6, nuisances=1, **more):
     residual[-1] = np.sqrt(chi2)
     np.fill_diagonal(jacobian, slope)
     values = np.array([0.5] * nuisances + [*values, *values[-1:] * len(own)][: len(own)])
-    return Fit(
-        effects,
-        (*parameters, *own),
-        values,
-        residual,
-        jacobian,
-        1,
-        more.pop("status", "converged"),
-        **more,
-    )
+    status = more.pop("status", "converged")
+    return Fit(effects, (*parameters, *own), values, residual, jacobian, 1, status, **more)
 
 
 def objection(*effects, bounds=None, order_label=lambda _: "", **more):
@@ -115,12 +102,9 @@ def test_a_force_at_a_crank_order_is_rejected():
     swing = effect("swing", Parameter("frequency_Hz", 5.0), carrier="push")
     for order in ("order 1 of the crank in run slow", ""):
         for others in ((), (COULOMB,)):
-            found = objection(
-                *others,
-                swing,
-                values=[1.0] * len(others) + [1.0, 5.04],
-                order_label={5.04: order}.__getitem__,
-            )
+            values = [1.0] * len(others) + [1.0, 5.04]
+            label = {5.04: order}.__getitem__
+            found = objection(*others, swing, values=values, order_label=label)
             assert (found == "") == (order == "") and order in found
 
 
@@ -162,11 +146,8 @@ def test_an_effect_on_an_uncertain_parameter_must_exceed_the_parameters_range(
 def test_a_row_lists_shared_nuisances_at_bounds():
     fit = fitted(NOISE, COULOMB, nuisances=3)
     own = replace(fit.parameters[2], run="slow")
-    fit = replace(
-        fit,
-        values=np.array([0.0, 1.0, 1.0, 1.0]),
-        parameters=(*fit.parameters[:2], own, fit.parameters[3]),
-    )
+    parameters = (*fit.parameters[:2], own, fit.parameters[3])
+    fit = replace(fit, values=np.array([0.0, 1.0, 1.0, 1.0]), parameters=parameters)
     assert row_of(fit).at_bounds == ("n0", "n1")
     # the first changes nothing
     assert row_of(replace(fit, jacobian=fit.jacobian * [0, 1, 1, 1])).at_bounds == ("n1",)
@@ -185,28 +166,16 @@ def confirmed(identify=1.0, confirm=1.0, channel="crank_torque", variation=2.0, 
     """Residuals of one channel with these gaps after the effects, noise 1 and gap 2 before."""
     frames, gaps = [], []
     for role, gap in (("identify", identify), ("confirm", confirm)):
-        series = {
-            "run": run or role,
-            "channel": channel,
-            "held_out": role == "confirm",
-            "spread": np.ones(9),
-        }
+        series = {"run": run or role, "channel": channel, "spread": np.ones(9)}
+        series["held_out"] = role == "confirm"
         frames.append(pd.DataFrame(series | {"augmented": 1.0, "whitened_augmented": gap}))
-        row = {
-            "role": role,
-            "before": 2.0,
-            "after": gap,
-            "after_low": 1.0,
-            "fall_low": 2.0,
-            "fall_high": 4.0,
-        }
+        row = {"role": role, "before": 2.0, "after": gap, "after_low": 1.0}
+        row |= {"fall_low": 2.0, "fall_high": 4.0}
         names = ((run or role, channel), (run or role, "all"), ("all", "all"))
         gaps += [row | {"fall_expected": 3.0, "run": run, "channel": of} for run, of in names]
-    return Confirmed(
-        pd.concat(frames, ignore_index=True),
-        pd.DataFrame(gaps),
-        {key: variation for key, _ in pd.concat(frames).groupby(["run", "channel"])},
-    )
+    residuals = pd.concat(frames, ignore_index=True)
+    keys = [key for key, _ in residuals.groupby(["run", "channel"])]
+    return Confirmed(residuals, pd.DataFrame(gaps), dict.fromkeys(keys, variation))
 
 
 def together(*parts):

@@ -55,13 +55,8 @@ def test_a_bounded_step_is_optimal_within_the_bounds():
     a, b = generator.standard_normal((30, 2)), generator.standard_normal(30)
     low, high = np.array([-0.01, -1.0]), np.array([0.01, 1.0])
     step, left = bounded_step(a, b, low, high)
-    grid = np.array(
-        [
-            [x, y]
-            for x in np.linspace(low[0], high[0], 41)
-            for y in np.linspace(low[1], high[1], 401)
-        ]
-    )
+    axes = np.linspace(low[0], high[0], 41), np.linspace(low[1], high[1], 401)
+    grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
     assert left <= np.sum((b[:, None] + a @ grid.T) ** 2, axis=0).min() + 1e-9
     assert left == pytest.approx(np.sum((b + a @ step) ** 2))
     assert (step >= low).all() and (step <= high).all()
@@ -110,16 +105,8 @@ def test_a_fit_that_cannot_be_simulated_fails_with_its_reason():
     assert found.status == FAILED and "does not turn" in found.reason
     assert found.chi2 == found.bic == np.inf
     parameters = (Parameter("a", 0.0), Parameter("b", 0.0))  # nothing is known of their derivatives
-    lost = Fit(
-        (),
-        parameters,
-        np.zeros(2),
-        np.full(9, np.nan),
-        np.empty((9, 0)),
-        1,
-        "failed",
-        "the slider jams",
-    )
+    nothing = np.zeros(2), np.full(9, np.nan), np.empty((9, 0))
+    lost = Fit((), parameters, *nothing, 1, "failed", "the slider jams")
     assert lost.chi2 == lost.bic == np.inf and lost.active.all()
 
 
@@ -233,15 +220,8 @@ def test_numerical_noise_is_the_change_by_a_minimal_step():
 
 
 def test_draws_are_widened_by_the_held_out_gap_within_bounds():
-    fit = Fit(
-        (),
-        (Parameter("a", 0.0, -2.0, 9.0),),
-        np.zeros(1),
-        np.ones(99),
-        np.ones((99, 1)),
-        1,
-        "converged",
-    )
+    parameters = (Parameter("a", 0.0, -2.0, 9.0),)
+    fit = Fit((), parameters, np.zeros(1), np.ones(99), np.ones((99, 1)), 1, "converged")
     drawn = replace(fit, draws=np.array([[-1.0], [0.0], [1.0], [2.0]]))
     assert drawn.distribution.draws.tolist() == drawn.draws.tolist()
     assert replace(drawn, gap_left=3.0).distribution.draws[:, 0] == pytest.approx(

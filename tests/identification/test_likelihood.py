@@ -58,12 +58,8 @@ def exact(
             readings, ends, *_ = windowed.simulate(
                 replace(states, slow=states.slow if slow is None else slow)
             )
-            return (
-                np.concatenate(
-                    [whiten(readings[part.series.channel], part.noise) for part in parts]
-                ),
-                ends,
-            )
+            whitened = [whiten(readings[part.series.channel], part.noise) for part in parts]
+            return np.concatenate(whitened), ends
 
         white, ends = read(base)
         count = len(ends)

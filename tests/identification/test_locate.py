@@ -117,15 +117,8 @@ def test_channels_without_crank_angle_are_tested_but_not_mapped():
 
 def bins_with(p: dict[int, float], size: float = 1.0) -> pd.DataFrame:
     """Bins of one channel, of probability 0.5 and without size but for those numbered in `p`."""
-    rows = pd.DataFrame(
-        {
-            "run": "slow",
-            "channel": "torque",
-            "start_deg": 10.0 * np.arange(36),
-            "p": 0.5,
-            "size": 0.0,
-        }
-    )
+    rows = pd.DataFrame({"run": "slow", "channel": "torque", "start_deg": 10.0 * np.arange(36)})
+    rows = rows.assign(p=0.5, size=0.0)
     rows.loc[list(p), "p"], rows.loc[list(p), "size"] = list(p.values()), size
     return rows
 
@@ -233,11 +226,8 @@ def problem_of(*runs) -> SimpleNamespace:
     for run, angle, time in runs:
         series = SimpleNamespace(run=run, channel="torque", unit="N*m", angle=angle, time=time)
         used, noise = np.ones(angle.size, bool), Noise(np.ones(angle.size))
-        parts.append(
-            SimpleNamespace(
-                series=series, used=used, noise=noise, place=slice(place, place + angle.size)
-            )
-        )
+        samples = slice(place, place + angle.size)
+        parts.append(SimpleNamespace(series=series, used=used, noise=noise, place=samples))
         place += angle.size
     return SimpleNamespace(parts=parts, settings=DEFAULT_SETTINGS)
 

@@ -181,14 +181,8 @@ def test_an_effect_that_exceeds_a_nuisance_bound_replaces_each_other_effect(
     assert fits_beyond_bounds(replace(base, base=replace(pair, hypothesis=())), [pair]) == []
     model, settings = base.problem.model, base.problem.settings
     few = replace(settings, selection=replace(settings.selection, partners=1))
-    assert (
-        len(
-            fits_beyond_bounds(
-                replace(base, problem=Problem(model, stated_noise(model), settings=few)), [pair]
-            )
-        )
-        == 1
-    )
+    problem = Problem(model, stated_noise(model), settings=few)
+    assert len(fits_beyond_bounds(replace(base, problem=problem), [pair])) == 1
 
 
 # Explanations that are one
@@ -204,11 +198,11 @@ def test_a_special_case_that_predicts_the_same_represents_both():
         )
         spring.residual[0] += np.sqrt(apart)
         best = {frozenset([fit.label]): fit for fit in (spring, force)}
-        found = without_repetitions(
-            best,
-            lambda special, _, is_limit=is_limit: is_limit and special == (effect("force"),),
-            10.0,
-        )
+
+        def is_special_case(special, _, is_limit=is_limit):
+            return is_limit and special == (effect("force"),)
+
+        found = without_repetitions(best, is_special_case, 10.0)
         assert sorted(fit.label for fit in found.values()) == ["force", "soft spring"][:count]
 
 

@@ -200,15 +200,8 @@ def test_a_finite_start_or_search_range_needs_a_single_amplitude_within_bounds(
 
 def searched_effect(amplitudes, start, searched, low=-np.inf, high=np.inf):
     coordinates = tuple(Parameter(key, 0.0, low, high) for key in amplitudes)
-    return Candidate(
-        "odd",
-        "slider",
-        coordinates,
-        amplitudes,
-        (start,),
-        search_range=searched,
-        is_perturbation=bool(np.isfinite(low)),
-    )
+    keys = {"search_range": searched, "is_perturbation": bool(np.isfinite(low))}
+    return Candidate("odd", "slider", coordinates, amplitudes, (start,), **keys)
 
 
 def test_a_searched_perturbation_vanishes_at_its_lower_bound():

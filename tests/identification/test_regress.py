@@ -63,12 +63,8 @@ def found(hidden, seed=1, more=None, library=TERMS, listed=()):
     candidates = tuple(map(candidate_of, listed))
     model = WithTerms(data.series, data.nuisances, candidates, data.speeds, laws=laws)
     problem = Problem(model, stated_noise(model))
-    return find_force_law(
-        problem,
-        fit_hypothesis(problem, refresh=True),
-        tuple(map(term, [*(more or {}), *library])),
-        LIMITS,
-    )
+    terms = tuple(map(term, [*(more or {}), *library]))
+    return find_force_law(problem, fit_hypothesis(problem, refresh=True), terms, LIMITS)
 
 
 def cubic(x, v):

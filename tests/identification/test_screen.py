@@ -135,12 +135,8 @@ def test_a_special_case_is_distinguished_from_a_similar_effect():
     assert not spaces.is_special_case(by_label["spring"], by_label["centrifugal"])
     # what could not be simulated about the base is like none
     lost = by_label["viscous"]
-    spaces = SensitivitySubspaces(
-        replace(
-            sensitivities,
-            entries=[one for one in sensitivities.entries if one.candidate is not lost[0]],
-        )
-    )
+    entries = [one for one in sensitivities.entries if one.candidate is not lost[0]]
+    spaces = SensitivitySubspaces(replace(sensitivities, entries=entries))
     assert spaces.nearest(lost)[1] == 0.0
     assert not spaces.is_special_case(lost, by_label["spring"])
 

@@ -214,17 +214,8 @@ def test_certain_effects_stay_unless_held_out_data_contradict():
         )
         shown = HeldOut(**{"test": a_test(), "gap": 1.6} | more)
         inconsistent = shown.noise[1:] if shown.noise[1] else ()
-        return verdict(
-            Evidence(
-                row(GREAT),
-                row(GREAT),
-                [best],
-                LIMITS,
-                by_fits=by_fits,
-                held_out=shown,
-                inconsistent=inconsistent,
-            )
-        )
+        heard = {"by_fits": by_fits, "held_out": shown, "inconsistent": inconsistent}
+        return verdict(Evidence(row(GREAT), row(GREAT), [best], LIMITS, **heard))
 
     assert (after().verdict, after().certain) == ("unexplained", ("coulomb",))
     assert after(gap=1.0).certain == ("coulomb",)
@@ -366,14 +357,8 @@ def heard(said="named", best=None, base=4.0 * SAMPLES, inconsistent=(), **more):
     """The decision with held-out data; `more` are their results."""
     best = best or row(NOISE, "coulomb")
     equivalent = [best.fit, "spring"] if said == "ambiguous" else []
-    by_fits = Decision(
-        said,
-        "base" if equivalent else best.fit,
-        "base",
-        equivalent,
-        ["as it was"],
-        "as the fits say",
-    )
+    chosen = "base" if equivalent else best.fit
+    by_fits = Decision(said, chosen, "base", equivalent, ["as it was"], "as the fits say")
     shown = HeldOut(**{"test": a_test(), "gap": 1.0} | more)
     base = row(base)
     return verdict(

@@ -32,26 +32,15 @@ Law = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 def _effect(
     name: str, coordinate: str, step: float, unit: str, low: float = -np.inf, **more
 ) -> Candidate:
-    return Candidate(
-        name,
-        "slider",
-        (Parameter(coordinate, 0.0, low, step=step, unit=unit),),
-        (coordinate,),
-        **more,
-    )
+    size = Parameter(coordinate, 0.0, low, step=step, unit=unit)
+    return Candidate(name, "slider", (size,), (coordinate,), **more)
 
 
 def _drag(name: str, coordinate: str, unit: str, exponent: float, *more: LawFamily) -> Candidate:
     """A force over a power of the speed, which is one of a family, and of `more`."""
-    law = Candidate(
-        "power_drag",
-        "slider",
-        (
-            Parameter("force_N", 0.0, 0.0, step=0.3, unit="N"),
-            Parameter("exponent", exponent, 0.0, 6.0, 0.1),
-        ),
-        ("force_N",),
-    )
+    force = Parameter("force_N", 0.0, 0.0, step=0.3, unit="N")
+    shape = Parameter("exponent", exponent, 0.0, 6.0, 0.1)
+    law = Candidate("power_drag", "slider", (force, shape), ("force_N",))
     in_use = (0.0, 1.0, 2.0, 3.0, 5.0)
     family = LawFamily(
         law, "exponent", exponent, in_use, lambda values: {"force_N": values[coordinate]}
@@ -61,15 +50,9 @@ def _drag(name: str, coordinate: str, unit: str, exponent: float, *more: LawFami
 
 def _falling() -> LawFamily:
     """Dry friction of which a share falls with speed."""
-    law = Candidate(
-        "falling_friction",
-        "slider",
-        (
-            Parameter("force_N", 0.0, 0.0, step=0.3, unit="N"),
-            Parameter("falling_share", 0.0, 0.0, 1.0, 0.1),
-        ),
-        ("force_N",),
-    )
+    force = Parameter("force_N", 0.0, 0.0, step=0.3, unit="N")
+    share = Parameter("falling_share", 0.0, 0.0, 1.0, 0.1)
+    law = Candidate("falling_friction", "slider", (force, share), ("force_N",))
     return LawFamily(law, "falling_share", 0.0, (0.0, 0.5, 1.0), dict)
 
 
@@ -261,19 +244,12 @@ def toy(
     ]
     angle = 0.1 + 2 * np.pi * np.arange(round(samples * cycles)) / samples
     empty = np.full(angle.size, np.nan)
-    series = tuple(
-        Series(
-            run,
-            channel,
-            UNITS[channel],
-            empty,
-            angle / w,
-            angle,
-            np.full(angle.size, run in held_out),
-        )
-        for run, w in speeds.items()
-        for channel in channels
-    )
+    series = []
+    for run, w in speeds.items():
+        is_held_out = np.full(angle.size, run in held_out)
+        for channel in channels:
+            unit = UNITS[channel]
+            series.append(Series(run, channel, unit, empty, angle / w, angle, is_held_out))
     known = tuple(c for c in CANDIDATES if candidates is None or c.label in candidates)
     model = Toy(series, tuple(uncertain), known, dict(speeds))
     truth, rng, measured = replace(model, hidden=hidden), np.random.default_rng(seed), []
@@ -328,11 +304,8 @@ def screened(model: Toy) -> tuple[Baseline, Sensitivities]:
 def analysed(model: Toy) -> tuple[Baseline, Sensitivities, Thresholds]:
     """That, and the limits: all that is known before an effect is fitted."""
     base, sensitivities = screened(model)
-    return (
-        base,
-        sensitivities,
-        thresholds(base.problem, sensitivities, other_numerics(base.problem, base.base)),
-    )
+    numerics = other_numerics(base.problem, base.base)
+    return base, sensitivities, thresholds(base.problem, sensitivities, numerics)
 
 
 def searched(base: Baseline, sensitivities: Sensitivities, limits: Thresholds) -> list[Fit]:

@@ -18,12 +18,8 @@ def mechanism(
 ) -> Mechanism:
     """The paper's slider-crank with some of its joints loose; `contact` holds further keys of their
     contact."""
-    steel = {
-        "law": "lankarani_nikravesh",
-        "restitution": restitution,
-        "memory": "published",
-        **contact,
-    }
+    steel = {"law": "lankarani_nikravesh", "restitution": restitution, "memory": "published"}
+    steel |= contact
     joint = {"journal_radius": 0.007, "bearing_radius": 0.008, "contact": steel}
     return Mechanism.model_validate(
         {
@@ -41,24 +37,13 @@ def mechanism(
 def friction(coefficient=0.1, speed=0.01) -> dict:
     """Keys of a contact whose friction rises along a straight line up to `speed` [m/s]: Exudyn's
     law."""
-    return {
-        "friction": coefficient,
-        "friction_law": "ambrosio",
-        "friction_speed": speed,
-        "dead_band_speed": 0.0,
-    }
+    law = {"friction_law": "ambrosio", "friction_speed": speed, "dead_band_speed": 0.0}
+    return {"friction": coefficient} | law
 
 
 def options(**changed) -> Simulate:
-    return Simulate(
-        **{
-            "speed": SPEED,
-            "revolutions": 1,
-            "samples_per_revolution": 360,
-            "tolerance": 1e-14,
-            **changed,
-        }
-    )
+    defaults = {"speed": SPEED, "revolutions": 1, "samples_per_revolution": 360}
+    return Simulate(**defaults | {"tolerance": 1e-14} | changed)
 
 
 def positions(made: Mechanism, start_angle=0.0, perturbation=None) -> np.ndarray:

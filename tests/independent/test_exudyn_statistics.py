@@ -87,9 +87,4 @@ def test_statistics_agree_after_the_motions_diverge():
         one, other = (np.array([row[name] for row in rows[code]]) for code in rows)
         assert np.ptp(one) > 1e-3 * one.mean()  # the runs have parted
         scatter = math.sqrt((one.var(ddof=1) + other.var(ddof=1)) / RUNS)
-        assert abs(one.mean() - other.mean()) < 4 * scatter, (
-            name,
-            one.mean(),
-            other.mean(),
-            scatter,
-        )
+        assert abs(one.mean() - other.mean()) < 4 * scatter, (name, one.mean(), other.mean())

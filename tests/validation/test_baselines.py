@@ -23,11 +23,8 @@ def residuals(folder, missing) -> pd.DataFrame:
     for run, recording in read_measurements(campaign).runs.items():
         speed = next(one.speed for one in campaign.runs if one.id == run)
         angle = speed * recording.time
-        links = (
-            campaign.mechanism.crank.length,
-            campaign.mechanism.rod.length,
-            campaign.mechanism.slider.offset,
-        )
+        made = campaign.mechanism
+        links = made.crank.length, made.rod.length, made.slider.offset
         sine = (links[2] - links[0] * np.sin(angle)) / links[1]
         v = speed * links[0] * (-np.sin(angle) + np.cos(angle) * sine / np.sqrt(1 - sine**2))
         torque = -missing(v) * v / speed + np.random.default_rng(0).normal(0.0, 1e-3, v.size)

@@ -47,22 +47,9 @@ def test_a_partial_set_is_named_in_its_score():
 
 
 def dry_run(*more: str) -> subprocess.CompletedProcess:
-    command = [
-        sys.executable,
-        "-m",
-        "snakemake",
-        "--snakefile",
-        "workflow/blind/Snakefile",
-        "--config",
-        "set=small",
-    ]
-    return subprocess.run(
-        [*command, *more, "--forceall", "--nolock"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+    command = [sys.executable, *"-m snakemake --snakefile workflow/blind/Snakefile".split()]
+    command += ["--config", "set=small", *more, "--forceall", "--nolock"]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
 
 
 def test_only_scoring_reads_the_ground_truth(rules):

@@ -27,17 +27,9 @@ from validation.trial import (
     sized,
 )
 
-SET = TrialSet(
-    seed=3,
-    single=60,
-    nothing=50,
-    pairs=10,
-    off_list=11,
-    exudyn=4,
-    exudyn_loose=16,
-    clearances=24,
-    wiring=18,
-)
+COUNTS = {"single": 60, "nothing": 50, "pairs": 10, "off_list": 11, "exudyn": 4}
+COUNTS |= {"exudyn_loose": 16, "clearances": 24, "wiring": 18}
+SET = TrialSet(seed=3, **COUNTS)
 
 
 @pytest.fixture(scope="module")
@@ -54,13 +46,8 @@ def loose():
 def test_every_candidate_effect_can_be_hidden():
     names = {name.partition(":")[0] for name in LISTED}
     families = {law.NAME for law in EFFECTS.values() if law.MEMBERS}
-    beyond = families | {
-        "common_pin_friction",
-        "pin_restitution",
-        "common_pin_restitution",
-        "slider_force_table",
-        "crank_brake",
-    }
+    beyond = {"common_pin_friction", "pin_restitution", "common_pin_restitution"}
+    beyond |= families | {"slider_force_table", "crank_brake"}
     faults = {"encoder_offset", "sensor_bias", "sensor_gain", "sensor_lag", "sensor_delay"}
     assert (
         names == {name for name in EFFECTS if not name.startswith("discovered")} - beyond | faults
@@ -71,15 +58,9 @@ def test_every_candidate_effect_can_be_hidden():
 def test_a_set_has_its_counts_and_anonymous_ids():
     found = plan_trials(SET)
     kinds = [trial.kind for trial in found]
-    assert {kind: kinds.count(kind) for kind in set(kinds)} == {
-        "single": 60,
-        "nothing": 50,
-        "pair": 10,
-        "off_list": 11,
-        "exudyn": 20,
-        "clearance": 24,
-        "wiring": 18,
-    }
+    counts = {"single": 60, "nothing": 50, "pair": 10, "off_list": 11, "exudyn": 20}
+    counts |= {"clearance": 24, "wiring": 18}
+    assert {kind: kinds.count(kind) for kind in set(kinds)} == counts
     assert found == plan_trials(SET)
     assert len(
         {trial.id for trial in found if len(trial.id) == 12 and int(trial.id, 16) >= 0}

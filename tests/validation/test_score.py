@@ -145,13 +145,8 @@ OUTCOMES = [  # hidden effects, verdict, outcome
 def test_outcomes_follow_from_names():
 
     for effects, found, expected in OUTCOMES:
-        kind = (
-            "pair"
-            if len(effects) > 1
-            else "single"
-            if all(one["listed"] for one in effects)
-            else "off_list"
-        )
+        kind = "single" if all(effect["listed"] for effect in effects) else "off_list"
+        kind = "pair" if len(effects) > 1 else kind
         assert score_trial(truth(*effects, kind=kind), analysis(**found))["outcome"] == expected
     assert effect_label(LAG) == "sensor_lag:crank_torque"
     assert score_trial(truth(DRAG), analysis(verdict="unexplained"))["reason"] == "so it is"

@@ -36,14 +36,8 @@ def test_the_hidden_effect_alone_is_named(tmp_path, kind, base, effects):
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(4))
 def test_nothing_is_named_for_a_drifting_crank_without_effects(tmp_path, number):
-    trial = Trial(
-        "nothing",
-        "ideal",
-        measured_angle=True,
-        drift=True,
-        number=number,
-        id=f"00000000000{number}",
-    )
+    plan = {"measured_angle": True, "drift": True, "number": number}
+    trial = Trial("nothing", "ideal", **plan, id=f"00000000000{number}")
     truth = make_trial(trial, 61, tmp_path / trial.id)
     record = analyse_trial(tmp_path / trial.id)
     row = score_trial(

@@ -20,15 +20,7 @@ def test_a_failed_job_reports_its_reason_on_a_full_disk(tmp_path):
     for name, command in (("read", "describe nothing.parquet"), ("write", "schema")):
         text += RULE.format(name, name, name, command)
     (tmp_path / "Snakefile").write_text(text)
-    command = [
-        "snakemake",
-        "read.made",
-        "write.made",
-        "--cores",
-        "1",
-        "--show-failed-logs",
-        "--keep-going",
-    ]
+    command = "snakemake read.made write.made --cores 1 --show-failed-logs --keep-going".split()
     done = subprocess.run(
         command, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False
     )

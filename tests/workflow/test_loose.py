@@ -25,14 +25,8 @@ def planned(tmp_path, *names):
         for name in names
     }
     (tmp_path / "config.yaml").write_text(yaml.safe_dump(configuration))
-    options = [
-        "--configfile",
-        str(tmp_path / "config.yaml"),
-        "--dry-run",
-        "--forceall",
-        "--quiet",
-        "rules",
-    ]
+    options = ["--configfile", str(tmp_path / "config.yaml"), "--dry-run", "--forceall"]
+    options += ["--quiet", "rules"]
     done = run(ROOT, "snakemake", *options, "--cores", "1")
     assert done.returncode == 0, done.stderr
     return {
