@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jointgap.config import EFFECTS, Scenario, parse_options, validate
-from jointgap.core.errors import InputError
+from jointgap.core.errors import InputError, did_you_mean
 from jointgap.effects.base import example, parameters_of
 from tests.config.mechanisms import PIVOT, effect, mechanism, paper
 
@@ -201,3 +201,8 @@ def test_friction_of_a_loose_pin_is_that_of_its_contact():
     assert applied.effect("pin_friction", "crank_pin") is None
     assert applied.effect("pin_friction", "piston_pin").coefficient == 0.2
     assert applied.joint("piston_pin").contact.friction == 0.05
+
+
+def test_an_unknown_name_suggests_effects_of_that_meaning():
+    suggestion = did_you_mean("dry_friction", EFFECTS)
+    assert "'slider_coulomb_friction'" in suggestion and "gas_pressure" not in suggestion

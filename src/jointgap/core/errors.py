@@ -1,8 +1,9 @@
 """Errors that end the command with one message."""
 
 import difflib
+import re
 import unicodedata
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 
 _OBEYED = {"Cc", "Cf", "Cs", "Zl", "Zp"}
@@ -74,8 +75,53 @@ class SimulationError(RuntimeError):
     """A simulation failed; the message contains time, crank angle and state."""
 
 
+MEANINGS: dict[str, str] = {}
+"""Descriptions of names that several modules suggest, such as effects."""
+
+_MISSPELT, _SIMILAR = (
+    0.85,
+    0.6,
+)  # least similarity of a mistyped word, and of a word of another meaning
+_MOST_SUGGESTED = 12
+
+
 def did_you_mean(word: object, accepted: Iterable[object]) -> str:
-    """A hint: the accepted name with the most similar spelling, or all names if none is similar."""
-    names = sorted(map(str, accepted))
-    near = difflib.get_close_matches(str(word), names, n=1)
-    return f"did you mean '{near[0]}'?" if near else f"known here: {', '.join(names)}"
+    """A hint: the accepted name of similar spelling, else those of similar meaning, else all of
+    them.
+
+    Meanings are the texts in `accepted`, if it maps names to texts, and `MEANINGS`.
+    """
+    texts = dict(accepted) if isinstance(accepted, Mapping) else dict.fromkeys(accepted)
+    meanings = {
+        str(name): text if isinstance(text, str) else MEANINGS.get(name, "")
+        for name, text in texts.items()
+    }
+    names = sorted(meanings)
+    near = difflib.get_close_matches(str(word), names, n=1, cutoff=_SIMILAR)
+    if not near or difflib.SequenceMatcher(None, near[0], str(word)).ratio() < _MISSPELT:
+        alike = _alike(str(word), meanings)
+        near = alike if 0 < len(alike) <= _MOST_SUGGESTED else near
+    if near:
+        return f"did you mean {'one of ' * (len(near) > 1)}{', '.join(map(repr, near))}?"
+    return f"known here: {', '.join(names)}"
+
+
+def _alike(word: str, meanings: Mapping[str, str]) -> list[str]:
+    """The names that share the rarest words with `word`; those of their `meanings` count half."""
+    words_of = {name: (set(_words(name)), set(_words(text))) for name, text in meanings.items()}
+    merits = dict.fromkeys(sorted(words_of), 0.0)
+    for part in _words(word):
+        having = {
+            name: 1.0 if part in words else 0.5
+            for name, (words, text) in words_of.items()
+            if part in words | text
+        }
+        for name, weight in having.items():
+            merits[name] += weight / len(having)
+    best = max(merits.values(), default=0.0)
+    return [name for name, merit in merits.items() if merit == best > 0.0]
+
+
+def _words(text: str) -> list[str]:
+    """Words of three letters or more in lower case, without the s of a plural."""
+    return [word.removesuffix("s") for word in re.findall("[a-z]{3,}", text.lower())]

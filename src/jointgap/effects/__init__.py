@@ -6,6 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from jointgap.core.errors import MEANINGS
 from jointgap.effects import (  # noqa: F401 importing a module registers its effects
     bodies,
     clearance,
@@ -20,6 +21,8 @@ from jointgap.effects.base import CATALOGUE, CRANK_SIGN_SPEED, GROUPS, SLIDER_SI
 EFFECTS: dict[str, type[Effect]] = {
     effect.NAME: effect for effect in sorted(CATALOGUE, key=lambda effect: effect.ORDER)
 }
+
+MEANINGS.update((name, effect.__doc__) for name, effect in EFFECTS.items())
 
 #: One effect of a mechanism file, identified by its name.
 AnyEffect = Annotated[reduce(or_, EFFECTS.values()), Field(discriminator="name")]

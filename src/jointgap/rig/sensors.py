@@ -13,6 +13,7 @@ from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
 from jointgap.config.campaign import FILTER_ORDER, Campaign, Channel
 from jointgap.config.channels import CHANNEL_KINDS, CHANNELS
 from jointgap.core.candidates import Candidate, LawFamily, Parameter
+from jointgap.core.errors import MEANINGS
 from jointgap.effects.base import DETECTABLE_SHARE, Values, amplitude, size_and_angle
 from jointgap.rig.drives import SETTLING_REVOLUTIONS
 from jointgap.rig.recording import Recording
@@ -409,6 +410,8 @@ FAULTS = {
     )
 }
 """Every fault by its name, in the order in which a fit tries them."""
+
+MEANINGS.update((name, f"{fault.words} {fault.law}") for name, fault in FAULTS.items())
 
 
 def sensor_candidates(
