@@ -174,3 +174,30 @@ def test_the_torque_of_a_motor_that_is_off_is_compared_with_zero(read):
             InputError, match=rf"column M: all values are 0.*motor is off, give [^:]*{key}"
         ):
             slowing(over)
+
+
+@pytest.mark.parametrize(
+    "count, every, share, drive",
+    [
+        (60, 12, 0.5, "constant_speed"),
+        (120, 12, 0.5, "measured_angle"),
+        (60, 7, -0.3, "measured_angle"),
+    ],
+)
+def test_late_times_of_even_angles_are_corrected_with_a_remark(read, count, every, share, drive):
+    frame = turning(lambda turned: turned, noise_deg=0.05, count=6 * count)
+    even, step = frame.t.to_numpy(copy=True), frame.t[1]
+    frame.loc[5::every, "t"] += share * step
+    measurements = read(frame, {"drive": drive})
+    remark = f"every {every}th time is {'late' if share > 0 else 'early'} by {abs(share)} of the"
+    assert any(remark in text for text in measurements.remarks)
+    assert measurements.runs["slow"].time == pytest.approx(even, abs=1e-9)
+    assert measurements.contradictions == ()
+
+
+def test_late_samples_and_even_times_are_not_corrected(read):
+    late = turning(lambda turned: turned, noise_deg=0.05, count=360)
+    late.loc[5::12, ["t", "theta"]] += [0.5 * late.t[1], 3.0]
+    for frame in (late, turning(lambda turned: turned, count=360)):
+        remarks = read(frame.assign(theta=frame.theta % 360)).remarks
+        assert not any(" time is " in remark for remark in remarks)

@@ -141,6 +141,33 @@ def lasting_step(time: np.ndarray, angle: np.ndarray, speed: float) -> tuple[int
     return None
 
 
+def late_stamps(time: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, int, float, float] | None:
+    """Samples whose time is off the middle between its neighbours, every n-th by the same share of
+    the period.
+
+    Their indices, n, that share [1], and the part of it [1] that the angle follows (0: it is even;
+    NaN: unknown).
+    """
+    period = float(np.median(np.diff(time)))
+    offset = np.zeros(time.size)
+    offset[1:-1] = (time[1:-1] - 0.5 * (time[:-2] + time[2:])) / period
+    size = np.abs(offset)
+    neighbours = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
+    is_odd = (size > max(0.1, 8.0 * float(np.median(size)))) & (size > 1.5 * neighbours)
+    rows = np.flatnonzero(is_odd)
+    if rows.size < 5:
+        return None
+    distances = np.diff(rows)
+    n = int(np.median(distances))
+    share = float(np.median(offset[rows]))
+    is_pattern = distances.min() >= 3 and np.mean(distances == n) >= 0.9
+    if not is_pattern or np.abs(offset[rows] - share).max() > 0.3 * abs(share):
+        return None
+    rise = 0.5 * (angle[rows + 1] - angle[rows - 1])
+    followed = (angle[rows] - 0.5 * (angle[rows - 1] + angle[rows + 1])) / (rise * share)
+    return rows, n, share, float(np.nanmedian(followed)) if np.isfinite(followed).any() else np.nan
+
+
 def clock_jump(time: np.ndarray, angle: np.ndarray) -> tuple[int, float] | None:
     """The first sample after the clock was set back or forward, and by how much [s]; None if there
     is none.

@@ -564,6 +564,7 @@ def _rotation(
     if "time" in values and not file.is_joined:
         _check_times(file, values)
     if "crank_angle" not in values:
+        _with_even_stamps(file, time, absent)
         return time, absent, speed * (time - time[0])
     if np.count_nonzero(np.isfinite(read)) < 2:
         raise file.error("crank_angle", "contains no angles; give the measurement")
@@ -579,6 +580,7 @@ def _rotation(
         _check_angle_alone(file, read, angle)
         return absent, angle, angle - angle[0]
     angle = continuous_angle(time, read, speed)
+    time = _with_even_stamps(file, time, angle)
     valid = angle.copy()
     valid[no_data] = np.nan
     _check_turns_on(file, time, valid)
@@ -593,6 +595,25 @@ def _rotation(
             " compared. If it was measured, state its `noise` or `resolution`",
         )
     return time, angle, turned
+
+
+def _with_even_stamps(file: RunFile, time: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Times where every n-th that is late, but not its angle, is in the middle between its
+    neighbours."""
+    late = None if file.is_joined else checks.late_stamps(time, angle)
+    if late is None or late[3] > 0.75:  # the samples are late too
+        return time
+    rows, n, share, followed = late
+    direction = "late" if share > 0.0 else "early"
+    text = f"every {n}th time is {direction} by {abs(share):.2g} of the sampling period"
+    if not abs(followed) < 0.25:
+        file.remark("time", f"{text}; check the logger", rows[0])
+        return time
+    even = time.copy()
+    even[rows] = 0.5 * (time[rows - 1] + time[rows + 1])
+    action = f"these {_samples(rows.size)} get the time in the middle of their neighbours"
+    file.remark("time", f"{text}, but its crank angle is not: {action}", rows[0])
+    return even
 
 
 def _mean_speed(time: np.ndarray, angle: np.ndarray) -> float:
