@@ -98,8 +98,8 @@ def _lengths(optimum: ChosenLengths) -> Iterator[Block]:
     source = MOTIONS[optimum.row["source"]] if optimum.is_found else "no converged search"
     yield Paragraph(
         f"Searched (box {optimum.box}): crank {cranks}, rod {rods}{ratio}.{active}"
-        f" Motion used by the search: {source}. Of all searches these lengths have the smallest re-simulated"
-        f" {optimum.objective_label} over {optimum.stretch_label(optimum.stretch)}."
+        f" Motion used by the search: {source}. Of all searches these lengths have the smallest"
+        f" re-simulated {optimum.objective_label} over {optimum.stretch_label(optimum.stretch)}."
     )
     floor = optimum.tables["optimise_floor"]
     floor = floor[(floor["source"] == optimum.row["source"]) & (floor["box"] == optimum.box)]
