@@ -23,27 +23,12 @@ from jointgap.core.page import (
     to_html,
     written_today,
 )
-from jointgap.core.plot import (
-    BULK,
-    CRANK_ANGLE,
-    IMPACTS_DWARF,
-    Drawing,
-    Quantity,
-    Sheet,
-    matplotlib_style,
-)
+from jointgap.core.plot import CRANK_ANGLE, Drawing, Quantity, Sheet, matplotlib_style
 from jointgap.core.words import format_name, format_unit, joined, number
 from jointgap.dynamics.mechanism_warnings import sentences
 from jointgap.dynamics.simulation import simulate
 
-_COLOURS = (
-    "simulation",
-    "network",
-    "optimised",
-    "spline",
-    "paper",
-    "limit",
-)  # one for each speed
+_COLOURS = ("simulation", "network", "optimised", "spline", "paper", "limit")  # one for each speed
 _SETTLING, _SAMPLES = 5, 3600  # revolutions before the one that is shown; samples of a revolution
 _SIZE = (4.2, 2.9)  # [inches] of a figure: two side by side, or one on a phone
 
@@ -131,21 +116,9 @@ def _blocks(
             for column, (unit, factor) in columns.items():
                 _over_angle(column, unit, factor, turns).save(folder / f"{column}.png")
                 blocks.append(FigureBlock(column, format_name(column).capitalize(), small=True))
-        for joint, bodies in _ON.items():
-            _vectors(joint, turns).save(folder / f"{joint}.png")
-            title = f"Force of the {bodies} in the {format_name(joint)}"
-            caption = "Path of the tip of the force vector over the revolution, in the frame."
-            blocks.append(FigureBlock(joint, title, caption, small=True))
     if remarks := sentences(mechanism, speed):
         blocks += [Heading("Remarks"), Bullets(remarks)]
     return blocks
-
-
-_ON = {
-    "crank_pivot": "frame on the crank",
-    "crank_pin": "crank on the rod",
-    "piston_pin": "slider on the rod",
-}
 
 
 def _over_angle(
@@ -158,19 +131,5 @@ def _over_angle(
     panel.over_crank_angle(0.0, 360.0)
     if column not in ("slider_position", "slider_velocity"):  # impacts
         panel.spread_scale(np.concatenate([factor * turn[column] for turn in turns.values()]))
-    sheet.legend()
-    return sheet.drawing()
-
-
-def _vectors(joint: str, turns: Mapping[str, pd.DataFrame]) -> Drawing:
-    sheet = Sheet(_SIZE[0], 1, 1, _SIZE[0])
-    sizes = np.concatenate([turn[f"{joint}_force"] for turn in turns.values()])
-    most, bulk = float(sizes.max()), float(np.percentile(sizes, BULK))
-    is_cut = most > IMPACTS_DWARF * bulk > 0.0
-    axes = (Quantity(f"force along {axis}", "N") for axis in "xy")
-    panel = sheet.panel((0, 0), "larger forces are outside" if is_cut else "", *axes)
-    for (speed, turn), colour in zip(turns.items(), _COLOURS, strict=False):
-        panel.line(speed, turn[f"{joint}_force_x"], turn[f"{joint}_force_y"], colour)
-    panel.square(1.05 * (1.5 * bulk if is_cut else most) or 1.0)
     sheet.legend()
     return sheet.drawing()
