@@ -479,6 +479,12 @@ class Panel:
         usual = 180 if span > 600 else 60 if span > 200 else 15 if span > 50 else 5
         self.axes.xaxis.set_major_locator(MultipleLocator(step or usual))
 
+    def square(self, half_width: float) -> None:
+        """Equal scales on both axes, from -`half_width` to `half_width`."""
+        self.axes.set_xlim(-half_width, half_width)
+        self.axes.set_ylim(-half_width, half_width)
+        self.axes.set_aspect("equal")
+
     def logarithmic(self) -> None:
         """A logarithmic ordinate with plain numbers; call it after plotting."""
         self.axes.set_yscale("log")
