@@ -15,7 +15,6 @@ from jointgap.scenario.figure_data import (
     eccentricity,
     loose_joints,
     revolution,
-    round_number,
 )
 
 OPENING, SHARE = (
@@ -87,7 +86,7 @@ def magnification(scenario: Scenario) -> float:
     """Factor of the clearances, by which the largest is about a quarter of the crank."""
     mechanism = scenario.mechanism.applied()
     largest = max((mechanism.joint(name).clearance for name in mechanism.loose), default=np.inf)
-    return round_number(0.25 * mechanism.crank.length / largest)
+    return float(f"{0.25 * mechanism.crank.length / largest:.1g}")
 
 
 def _face(joint: str, force: float) -> str:
