@@ -94,7 +94,7 @@ CRANK = "scenarios: {a: {mechanism: compressor, optimise: {constraints: {crank_l
     [
         ("", "is empty"),
         (f"run: {'[' * 5000}{']' * 5000}", "is not YAML"),
-        (CRANK, "scenario a: optimise.constraints, box own: crank_length 25000 mm is infeasible"),
+        (CRANK, "scenario a: optimise.constraints, box own: no lengths satisfy crank_length 25000"),
     ],
 )
 def test_a_wrong_file_is_an_error(tmp_path, content, words):

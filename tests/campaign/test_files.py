@@ -99,7 +99,8 @@ def test_an_invalid_number_of_parts_is_refused(count):
         campaigns([DEMONSTRATION], (ROOT,), count)
 
 
-def test_missing_data_and_braces_in_paths_are_refused(tmp_path):
+def test_missing_data_and_braces_in_paths_are_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # whatever the results of an earlier run are
     lost = written(tmp_path / "lost.yaml", folder=None)
     with pytest.raises(InputError, match=r"run slow: no file 'demonstration/slow.csv'.*`file`"):
         campaigns([str(lost)], (ROOT,))
