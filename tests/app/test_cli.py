@@ -60,7 +60,7 @@ def test_every_command_is_in_one_section_and_has_help_for_each_option():
         assert jointgap(name, "--help").returncode == 0
 
 
-@pytest.mark.parametrize("name, hint", cli.removed.items())
+@pytest.mark.parametrize("name, hint", app.REMOVED["commands"].items())
 def test_a_removed_command_states_its_replacement(name, hint):
     done = jointgap(name)
     assert done.returncode == 2

@@ -130,10 +130,9 @@ def test_the_command_prints_and_writes_the_statistics_of_a_simulated_motion(tmp_
         assert done.exit_code == 0, done.output
         return done.output
 
-    options, folder = ["--options", json.dumps(sections)], tmp_path / "simulate"
-    call("simulate", *options, "--results", tmp_path)
-    motion = ["--trajectory", folder / "trajectory.parquet", "--events", folder / "events.parquet"]
-    output = call("cycles", *options, *motion, "--folder", tmp_path / "cycles", "--angle", "90 deg")
+    options = ["--options", json.dumps(sections), "--results", tmp_path]
+    call("simulate", *options)
+    output = call("cycles", *options, "--angle", "90 deg")
     assert "from revolution 2 on: " in output and "crank_pin: flight" in output
     section = parquet.read(schema.POINCARE_SECTION, tmp_path / "cycles/section.parquet")
     assert list(section["revolution"]) == [2, 3, 2, 3]

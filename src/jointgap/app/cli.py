@@ -16,7 +16,7 @@ import click
 
 from jointgap.campaign.stages import CAMPAIGN_STAGES
 from jointgap.core import schema as known
-from jointgap.core.files import check_writable, write_text
+from jointgap.core.files import check_writable, package_data, write_text
 from jointgap.core.progress import progress_listener
 from jointgap.core.stage import Option, Stage, Stages, options_of
 from jointgap.designs.stages import DESIGN_STAGES
@@ -24,12 +24,6 @@ from jointgap.scenario.stages import SCENARIO_STAGES, open_results
 
 FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
-
-options_option = click.option(
-    "--options",
-    required=True,
-    help="The scenario: path of a YAML or JSON file (config/README.md), or JSON text.",
-)
 
 
 def required(flag: str, meaning: str, kind: click.Path = FILE) -> Callable:
@@ -57,7 +51,7 @@ def add_command(stages: Stages, stage: Stage, section: str) -> None:
         if text := stages.run(stages[stage.name], stages.open_state(**arguments), **values):
             click.echo(text)
 
-    options = state_options | options_of(stages.run) | stage.command_options
+    options = state_options | options_of(stages.run) | options_of(stage.function)
     for name, option in reversed(options.items()):
         command = click_option(name, option)(command)
     cli.command(stage.name, help=stage.help)(command)
@@ -65,14 +59,8 @@ def add_command(stages: Stages, stage: Stage, section: str) -> None:
         cli.sections[section].append(stage.name)
 
 
-_FILES = ("--trajectory", "--events", "--fit", "--history", "--errors", "--folder", "--designs")
-REMOVED_OPTIONS = {
-    **dict.fromkeys(_FILES, "use --results, the folder of the results of the scenario"),
-    "--sources": "`jointgap config` prints all values in SI",
-    "--browser": "open the printed link",
-    "--no-browser": "nothing is opened",
-}
-"""Options of earlier versions, with what to use instead."""
+REMOVED = package_data("app/removed.yaml")
+"""Commands and options of earlier versions, with what to use instead."""
 
 
 class SectionedGroup(click.Group):
@@ -81,13 +69,10 @@ class SectionedGroup(click.Group):
     sections: dict[str, list[str]]
     """Names of subcommands by heading, in order."""
 
-    removed: dict[str, str]
-    """Commands of earlier versions, with what to use instead."""
-
     def resolve_command(self, ctx: click.Context, args: list[str]):
         """The subcommand in `args`; a removed one fails with its replacement."""
-        if args and args[0] in self.removed:
-            ctx.fail(f"{args[0]} was removed; {self.removed[args[0]]}.")
+        if args and (hint := REMOVED["commands"].get(args[0])):
+            ctx.fail(f"{args[0]} was removed; {hint}.")
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -95,7 +80,7 @@ class SectionedGroup(click.Group):
         try:
             return super().invoke(ctx)
         except click.NoSuchOption as error:
-            if hint := REMOVED_OPTIONS.get(error.option_name):
+            if hint := REMOVED["options"].get(error.option_name):
                 ctx.fail(f"{error.option_name} was removed; {hint}.")
             raise
         except KeyboardInterrupt:
@@ -128,27 +113,6 @@ def cli() -> None:
     """
 
 
-cli.removed = {
-    **dict.fromkeys(("study", "study-points"), "use `jointgap sweep` with sweep.design: grid"),
-    **dict.fromkeys(
-        ("blind-conceal", "blind-analyse", "blind-score", "blind-track"),
-        "use `make blind`, or in a clone `python -m validation`",
-    ),
-    **dict.fromkeys(
-        ("design-networks", "compare-searches"),
-        "use sweep.best_lengths: the frozen motion is as good (docs/how_to/sweep.md)",
-    ),
-    "clearance": "use `jointgap surrogate`, which trains a regularised network for each output",
-    "ensemble": "use `jointgap sweep` with sweep.starts: 15, and sweep.trajectories",
-    "growth": "the page of a simulated scenario (`make run`) says up to which crank angle samples"
-    " repeat",
-    "noise": "use `jointgap recalibrate`, which estimates the noise first",
-    "screen": "use `jointgap fit`, which selects the candidates first",
-    **dict.fromkeys(
-        ("decide", "regress", "confirm", "locate", "augment", "reoptimise", "rechain"),
-        "use `jointgap conclude`, which includes it",
-    ),
-}
 OF_SCENARIO, OF_CAMPAIGN = (f"Workflow: stages of a {part}" for part in ("scenario", "campaign"))
 cli.sections = {
     "Your mechanism": ["look", "simulate", "cycles", "effects"],
@@ -263,7 +227,11 @@ def trend(campaigns: tuple[Path, ...], results: Path, folder: Path) -> None:
 @cli.command()
 @click.argument("mechanism")
 @click.option(
-    "--speed", "speeds", multiple=True, help="Crank speed, such as '240 rpm'; repeatable."
+    "--speed",
+    "speeds",
+    multiple=True,
+    required=True,
+    help="Crank speed, such as '240 rpm'; repeatable.",
 )
 def look(mechanism: str, speeds: tuple[str, ...]) -> None:
     """Show motion and joint forces of a MECHANISM, a file or a shipped name, at one or several
@@ -278,17 +246,11 @@ def look(mechanism: str, speeds: tuple[str, ...]) -> None:
     """
     from jointgap.app.look import write_look
     from jointgap.config import load_mechanism
-    from jointgap.core.errors import InputError
+    from jointgap.core.units import option_in_si
 
-    if not speeds:
-        raise InputError("--speed is missing; give one or several, such as --speed '240 rpm'")
     name = Path(mechanism).stem
     path = Path(f"look_{name}.html")
-    values = [_quantity("--speed", speed, "rad/s") for speed in speeds]
-    if 0.0 in values:
-        raise InputError(
-            f"--speed '{speeds[values.index(0.0)]}': must not be 0; give a speed such as '240 rpm'"
-        )
+    values = [option_in_si("--speed", speed, "rad/s") for speed in speeds]
     check_writable(path)
     write_look(load_mechanism(mechanism), values, name, path)
     click.echo(path)
@@ -373,68 +335,6 @@ def _aligned(rows: Sequence[Sequence[str]]) -> str:
         for row in rows
     )
     return "\n".join(line.rstrip() for line in lines)
-
-
-@cli.command()
-@options_option
-@required("--trajectory", "Parquet file to read: the simulated motion.")
-@required("--events", "Parquet file to read: its events.")
-@required(
-    "--folder",
-    "Output folder of section.parquet, revolutions.parquet, impacts.parquet and"
-    " eccentricity.parquet.",
-    FOLDER,
-)
-@click.option(
-    "--angle", default="0 deg", show_default=True, help="Crank angle of the Poincare section."
-)
-@click.option(
-    "--first-revolution",
-    type=click.IntRange(min=1),
-    default=2,
-    show_default=True,
-    help="First settled revolution.",
-)
-def cycles(
-    options: str, trajectory: Path, events: Path, folder: Path, angle: str, first_revolution: int
-) -> None:
-    """Compute statistics over revolutions: contact, impacts, orbits, Poincaré section,
-    periodicity."""
-    from jointgap.config import parse_options
-    from jointgap.config.scenario_results import read_trajectory
-    from jointgap.core.parquet import read, write
-    from jointgap.designs.statistics import cycles
-
-    scenario, section_angle = parse_options(options), _quantity("--angle", angle, "rad")
-    tables = {
-        "section": known.POINCARE_SECTION,
-        "revolutions": known.JOINT_REVOLUTIONS,
-        "impacts": known.IMPACT_DISTRIBUTION,
-        "eccentricity": known.ECCENTRICITY,
-    }
-    files = {name: folder / f"{name}.parquet" for name in tables}
-    check_writable(*files.values())
-    statistics = cycles(
-        read_trajectory(trajectory, scenario),
-        read(known.EVENTS, events),
-        scenario.mechanism,
-        scenario.simulate,
-        first_revolution,
-        section_angle,
-    )
-    for name, table in tables.items():
-        write(table, getattr(statistics, name), files[name])
-    click.echo(statistics.summary)
-
-
-def _quantity(option: str, text: str, unit: str) -> float:
-    from jointgap.core.errors import InputError
-    from jointgap.core.units import to_si
-
-    try:
-        return to_si(text, unit)
-    except ValueError as error:
-        raise InputError(f"{option} {text!r}: {error}") from error
 
 
 _scenarios = {"nargs": 2, "multiple": True, "help": "Name and options of a scenario, repeatable."}

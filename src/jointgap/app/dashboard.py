@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from jointgap.core.errors import InputError
+from jointgap.core.files import package_data
 from jointgap.core.publish import (
     EXPERIMENT,
     OUTPUT,
@@ -27,34 +28,6 @@ if TYPE_CHECKING:  # slow imports
 HOST = "127.0.0.1"
 _PORTS = 100  # ports to try
 _MOST_COMPARED = 50  # runs per link
-
-_COMPARED: dict[str, tuple[str, tuple[str, ...]]] = {
-    "optimise": (
-        "optima of all scenarios",
-        (
-            "metrics.crank_length_mm",
-            "metrics.rod_length_mm",
-            "metrics.gain_revolution_percent",
-            "metrics.gain_window_percent",
-        ),
-    ),
-    "surrogate": ("MSE curves of all scenarios", ()),
-    "sweep": (
-        "all sweeps",
-        ("metrics.designs", "metrics.failed_percent", "metrics.angle_error_rms_mdeg/median"),
-    ),
-    "campaign": (
-        "verdicts of all campaigns",
-        (
-            "tags.jointgap.verdict",
-            "tags.jointgap.effects",
-            "metrics.gap/confirm_before",
-            "metrics.gap/confirm_after",
-        ),
-    ),
-    "blind": ("scores of all blind trials", ("metrics.right name/all", "metrics.wrong name/all")),
-}
-"""Stages whose runs are compared: the link's title, and the columns of the table of runs."""
 
 _TRAINING = "workflowType=machine_learning"
 """Without it MLflow's pages look for traces of language models."""
@@ -112,7 +85,8 @@ def addresses(store: str, base: str) -> dict[str, str]:
     links = {}
     query = f"tags.`{OUTPUT}` = '' and attributes.status = 'FINISHED'"
     with opened(store) as client:
-        for stage, (title, columns) in _COMPARED.items():
+        for stage, comparison in package_data("app/compared_runs.yaml").items():
+            title, columns = comparison["title"], comparison["columns"]
             experiment = client.get_experiment_by_name(EXPERIMENT + stage)
             if experiment is None or experiment.lifecycle_stage == "deleted":
                 continue

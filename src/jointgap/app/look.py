@@ -46,6 +46,8 @@ def write_look(mechanism: Mechanism, speeds: Sequence[float], name: str, path: P
     """Simulate a `mechanism` at crank `speeds` [rad/s] and write the page about it, called `name`,
     to `path`."""
     speeds = list(dict.fromkeys(speeds))
+    if 0.0 in speeds:
+        raise InputError("--speed: must not be 0; give a speed such as '240 rpm'")
     if len(speeds) > len(_COLOURS):
         raise InputError(f"--speed: {len(speeds)} speeds are given; give at most {len(_COLOURS)}")
     turns = {

@@ -215,8 +215,3 @@ def _of_kind(value: Any, kind: type, name: str, fix: str) -> Any:
         return value
     wrong = "text" if isinstance(value, str) else f"of type {type(value).__name__}"
     raise InputError(f"{name}: is {wrong}, not a {kind.__name__}; {fix}")
-
-
-def without_none(**keys: Any) -> dict[str, Any]:
-    """The arguments that are not None."""
-    return {key: value for key, value in keys.items() if value is not None}

@@ -27,7 +27,7 @@ from jointgap.core.page import (
     TableBlock,
 )
 from jointgap.core.plot import FigureSpec
-from jointgap.core.words import format_falls, format_name, joined
+from jointgap.core.words import format_falls, format_name
 from jointgap.scenario import overview
 from jointgap.scenario.figures import FIGURES, described
 
@@ -167,31 +167,25 @@ def _summary(results: ScenarioResults) -> Summary:
 
 
 def _headline(summaries: Mapping[str, Summary], parts: Sequence[_Part]) -> str:
-    if len(summaries) == 1:
-        return next(iter(summaries.values()))["headline"]
-    if not summaries:
-        results = {part.name: part.result for part in parts if part.result}
-        if len(results) == 1:
-            return next(iter(results.values()))
-        lines = [f"{name}: {result}" for name, result in results.items()]
-        return "; ".join(lines) or "The motion of the mechanism, simulated"
-    infeasible = [name for name, summary in summaries.items() if not has_optimum(summary)]
-    reductions, headlines = [], []
-    for name, summary in summaries.items():
-        if other_objective(summary) or infeasible == [name]:
-            headlines.append(f"{name}: {summary['headline']}")
-        elif name not in infeasible:
-            reductions.append(summary["reduction_percent"]["median"])
-    if len(infeasible) > 1:
-        names = f"{len(infeasible)} scenarios ({joined(infeasible)})"
-        headlines.insert(0, f"In {names} no lengths satisfy the constraints")
+    """The only result; else the reductions of the transmission angle's error in one sentence, after
+    all other results."""
+    results = {name: summary["headline"] for name, summary in summaries.items()}
+    results = results or {part.name: part.result for part in parts if part.result}
+    if len(results) == 1:
+        return next(iter(results.values()))
+    reductions = {
+        name: summary["reduction_percent"]["median"]
+        for name, summary in summaries.items()
+        if has_optimum(summary) and not other_objective(summary)
+    }
+    headlines = [f"{name}: {text}" for name, text in results.items() if name not in reductions]
     if reductions:
         scenarios = "the others" if headlines else f"{len(summaries)} scenarios"
         headlines.append(
-            f"In {scenarios} the RMS error of the transmission angle {format_falls(reductions)} at"
-            " the lengths found, simulated again"
+            f"In {scenarios} the RMS error of the transmission angle"
+            f" {format_falls(reductions.values())} at the lengths found, simulated again"
         )
-    return ". ".join(headlines)
+    return ". ".join(headlines) or "The motion of the mechanism, simulated"
 
 
 def _scenario(results: ScenarioResults, summary: Summary | None) -> _Part:

@@ -1,6 +1,6 @@
 """`jointgap.sweep` and its result."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from jointgap.app.motion import checked_mechanism, simulate_options, without_none
+from jointgap.app.motion import checked_mechanism, simulate_options
 from jointgap.app.result import Result
 from jointgap.config import Mechanism, Scenario, Simulate, load
 from jointgap.config.designs import Sweep
@@ -114,14 +114,6 @@ def sweep(
     *,
     folder: Path | str,
     parameters: Mapping[str, Any],
-    design: str | None = None,
-    number: int | None = None,
-    seed: int | None = None,
-    window: Sequence[float | str] | None = None,
-    best_lengths: bool | None = None,
-    starts: int | None = None,
-    trajectories: Sequence[int] | None = None,
-    designs_per_job: int | None = None,
     workers: int | None = None,
     **keys: Any,
 ) -> SweptDesigns:
@@ -144,27 +136,17 @@ def sweep(
         ``mechanism.slider.mass``. Values: a list, or ``{"from": "0.1 mm", "to": "1 mm"}`` with
         ``"distribution"`` ``uniform`` (default), ``log_uniform``, ``normal`` (with ``mean`` and
         ``deviation``) or ``triangular`` (with ``peak``).
-    design : str, optional
-        ``"sobol"`` (default), ``"latin_hypercube"`` or ``"grid"``.
-    number : int, optional
-        Number of designs; 1024 by default.
-    seed : int, optional
-        Of the samples; 0 by default.
-    window : sequence of two, optional
-        Crank angles in the first revolution for an additional error of the transmission angle; by
-        default the whole revolution.
-    best_lengths : bool, optional
-        Whether to compute the best lengths of each design by the paper's method; False by default.
-    starts : int, optional
-        Starts per design, all but the first slightly perturbed; 1 by default. Each has a row.
-    trajectories : sequence of int, optional
-        Numbers of the designs whose samples and events are written to ``trajectories``.
-    designs_per_job : int, optional
-        Designs per file; 5000 by default.
     workers : int, optional
         Threads; the number of cores by default. Results do not depend on it.
     **keys
-        Keys of `jointgap.Simulate`, as `jointgap.simulate` takes them.
+        Keys of the section ``sweep`` (config/README.md): ``design`` (``"sobol"``, the default,
+        ``"latin_hypercube"`` or ``"grid"``), ``number`` of designs (1024 by default), ``seed``,
+        ``window`` (two crank angles in the first revolution for an additional error of the
+        transmission angle), ``best_lengths`` (whether to compute the best lengths of each design by
+        the paper's method), ``starts`` per design (all but the first slightly perturbed; each has a
+        row), ``trajectories`` (numbers of the designs whose samples and events are written) and
+        ``designs_per_job`` (designs per file). Keys of `jointgap.Simulate` as `jointgap.simulate`
+        takes them.
 
     Returns
     -------
@@ -188,17 +170,8 @@ def sweep(
     (64, 3)
     >>> swept.plot("angle_error_rms").save("error.png")
     """
-    settings = without_none(
-        parameters=parameters,
-        design=design,
-        number=number,
-        seed=seed,
-        window=window,
-        best_lengths=best_lengths,
-        starts=starts,
-        trajectories=trajectories,
-        designs_per_job=designs_per_job,
-    )
+    settings = {key: keys.pop(key) for key in Sweep.model_fields if key in keys}
+    settings["parameters"] = parameters
     scenario = Scenario(
         mechanism=checked_mechanism(mechanism),
         simulate=simulate_options(options, keys),

@@ -196,17 +196,12 @@ def _csv(
         if any(set(columns) <= set(_split(line, m)) for m in SEPARATORS)
     ]
     fix = f"row {hidden[0]} has them in a comment: remove the '#'" if hidden else ""
-    columns = (
-        [column for column in columns if column == clock or column in headings]
-        if clock
-        else columns
-    )
     also = (
         ""
         if set(columns) & set(headings)
         else "; if the headings are in another row, give csv.skip_rows"
     )
-    _check_headings(f"{path}, row {header_row}", headings, columns, fix, also)
+    columns = _present(f"{path}, row {header_row}", headings, columns, clock, fix, also)
     above = sum(number < header_row for number in lines)
     remarks = ()
     if above and form.skip_rows is None:
@@ -292,11 +287,18 @@ def _place_of_headings(lines: dict[int, str], columns: Sequence[str], form: Csv)
     return max(((row, mark) for row in rows for mark in form.separator or SEPARATORS), key=merit)
 
 
-def _check_headings(
-    where: str, headings: Sequence[str], columns: Sequence[str], fix: str = "", also: str = ""
-) -> None:
+def _present(
+    where: str,
+    headings: Sequence[str],
+    columns: Sequence[str],
+    clock: str,
+    fix: str = "",
+    also: str = "",
+) -> list[str]:
+    """The `columns` among the `headings`; InputError where one is missing, except those besides a
+    `clock`."""
     for column in columns:
-        if column not in headings:
+        if column not in headings and clock in ("", column):
             hint = (
                 fix
                 or did_you_mean(column, (_shortened(heading) for heading in headings if heading))
@@ -305,6 +307,7 @@ def _check_headings(
             raise InputError(f"{where}: has no column '{column}' among its headings; {hint}")
         if list(headings).count(column) > 1:
             raise InputError(f"{where}: has the column '{column}' twice; give each its own heading")
+    return [column for column in columns if column in headings]
 
 
 def _is_number(text: str) -> bool:
@@ -386,14 +389,8 @@ def _parquet(path: Path, columns: Sequence[str], clock: str, partly: bool) -> pd
         raise InputError(
             f"{path}: cannot be read as Parquet ({_shortened(str(error))}); write the file again"
         ) from error
-    columns = (
-        [column for column in columns if column == clock or column in table.column_names]
-        if partly
-        else columns
-    )
-    _check_headings(str(path), file.schema_arrow.names, columns)
     series = {}
-    for column in columns:
+    for column in _present(str(path), file.schema_arrow.names, columns, clock if partly else ""):
         cells, kind = table.column(column), table.schema.field(column).type
         if pa.types.is_decimal(kind):
             cells = cells.cast(pa.float64())

@@ -107,11 +107,6 @@ def frame(facts: Iterable[Fact]) -> pd.DataFrame:
     return table if table["before"].notna().any() else table.drop(columns="before")
 
 
-def table(facts: Iterable[Fact]) -> TableBlock:
-    """The facts as a table of a page."""
-    return TableBlock.of(({"": fact.words, "value": fact.text} for fact in facts), "lr")
-
-
 def changes(facts: Iterable[Fact]) -> TableBlock:
     """The facts as a table of values before and after, with their changes."""
     rows = []

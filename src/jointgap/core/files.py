@@ -4,8 +4,17 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
+
+import yaml
 
 from jointgap.core.errors import InputError
+
+
+def package_data(path: str) -> Any:
+    """Content of a YAML file of the package, by its path in it."""
+    file = Path(__file__).parents[1] / path
+    return yaml.load(file.read_text(encoding="utf-8"), yaml.CSafeLoader)
 
 
 @contextmanager

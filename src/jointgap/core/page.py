@@ -2,11 +2,12 @@
 
 import re
 from base64 import b64encode
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -34,7 +35,6 @@ entries."""
 class Heading:
     """Heading of a section (`level` 2) or subsection (3)."""
 
-    kind: ClassVar = "heading"
     text: str
     level: int = 2
 
@@ -44,7 +44,6 @@ class Paragraph:
     """Text with code between backticks, as in lists and tables; a strong one is the main result of
     the page."""
 
-    kind: ClassVar = "paragraph"
     text: str
     strong: bool = False
 
@@ -77,7 +76,6 @@ class Link(NamedTuple):
 class Bullets:
     """A list of points."""
 
-    kind: ClassVar = "bullets"
     points: tuple[str | Link, ...]
 
 
@@ -95,7 +93,6 @@ class TableBlock:
     A table with a `caption` is numbered.
     """
 
-    kind: ClassVar = "table"
     heads: tuple[str, ...]
     rows: tuple[tuple[str | Cell | Link, ...], ...]
     align: str = ""
@@ -142,7 +139,6 @@ class FigureBlock:
     placed side by side.
     """
 
-    kind: ClassVar = "figure"
     stem: str
     title: str
     caption: str = ""
@@ -181,6 +177,11 @@ class _Shown(NamedTuple):
     number: int = 0
     place: str = ""
     image: str = ""
+
+    @property
+    def kind(self) -> str:
+        """The class of the block."""
+        return type(self.block).__name__
 
 
 def written_today() -> str:
@@ -226,24 +227,20 @@ def to_html(page: Page, figures: Path | str = "figures") -> str:
 def _numbered(blocks: Iterable[Block], folder: Path | None = None) -> Iterator[_Shown]:
     """The blocks with numbers of figures and captioned tables, anchors of headings, and images in
     the `folder` of figures."""
-    figures = tables = 0
+    counts: Counter[type] = Counter()
     places: set[str] = set()
     for block in blocks:
-        if isinstance(block, FigureBlock):
-            figures += 1
-            image = data_address(folder / block.image) if folder else ""
-            yield _Shown(block, figures, image=image)
-        elif isinstance(block, TableBlock) and block.caption:
-            tables += 1
-            yield _Shown(block, tables)
-        elif isinstance(block, Heading):
+        place = image = ""
+        if isinstance(block, Heading):
             name = place = place_of(block.text)
             while place in places:
                 place = f"{name}-{len(places)}"
             places.add(place)
-            yield _Shown(block, place=place)
-        else:
-            yield _Shown(block)
+        elif isinstance(block, FigureBlock) or getattr(block, "caption", ""):
+            counts[type(block)] += 1
+        if isinstance(block, FigureBlock) and folder:
+            image = data_address(folder / block.image)
+        yield _Shown(block, counts[type(block)], place, image)
 
 
 def place_of(heading: str) -> str:

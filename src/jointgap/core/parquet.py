@@ -81,18 +81,14 @@ def write(
     """
     arrow = to_arrow(table, frame)
     arrow = arrow.replace_schema_metadata({**arrow.schema.metadata, **(metadata or {})})
-    floats = {
-        column.name: "BYTE_STREAM_SPLIT" for column in table.columns if column.kind == "float"
-    }
-    not_floats = [column.name for column in table.columns if column.kind != "float"]
+    floats = [column.name for column in table.columns if column.kind == "float"]
     options = {
         "compression": "zstd",
-        "use_dictionary": not_floats,
-        "column_encoding": floats or None,
+        "use_dictionary": [name for name in table.names if name not in floats],
+        "use_byte_stream_split": floats,
+        "write_page_checksum": True,
     }
-    write_atomically(
-        path, lambda file: pq.write_table(arrow, file, write_page_checksum=True, **options)
-    )
+    write_atomically(path, lambda file: pq.write_table(arrow, file, **options))
 
 
 def read(table: Table, path: Path | str) -> pd.DataFrame:

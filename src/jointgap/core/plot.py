@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError, did_you_mean
+from jointgap.core.files import package_data
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,34 +26,7 @@ _NOTEBOOK_DOTS = 110
 """Resolution of figures in notebooks [1/in]."""
 
 INK = "#222222"
-COLOURS = {
-    # After Okabe and Ito's palette for all types of colour vision; colours in one panel differ also
-    # in lightness
-    "ideal": "#000000",
-    "simulation": "#0072B2",
-    "network": "#D55E00",
-    "spline": "#CC79A7",
-    "optimised": "#009E73",
-    "genetic": "#D55E00",
-    "local": "#0072B2",
-    "paper": "#E69F00",
-    "crank pin": "#00508C",
-    "piston pin": "#D55E00",
-    "crank pivot": "#33B58A",
-    "flight": "#DDDDDD",
-    "impact": "#E69F00",
-    "contact": "#0072B2",
-    "first": "#E69F00",
-    "settled": "#0072B2",
-    "limit": "#777777",
-    "other": "#999999",
-    "before": "#D55E00",
-    "after": "#00508C",
-    "pair": "#E69F00",
-    "formula": "#CC79A7",
-    "named": "#009E73",
-    "sky": "#56B4E9",
-}
+COLOURS = package_data("core/colours.yaml")
 STYLE = Path(__file__).parent / "templates/jointgap.mplstyle"
 WIDTH = 7.5  # inches
 DOTS_PER_INCH = 160  # [1/in] for screens; print the SVG
@@ -352,7 +326,7 @@ class Panel:
 
     def __init__(self, axes: "Axes", title: str, x: Quantity, y: Quantity):
         self.axes, self.title, self.x, self.y = axes, title, x, y
-        self.records: list[dict[str, np.ndarray]] = []
+        self.records: list[pd.DataFrame] = []
         axes.set_title(title)
         axes.set_xlabel(x.label)
         axes.set_ylabel(y.label)
@@ -536,19 +510,15 @@ class Panel:
             "y_quantity": self.y.name,
             "y_unit": self.y.unit,
         }
-        given = (
-            {"x": x, "y": y}
-            | constant
-            | {name: values for name, values in more.items() if values is not None}
-        )
-        rows = len(np.asarray(x))
-        record = {}
-        for column in schema.PLOTTED.columns:
-            kind, absent = (float, np.nan) if column.kind == "float" else (object, None)
-            record[column.name] = np.broadcast_to(
-                np.asarray(given.get(column.name, absent), dtype=kind), rows
-            )
-        self.records.append(record)
+        values = {
+            name: np.broadcast_to(np.asarray(value), np.size(x))
+            for name, value in ({"x": x, "y": y} | constant | more).items()
+        }
+        types = {
+            column.name: float if column.kind == "float" else object
+            for column in schema.PLOTTED.columns
+        }
+        self.records.append(pd.DataFrame(values, columns=list(types)).astype(types))
 
 
 class Sheet:
@@ -596,10 +566,7 @@ class Sheet:
     def drawing(self) -> Drawing:
         """The figure with its data."""
         records = [record for panel in self.panels for record in panel.records]
-        names = [column.name for column in schema.PLOTTED.columns]
-        data = pd.DataFrame(
-            {name: np.concatenate([record[name] for record in records]) for name in names}
-        )
+        data = pd.concat(records, ignore_index=True)
         return Drawing(self.figure, data)
 
 

@@ -80,11 +80,6 @@ class Stage:
     publishes: bool = False  # to MLflow; such jobs run one at a time
 
     @property
-    def command_options(self) -> dict[str, Option]:
-        """Options of its function, by argument."""
-        return options_of(self.function)
-
-    @property
     def help(self) -> str:
         """The docstring of its function."""
         return inspect.getdoc(self.function) or ""
@@ -159,16 +154,6 @@ class Stages(dict[str, Stage]):
             if stage.does:
                 jobs.setdefault(stage.job or stage.name, []).append(stage)
         return jobs
-
-    def needed_for(self, name: str) -> list[str]:
-        """The stage `name` and all stages that its tables depend on, in order."""
-        paths: set[str] = set()
-        names: list[str] = []
-        for stage in reversed(self.values()):
-            if stage.name == name or not paths.isdisjoint(table.path for table in stage.writes):
-                paths |= {table.path for table in stage.reads}
-                names.append(stage.name)
-        return names[::-1]
 
     def written_by(self, *names: str) -> tuple[Table, ...]:
         """Tables written by the stages `names`."""

@@ -18,6 +18,9 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, WithJsonSchema
 
+from jointgap.core.errors import InputError
+from jointgap.core.files import package_data
+
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(.*?)\s*", re.DOTALL)
 _SHARE = re.compile(
@@ -70,6 +73,14 @@ def to_si(value: Any, unit: str) -> float:
     if not math.isfinite(number):
         raise ValueError("must be finite")
     return number
+
+
+def option_in_si(option: str, text: str, unit: str) -> float:
+    """The `text` of a command's `option` as a float in `unit`."""
+    try:
+        return to_si(text, unit)
+    except ValueError as error:
+        raise InputError(f"{option} {text!r}: {error}") from error
 
 
 def plain_numbers(value: Any) -> Any:
@@ -224,47 +235,12 @@ def _checked_unit(unit: str, base: str) -> str:
     raise ValueError(f"is {'not a unit' if unit.strip() else 'empty'}; write a unit such as {base}")
 
 
-_WORDS = {
-    "turn": "r rev revs revolution revolutions rot turns u umdr tr cycle cycles",
-    "deg": "degr degs grad cad ca degca deg*ca °ca °kw º",
-    "deg/s": "dps",
-    "s": "secs sek",
-    "ms": "msecs millis",
-    "us": "usecs micros",
-    "rpm": "rpm 1/min /min min^-1",
-    "turn/s": "rps",
-    "g_n": "g gs gn g's gee",
-    "um": "micron microns",
-    "inch": 'in inches "',
-    "thou": "mil mils",
-    "kg": "kgs",
-    "N": "n newton newtons",
-    "kN": "kn",
-    "lbf": "lb lbs",
-    "ozf": "oz",
-    "kgf": "kg kp",
-    "N*m": "nm n*m newtonmeter newtonmetre",
-    "lbf*ft": "ftlb ftlbs ft*lb ft*lbs ft*lbf lb*ft lbs*ft lbf*ft",
-    "lbf*inch": "inlb in*lb in*lbs in*lbf lb*in lbs*in lbf*in",
-    "ozf*inch": "oz*in in*oz ozf*in in*ozf",
-    "kg*m": "kgm",
-    "g*cm": "gcm",
-    "N*s": "ns",
-    "N*m*s": "nms",
-    "Hz": "hz sps sa/s s/s",
-    "kHz": "khz ksps ksa/s ks/s",
-    "kPa": "kpa",
-    "MPa": "mpa",
-    "GPa": "gpa",
-    "bar": "barg bara",
-    "%": "pct percent",
-}
 UNIT_SPELLINGS = {
-    written: unit for unit, spellings in _WORDS.items() for written in spellings.split()
+    spelling: unit
+    for unit, spellings in package_data("core/unit_spellings.yaml").items()
+    for spelling in spellings.split()
 }
-"""Unit for pint, by spellings that pint does not know or reads as another unit: lower case, ``*``
-for the point or hyphen of a product. See `respelled`.
-"""
+"""Unit for pint by spelling, see `respelled`."""
 
 
 def respelled(unit: str, base: str | None = None) -> str:

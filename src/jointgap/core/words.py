@@ -5,6 +5,8 @@ from collections.abc import Iterable
 from datetime import date
 from math import floor, log10, pi
 
+from jointgap.core.files import package_data
+
 
 def format_name(name: str) -> str:
     """Label of a name: ``crank pin`` for ``crank_pin``, ``sensor bias: encoder`` for
@@ -16,35 +18,14 @@ def format_name(name: str) -> str:
     )
 
 
-_NUISANCES = {
-    "speed": "crank speed",
-    "first_angle": "crank angle at the first sample",
-    "encoder_zero": "zero of the encoder",
-    "encoder_lag": "lag of the encoder",
-    "clock_offset": "offset of the clock of the second file",
-    "slider_position_zero": "zero of the slider position",
-    "slider_offset": "offset of the slide",
-    "crank_inertia": "moment of inertia of the crank",
-    "pressure_zero": "zero of the pressure sensor",
-    "pressure_gain": "gain of the pressure sensor",
-    "stall_torque": "stall torque of the motor",
-    "no_load_speed": "no-load speed of the motor",
-    "friction_speed": "sliding speed up to which friction in the joints rises",
-    "joint_friction": "coefficient of friction of both pins",
-    "restitution": "coefficient of restitution of both pins",
-}
-_OF_JOINTS = {
-    "joint_friction_": "coefficient of friction of the",
-    "restitution_": "coefficient of restitution of the",
-    "lasting_damping_": "natural logarithm of the damping factor of a lasting contact in the",
-}
+_NUISANCES = package_data("core/nuisances.yaml")
 
 
 def format_nuisance(key: str) -> str:
     """Label of a nuisance: ``speed@slow`` gives ``crank speed of run slow``."""
     name, _, run = key.partition("@")
     words = _NUISANCES.get(name) or format_name(name)
-    for beginning, of_joint in _OF_JOINTS.items():
+    for beginning, of_joint in _NUISANCES["of_joints"].items():
         if name.startswith(beginning):
             words = f"{of_joint} {format_name(name.removeprefix(beginning))}"
     return f"{words} of run {run}" if run else words

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any
 
+from jointgap.core import schema
 from jointgap.core.files import check_writable, write_text
 from jointgap.core.schema import TABLES
 from jointgap.core.stage import Option, ResultsOption, ScenarioOptions, Stages, Workers
@@ -271,6 +272,54 @@ def track_sweep(results: "ScenarioResults") -> None:
     records = [sweep_record(scenario, results.path)]
     summary = publish_records(folder.name, scenario.description, records, None, folder.parent)
     write_text(results.path / "track_sweep/published.json", json.dumps(summary, indent=2) + "\n")
+
+
+@DESIGN_STAGES.stage(
+    writes=(
+        schema.POINCARE_SECTION,
+        schema.JOINT_REVOLUTIONS,
+        schema.IMPACT_DISTRIBUTION,
+        schema.ECCENTRICITY,
+    ),
+)
+def cycles(
+    results: "ScenarioResults",
+    angle: Annotated[
+        str,
+        Option(
+            "--angle",
+            default="0 deg",
+            show_default=True,
+            help="Crank angle of the Poincare section.",
+        ),
+    ],
+    first_revolution: Annotated[
+        int,
+        Option(
+            "--first-revolution",
+            type=1,
+            default=2,
+            show_default=True,
+            help="First settled revolution.",
+        ),
+    ],
+) -> str:
+    """Compute statistics over revolutions: contact, impacts, orbits, Poincaré section,
+    periodicity; run `jointgap simulate` first."""
+    from jointgap.core.units import option_in_si
+    from jointgap.designs.statistics import cycles
+
+    section_angle, scenario = option_in_si("--angle", angle, "rad"), results.scenario
+    statistics = cycles(
+        results.read("trajectory"),
+        results.read("events"),
+        scenario.mechanism,
+        scenario.simulate,
+        first_revolution,
+        section_angle,
+    )
+    results.write_all(statistics.tables)
+    return statistics.summary
 
 
 _ARTIFACTS = (".md", ".html", ".svg", ".png", ".yaml")

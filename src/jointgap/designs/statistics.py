@@ -54,6 +54,16 @@ class Cycles:
     settled_revolution: int
 
     @property
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Its tables by name."""
+        return {
+            "poincare_section": self.section,
+            "joint_revolutions": self.revolutions,
+            "impact_distribution": self.impacts,
+            "eccentricity": self.eccentricity,
+        }
+
+    @property
     def summary(self) -> str:
         """Period, and a line for each joint."""
         lines = [f"from revolution {self.settled_revolution} on: {self.periodicity.summary}"]

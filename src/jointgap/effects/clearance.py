@@ -98,11 +98,7 @@ class Clearance(DataEffect):
     def _contact(self, contact: dict[str, Any]) -> dict[str, Any]:
         """The changed keys of `contact`."""
         parameters = self.parameters
-        changed = {
-            key: value
-            for key in ("restitution", "friction")
-            if (value := getattr(parameters, key)) is not None
-        }
+        changed = parameters.model_dump(include={"restitution", "friction"}, exclude_none=True)
         if parameters.stiffness_factor != 1.0:  # Hertz's stiffness is proportional to the modulus
             key = "youngs_modulus" if contact["stiffness"] is None else "stiffness"
             changed[key] = parameters.stiffness_factor * contact[key]

@@ -8,7 +8,6 @@ from itertools import combinations
 from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import (
-    AfterValidator,
     BeforeValidator,
     ConfigDict,
     Field,
@@ -64,22 +63,17 @@ def span(text: str) -> Span:
     return Span(low, high, dimension if unit else None)
 
 
-def _as_text(value: Any) -> Any:
+def _as_text(value: Any) -> str:
     if isinstance(value, list | tuple) and len(value) == 2:
         value = f"{value[0]} to {value[1]}"
-    return value if isinstance(value, str) else f"{value}"
-
-
-def _checked(text: str) -> str:
-    span(text)
-    return text
+    span(str(value))
+    return str(value)
 
 
 _ENDS = {"type": "array", "items": {"type": ["number", "string"]}, "minItems": 2, "maxItems": 2}
 Range = Annotated[
     str,
     BeforeValidator(_as_text),
-    AfterValidator(_checked),
     WithJsonSchema({"anyOf": [{"type": "string"}, _ENDS]}),
 ]
 

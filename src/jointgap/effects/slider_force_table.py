@@ -236,9 +236,8 @@ def _sum(tables: Sequence[Table]) -> Table:
     force = np.zeros(knots.size)
     for table in tables:
         breaks = np.append(table.pieces[:, 0], table.period)
-        spline = PPoly(table.pieces[:, 1:].T, breaks)
-        positions = np.mod(table.sign * knots - table.begin, table.period)
-        force += spline(positions)
+        spline = PPoly(table.pieces[:, 1:].T, breaks, extrapolate="periodic")
+        force += spline(table.sign * knots - table.begin)
     force[-1] = force[0]
     total = CubicSpline(knots, force, bc_type="periodic")
     return Table(tables[0].over, 1.0, 0.0, period, _pieces(total))
@@ -390,18 +389,11 @@ def _thinned(full: "CubicSpline", period: float) -> "tuple[PPoly, float]":
     """The periodic spline with a knot at every n-th row, fitted to all rows by least squares; its
     largest difference from the `full` one at and between the rows.
     """
-    from scipy.interpolate import PPoly, make_lsq_spline
+    from scipy.interpolate import PPoly, splrep
 
-    x, margin = full.x[:-1], 20  # knots outside the period, beyond which the ends have no influence
-    knots = np.append(x[:: -(-x.size // MOST_ROWS)], period)
-    extended = np.concatenate(
-        [knots[-margin - 1 : -1] - period, knots, knots[1 : margin + 1] + period]
-    )
-    rows = np.concatenate([x - period, x, x + period])
-    rows = rows[(rows >= extended[0]) & (rows <= extended[-1])]
-    with_ends = np.concatenate([extended[:1].repeat(3), extended, extended[-1:].repeat(3)])
-    pieces = PPoly.from_spline(make_lsq_spline(rows, full(rows), with_ends))
-    begin = int(np.searchsorted(pieces.x, 0.0, side="right")) - 1
-    spline = PPoly(pieces.c[:, begin : begin + knots.size - 1], knots)
-    points = np.concatenate([x, 0.5 * (full.x[:-1] + full.x[1:])])
+    rows = full.x[:-1]
+    knots = rows[:: -(-rows.size // MOST_ROWS)]
+    fitted = PPoly.from_spline(splrep(full.x, full(full.x), t=knots[1:], task=-1, per=True))
+    spline = PPoly(fitted.c[:, 3:-3], fitted.x[3:-3])  # without the pieces outside the period
+    points = np.concatenate([rows, 0.5 * (rows + full.x[1:])])
     return spline, float(np.abs(spline(points) - full(points)).max())
