@@ -120,7 +120,7 @@ def test_the_page_compares_all_lengths_and_advises_against_an_insignificant_chan
     text = to_markdown(study.page)
     for label in ("original lengths", "frozen motion", "best at nominal", "16 validation"):
         assert label in text
-    assert [figure.block.stem for figure in study.figures] == ["robust_errors"]
+    assert [figure.stem for figure in study.figures] == ["robust_errors"]
     for low, high, advice in (
         (-0.01, 0.02, "not significant"),
         (-0.02, -0.01, "lengths found are worse"),

@@ -14,12 +14,6 @@ ALL_MEASURES = (*MEASURES.columns, *BEST_LENGTHS.columns, *PRINTED_OPTIMA.column
 Measure = Literal[tuple(column.name for column in ALL_MEASURES)]
 
 
-def measured(best_lengths: bool, printed_numbers: bool) -> tuple[Column, ...]:
-    """Columns of the measures of each design."""
-    lengths = BEST_LENGTHS.columns if best_lengths or printed_numbers else ()
-    return (*MEASURES.columns, *lengths, *(PRINTED_OPTIMA.columns if printed_numbers else ()))
-
-
 MOST_DESIGNS = 10_000_000  # per sweep: a processor needs a day at some milliseconds each
 MOST_VALUES = 1000  # per list or range: combined with those of others
 
@@ -34,12 +28,16 @@ Amount = Annotated[
 """A number with or without a unit, which is checked when the parameter is known."""
 
 
+def in_order(ends: tuple[float, float], is_open: bool = False) -> tuple[float, float]:
+    """The `ends` of a range; ValueError where it is in the wrong order, or `is_open` and empty."""
+    low, high = ends
+    if low > high or (is_open and low == high):
+        raise ValueError("is in the wrong order or empty; write the lower bound first")
+    return ends
+
+
 def _in_first_revolution(window: tuple[float, float]) -> tuple[float, float]:
-    low, high = window
-    if low >= high:
-        raise ValueError(
-            f"[{low:g}, {high:g}] is in the wrong order or empty; write the lower bound first"
-        )
+    low, high = in_order(window, True)
     if low < 0 or high > 2 * math.pi * (1 + 1e-12):
         raise ValueError(
             f"[{low:g}, {high:g}] rad exceeds the first revolution, 0 to 360 deg; give angles"
@@ -177,6 +175,13 @@ class Sweep(ConfigModel):
         return math.prod(
             len(s.values) if isinstance(s, Values) else s.number for s in self.parameters.values()
         )
+
+
+def measured(sweep: Sweep) -> tuple[Column, ...]:
+    """Columns of the measures of each design."""
+    printed = PRINTED_OPTIMA.columns if sweep.printed_numbers else ()
+    lengths = BEST_LENGTHS.columns if printed or sweep.best_lengths else ()
+    return (*MEASURES.columns, *lengths, *printed)
 
 
 class Sensitivity(ConfigModel):

@@ -83,11 +83,10 @@ def _with_drive_file(
     data: dict[str, Any], folders: tuple[Path, ...], source: str
 ) -> dict[str, Any]:
     """`data` of a `source` with the file of a measured drive resolved in `folders`."""
-    if not isinstance(data.get("simulate"), Mapping):
+    if "simulate" not in data:
         return data
-    return data | {
-        "simulate": with_file(data["simulate"], "drive", folders, f"{source}: simulate.drive.file")
-    }
+    key = f"{source}: simulate.drive.file"
+    return data | {"simulate": with_file(data["simulate"], "drive", folders, key)}
 
 
 _DEFAULT_SECTIONS: dict[str, Any] = {
@@ -128,24 +127,6 @@ def resolve(
     whole: bool = True,
 ) -> dict[str, Scenario]:
     """The scenarios that a configuration runs; `whole`: with sections that only have defaults."""
-    defaults = _DEFAULT_SECTIONS if whole else {}
-    scenarios = {}
-    for name, content in _contents(config, folders, source).items():
-        where = f"{source}, scenario {name}"
-        data = defaults | _with_drive_file(content, folders, where)
-        scenarios[name] = validate(Scenario, data, where)
-    return scenarios
-
-
-def check_all_sections(scenario: Scenario, name: str, source: str = "configuration") -> None:
-    """InputError where the sections of a scenario, with defaults, are inconsistent."""
-    validate(Scenario, scenario.model_dump(by_alias=True), f"{source}, scenario {name}")
-
-
-def _contents(
-    config: Mapping[str, Any], folders: tuple[Path, ...], source: str
-) -> dict[str, dict[str, Any]]:
-    """The sections of each scenario that a configuration runs."""
     allowed = {*Configuration.model_fields, *Scenario.model_fields}
     for key in config:
         if key in Scenario.removed:
@@ -155,7 +136,7 @@ def _contents(
     common = {key: config[key] for key in config if key in Scenario.model_fields}
     settings = {key: config[key] for key in config if key not in common}
     settings = validate(Configuration, settings, source)
-    contents = {}
+    scenarios = {}
     for name in settings.run or settings.scenarios:
         where = f"{source}, scenario {name}"
         if name not in settings.scenarios:
@@ -171,8 +152,18 @@ def _contents(
             )
         mechanism = keys.get("mechanism", common.get("mechanism"))  # a whole one, not merged
         content["mechanism"] = complete_mechanism(mechanism, folders, f"{where}: mechanism")
-        contents[name] = content
-    return contents
+        scenarios[name] = _with_drive_file(content, folders, where)
+    # after all files were found
+    defaults = _DEFAULT_SECTIONS if whole else {}
+    return {
+        name: validate(Scenario, defaults | content, f"{source}, scenario {name}")
+        for name, content in scenarios.items()
+    }
+
+
+def check_all_sections(scenario: Scenario, name: str, source: str = "configuration") -> None:
+    """InputError where the sections of a scenario, with defaults, are inconsistent."""
+    validate(Scenario, scenario.model_dump(by_alias=True), f"{source}, scenario {name}")
 
 
 def is_complete(config: Mapping[str, Any]) -> bool:
@@ -242,9 +233,8 @@ def json_schema() -> dict[str, Any]:
 def campaign_json_schema() -> dict[str, Any]:
     """The JSON schema of a campaign file."""
     schema = _schema(Campaign)
-    schema["$defs"]["Channel"]["required"].remove(
-        "unit"
-    )  # not required with counts_per_turn and rate
+    # not required with counts_per_turn and rate
+    schema["$defs"]["Channel"]["required"].remove("unit")
     bounds = {
         "type": "array",
         "items": {"type": ["number", "string"]},

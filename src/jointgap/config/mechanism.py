@@ -132,22 +132,16 @@ class Contact(ConfigModel):
         if missing := [key for key in required if getattr(self, key) is None]:
             pronoun = "it" if len(missing) == 1 else "them"
             yield f"law {self.law} requires {' and '.join(missing)}; add {pronoun}"
-        for key in self._set_keys(unused):
-            yield (
-                f"law {self.law} does not use {key}; remove it or set it to null, or choose"
-                " another law"
-            )
-        if self.memory == "published" and self.reference_approach_speed is not None:
-            yield (
-                "memory published does not use reference_approach_speed; remove it, or choose"
-                " memory fading"
-            )
-        for key in self._set_keys(FRICTION_KEYS):
-            readers = [name for name, law in FRICTION_LAWS.items() if key in law.reads]
-            if self.friction_law not in readers:
+        choices = dict.fromkeys(unused, "law")
+        if self.memory == "published":
+            choices["reference_approach_speed"] = "memory"
+        choices |= dict.fromkeys(FRICTION_KEYS, "friction_law")
+        read = FRICTION_LAWS[self.friction_law].reads
+        for key, choice in choices.items():
+            if getattr(self, key) is not None and key not in read:
                 yield (
-                    f"{key} is used by friction_law {' and '.join(readers)}, not by"
-                    f" {self.friction_law}; remove it"
+                    f"{choice} {getattr(self, choice)} does not use {key}; remove it or set it to"
+                    f" null, or choose another {choice}"
                 )
         if self.static_friction is not None and self.static_friction < self.friction:
             yield (
@@ -172,9 +166,6 @@ class Contact(ConfigModel):
                 f" {unit}"
             )
 
-    def _set_keys(self, keys: tuple[str, ...]) -> list[str]:
-        return [key for key in keys if getattr(self, key) is not None]
-
     @property
     def reference_speed(self) -> float | None:
         """Approach speed [m/s] that determines the damping of a lasting contact; None where it does
@@ -194,7 +185,7 @@ class Contact(ConfigModel):
             "viscous_friction": 0.0,
             "bristle_stiffness": 1e5,  # friction 0.1 after a micrometre, the size of asperities
         }
-        values |= {key: getattr(self, key) for key in self._set_keys(FRICTION_KEYS)}
+        values |= {key: value for key, value in self if key in FRICTION_KEYS and value is not None}
         critical = 2 * math.sqrt(values["bristle_stiffness"] / BRISTLE_ACCELERATION)
         return {"bristle_damping": critical} | values
 
@@ -223,14 +214,14 @@ class Joint(ConfigModel):
 
     def too_soft_for(self, load: float) -> str:
         """Error message if the contact is too soft for a force of `load` [N], or ''."""
-        hertz, exponent = self.contact.stiffness is None, self.contact.exponent
-        stiffness = hertz_stiffness(self) if hertz else self.contact.stiffness
+        exponent, stiffness = self.contact.exponent, self.contact.stiffness
+        key, value, unit = "stiffness", stiffness, f"N/m^{exponent:g}"
+        if stiffness is None:
+            stiffness = hertz_stiffness(self)
+            key, value, unit = "youngs_modulus", self.contact.youngs_modulus, "Pa"
         softest = load / (SOFT_SHARE * self.journal_radius) ** exponent
         if stiffness >= softest:
             return ""
-        key, value, unit = "stiffness", stiffness, f"N/m^{exponent:g}"
-        if hertz:
-            key, value, unit = "youngs_modulus", self.contact.youngs_modulus, "Pa"
         return (
             f"contact.{key} {value:g} {unit} is too soft: the penetration at {load:.4g} N would be"
             f" {(load / stiffness) ** (1 / exponent):.3g} m, more than {SOFT_SHARE:g} of"
@@ -302,8 +293,7 @@ class Link(ConfigModel):
 
     def errors(self) -> Iterator[str]:
         for name in ("mass_centre", "mass_centre_across"):
-            distance = getattr(self, name)
-            if abs(distance) > self.length:
+            if abs(distance := getattr(self, name)) > self.length:
                 yield (
                     f"{name} {distance:g} m is beyond the link's length {self.length:g} m; correct"
                     " one of them"
@@ -311,9 +301,8 @@ class Link(ConfigModel):
 
     def with_length(self, length: float) -> "Link":
         """The link with another length [m]; `mass_centre` is scaled, all else is unchanged."""
-        return self.model_copy(
-            update={"length": length, "mass_centre": self.mass_centre * length / self.length}
-        )
+        mass_centre = self.mass_centre * length / self.length
+        return self.model_copy(update={"length": length, "mass_centre": mass_centre})
 
 
 class Slider(ConfigModel):
@@ -372,14 +361,13 @@ class Mechanism(ConfigModel):
             if not isinstance(key, str):
                 continue
             if contacts is None:  # they have their own errors
-                joints[name] = joint | {"contact": Contact.model_construct(restitution=0.5)}
-            elif key in contacts:
-                joints[name] = joint | {"contact": contacts[key]}
-            else:
+                contact = Contact.model_construct(restitution=0.5)
+            elif not (contact := contacts.get(key)):
                 hint = (
                     did_you_mean(key, contacts) if contacts else "the section contacts is missing"
                 )
                 raise ValueError(f"{name}.contact: no entry '{key}' in contacts; {hint}")
+            joints[name] = joint | {"contact": contact}
         return joints
 
     def errors(self) -> Iterator[str]:
@@ -397,7 +385,7 @@ class Mechanism(ConfigModel):
                     f" and length {link.length:g} m; give at most {largest:.3g} kg*m^2 (check the"
                     " units)"
                 )
-        clearances = sum(self.clearance(name) for name in self.loose)
+        clearances = sum(map(self.clearance, self.loose))
         if self.crank.length + abs(self.slider.offset) + clearances >= self.rod.length:
             yield (
                 f"crank.length {self.crank.length:g} m plus offset {abs(self.slider.offset):g} m"
@@ -433,14 +421,12 @@ class Mechanism(ConfigModel):
     @property
     def loose(self) -> tuple[str, ...]:
         """Names of the loose joints, from the frame to the slider."""
-        return tuple(
-            name for name in FROM_FRAME if (joint := self.joint(name)) is not None and joint.loose
-        )
+        return tuple(name for name in FROM_FRAME if (joint := self.joint(name)) and joint.loose)
 
     def clearance(self, name: str) -> float:
         """Radial clearance [m] of the joint `name` (equation 1); 0 where it is ideal."""
         joint = self.joint(name)
-        return joint.clearance if joint is not None and joint.loose else 0.0
+        return joint.clearance if joint and joint.loose else 0.0
 
     def effect(self, name: str, site: str | None = None) -> Any:
         """Parameters of the effect `name`, at `site` if it has several; None if it is not
@@ -512,8 +498,5 @@ class Mechanism(ConfigModel):
 
     def with_lengths(self, crank_length: float, rod_length: float) -> "Mechanism":
         """The mechanism with other lengths [m]; mass centres are scaled, all else is unchanged."""
-        links = {
-            "crank": self.crank.with_length(crank_length),
-            "rod": self.rod.with_length(rod_length),
-        }
-        return self.model_copy(update=links)
+        crank, rod = self.crank.with_length(crank_length), self.rod.with_length(rod_length)
+        return self.model_copy(update={"crank": crank, "rod": rod})

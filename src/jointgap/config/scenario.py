@@ -15,6 +15,7 @@ from jointgap.config.designs import (
     Sensitivity,
     Sweep,
     Window,
+    in_order,
     measured,
 )
 from jointgap.config.mechanism import Mechanism
@@ -214,7 +215,7 @@ _RANGE = {"type": "array", "items": _END, "minItems": 2, "maxItems": 2}
 
 def _range(kind: Any) -> Any:
     """Type of a range [lower, upper], which is not empty."""
-    return Annotated[tuple[kind, kind], AfterValidator(lambda ends: _in_order(ends, True))]
+    return Annotated[tuple[kind, kind], AfterValidator(lambda ends: in_order(ends, True))]
 
 
 def _value_or_range(kind: Any) -> Any:
@@ -226,16 +227,9 @@ def _value_or_range(kind: Any) -> Any:
     return Annotated[
         tuple[kind, kind],
         BeforeValidator(with_two_ends),
-        AfterValidator(lambda ends: _in_order(ends, False)),
+        AfterValidator(in_order),
         WithJsonSchema({"anyOf": [_END, _RANGE]}),
     ]
-
-
-def _in_order(ends: Any, is_open: bool) -> Any:
-    low, high = ends
-    if low > high or (is_open and low == high):
-        raise ValueError("is in the wrong order or empty; write the lower bound first")
-    return ends
 
 
 Lengths = _value_or_range(PositiveLength)
@@ -356,11 +350,9 @@ class Optimise(ConfigModel):
     @classmethod
     def _boxes_set_to_null_are_left_out(cls, boxes: Any) -> Any:
         """An overriding configuration removes a box with null."""
-        return (
-            {name: box for name, box in boxes.items() if box is not None}
-            if isinstance(boxes, dict)
-            else boxes
-        )
+        if not isinstance(boxes, dict):
+            return boxes
+        return {name: box for name, box in boxes.items() if box is not None}
 
     def errors(self) -> Iterator[str]:
         default = type(self).model_fields["window"].default
@@ -427,31 +419,44 @@ class Scenario(DrivenMechanism):
         self._set_default_box()
         if self.paper and "networks" in self.model_fields_set and not self.networks:
             yield "paper = true requires networks: true; set it, or set paper to false"
-        checks = (
-            ({"optimise"}, self._errors_of_objective),
-            ({"mechanism", "simulate"}, super().errors),
-            ({"simulate", "surrogate"}, self._errors_of_samples),
-            ({"mechanism", "optimise"}, self._errors_of_lengths),
-            ({"sweep", "sensitivity"}, self._errors_of_measures),
-            ({"simulate", "optimise"}, self._errors_of_revolutions),
-        )
-        for sections, check in checks:
-            if sections <= self.model_fields_set:
-                yield from check()
+        sections = self.model_fields_set
+        if "optimise" in sections:
+            yield from self._errors_of_objective()
+        if sections >= {"mechanism", "simulate"}:
+            yield from super().errors()
+        intervals = self.surrogate.training_points - 1
+        samples = self.simulate.samples_per_revolution
+        is_checked = sections >= {"simulate", "surrogate"}
+        if is_checked and (samples % intervals or samples < 5 * intervals):
+            yield (
+                f"simulate.samples_per_revolution {samples} must be a multiple of"
+                f" surrogate.training_points - 1 = {intervals}, at least five times it"
+            )
+        if sections >= {"mechanism", "optimise"}:
+            yield from self._errors_of_lengths()
+        names = {column.name for column in measured(self.sweep)}
+        for name in self.sensitivity.measures if "sweep" in sections and self.sensitivity else ():
+            if name not in names:
+                key = "printed_numbers" if name in PRINTED_OPTIMA.names else "best_lengths"
+                yield f"sensitivity.measures: {name} is not computed; set sweep.{key} to true"
+        settled, revolutions = self.optimise.ensemble.settled_revolution, self.simulate.revolutions
+        if sections >= {"simulate", "optimise"} and settled > revolutions:
+            yield (
+                f"optimise.ensemble.settled_revolution {settled} is more than"
+                f" simulate.revolutions, {revolutions}; reduce it"
+            )
 
     def _set_default_box(self) -> None:
         """Without boxes, search around the mechanism's lengths; the crank length is constant
         unless the constraints determine it."""
         if self.optimise.boxes:
             return
-        applied = self.mechanism.applied()
-
-        def around(length: float) -> tuple[float, float]:
-            low, high = ((1 - _BOX_SHARE) * length, (1 + _BOX_SHARE) * length)
-            return round(low, _BOX_DIGITS), round(high, _BOX_DIGITS)
-
-        crank = applied.crank.length
-        box = Box(crank_length=around(crank), rod_length=around(applied.rod.length))
+        applied, shares = self.mechanism.applied(), (1 - _BOX_SHARE, 1 + _BOX_SHARE)
+        crank, rod = applied.crank.length, applied.rod.length
+        cranks, rods = (
+            tuple(round(share * length, _BOX_DIGITS) for share in shares) for length in (crank, rod)
+        )
+        box = Box(crank_length=cranks, rod_length=rods)
         update: dict[str, Any] = {"boxes": {"own": box}}
         constraints = self.optimise.constraints
         if not constraints.decide_crank:
@@ -459,21 +464,15 @@ class Scenario(DrivenMechanism):
             update["constraints"] = constraints.model_copy(update=constant)
         object.__setattr__(self, "optimise", self.optimise.model_copy(update=update))
 
-    def _errors_of_samples(self) -> Iterator[str]:
-        samples = self.simulate.samples_per_revolution
-        intervals = self.surrogate.training_points - 1
-        if samples % intervals or samples < 5 * intervals:
-            yield (
-                f"simulate.samples_per_revolution {samples} must be a multiple of"
-                f" surrogate.training_points - 1 = {intervals}, at least five times it"
-            )
-
     def _errors_of_lengths(self) -> Iterator[str]:
         applied, boxes = self.mechanism.applied(), self.optimise.boxes
         crank, rod, offset = applied.crank.length, applied.rod.length, abs(applied.slider.offset)
+        slack = _LENGTH_ROUNDING
         if not any(
-            _contains(box.crank_length, crank) and _contains(box.rod_length, rod)
-            for box in boxes.values()
+            low - slack <= crank <= high + slack and low_rod - slack <= rod <= high_rod + slack
+            for (low, high), (low_rod, high_rod) in (
+                (box.crank_length, box.rod_length) for box in boxes.values()
+            )
         ):
             yield (
                 f"optimise.boxes ({', '.join(boxes)}): none contains the original crank"
@@ -503,23 +502,3 @@ class Scenario(DrivenMechanism):
                     f"optimise.objective {self.optimise.objective} cannot be combined with {key},"
                     " which is for transmission_angle; remove one"
                 )
-
-    def _errors_of_measures(self) -> Iterator[str]:
-        columns = measured(self.sweep.best_lengths, self.sweep.printed_numbers)
-        names = {column.name for column in columns}
-        for name in self.sensitivity.measures if self.sensitivity else ():
-            if name not in names:
-                key = "printed_numbers" if name in PRINTED_OPTIMA.names else "best_lengths"
-                yield f"sensitivity.measures: {name} is not computed; set sweep.{key} to true"
-
-    def _errors_of_revolutions(self) -> Iterator[str]:
-        settled, revolutions = self.optimise.ensemble.settled_revolution, self.simulate.revolutions
-        if settled > revolutions:
-            yield (
-                f"optimise.ensemble.settled_revolution {settled} is more than"
-                f" simulate.revolutions, {revolutions}; reduce it"
-            )
-
-
-def _contains(bounds: tuple[float, float], length: float) -> bool:
-    return bounds[0] - _LENGTH_ROUNDING <= length <= bounds[1] + _LENGTH_ROUNDING

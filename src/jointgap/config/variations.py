@@ -1,11 +1,12 @@
 """Copies of sections with changed values, given as in a file and validated again."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 from jointgap.config.load import validate
 from jointgap.config.mechanism import Link, Mechanism
 from jointgap.config.scenario import DrivenMechanism
+from jointgap.config.yaml_files import leaves
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import FROM_FRAME, JOINTS
 from jointgap.core.section import ConfigModel
@@ -138,16 +139,8 @@ def change(section: AnyConfigModel, changes: Mapping[str, Any]) -> AnyConfigMode
             data = set_at(data, path, changes[key], name)
         if is_mechanism and key.startswith("contacts"):
             data = _with_contacts(section, data, name)
-    return _validated(section, data, set(_paths_in(changes)), name, name)
-
-
-def _paths_in(changes: Mapping[str, Any]) -> Iterator[str]:
-    """Paths of all values in `changes`."""
-    for key, value in changes.items():
-        if isinstance(value, Mapping):
-            yield from (f"{key}.{path}" for path in _paths_in(value))
-        else:
-            yield str(key)
+    changed = {".".join(path) for path, _ in leaves(changes)}
+    return _validated(section, data, changed, name, name)
 
 
 def _validated(
@@ -166,7 +159,7 @@ def _validated(
     for path, link in links.items():
         length, centre = f"{path}length", f"{path}mass_centre"
         if length in changed and centre not in changed:
-            value = _metres(value_at(data, length.split("."), source), f"{source}: {length}")
+            value = si_number(value_at(data, length.split("."), source), "m", f"{source}: {length}")
             scaled = link.mass_centre * (value / link.length)
             data = set_at(data, centre.split("."), scaled, source)
     return validate(type(section), data, title)
@@ -210,13 +203,14 @@ def _clearances_to_radii(joints: Any, source: str) -> None:
             key = f"{source}: joints.{key}.clearance"
             if "journal_radius" not in joint:
                 raise InputError(f"{key}: the joint has no journal_radius; give it too")
-            clearance = _metres(joint.pop("clearance"), key)
-            joint["bearing_radius"] = _metres(joint["journal_radius"], key) + clearance
+            clearance = si_number(joint.pop("clearance"), "m", key)
+            joint["bearing_radius"] = si_number(joint["journal_radius"], "m", key) + clearance
 
 
-def _metres(value: Any, source: str) -> float:
+def si_number(value: Any, unit: str, source: str) -> float:
+    """A `value` in SI; `source` is for the InputError where it is invalid."""
     try:
-        return to_si(value, "m")
+        return to_si(value, unit)
     except ValueError as error:
         raise InputError(f"{source} = {value!r}: {error}") from error
 
@@ -229,7 +223,7 @@ def with_values(base: DrivenMechanism, changes: dict[str, Any], source: str) -> 
         for path in _paths(data, key, name):
             is_clearance = path[-1] == "clearance"
             if is_clearance or path in _LENGTHS:
-                value = _metres(value, name)
+                value = si_number(value, "m", name)
             value_at(data, path[:-1] if is_clearance else path, name)  # rejects unknown keys
             data = set_at(data, path, value, name)
             changed.add(".".join(path))

@@ -202,13 +202,13 @@ def complete_mechanism(
 ) -> Any:
     """The content of a mechanism, merged over its ``base``; `files` are those that refer to it."""
     if isinstance(mechanism, str):
-        file = mechanism_file(mechanism, folders, key)
-        if file.resolve() in files:
+        path = mechanism_file(mechanism, folders, key)
+        if (file := path.resolve()) in files:
             raise InputError(
                 f"{key}: '{mechanism}' is its own base; remove the last reference to it"
             )
-        content, folders = read_yaml(file), (file.parent, *folders)
-        return complete_mechanism(content, folders, str(file), (*files, file.resolve()))
+        folders = (path.parent, *folders)
+        return complete_mechanism(read_yaml(path), folders, str(path), (*files, file))
     content = with_effect_files(mechanism, folders, key)
     if not isinstance(content, Mapping) or BASE not in content:
         return content
@@ -221,27 +221,25 @@ def complete_mechanism(
 def with_effect_files(mechanism: Any, folders: Sequence[Path], key: str) -> Any:
     """The content of a `mechanism`, or of a run, with the files of its effects resolved in
     `folders`."""
-    if not isinstance(mechanism, Mapping) or not isinstance(mechanism.get("effects"), list | tuple):
-        return dict(mechanism) if isinstance(mechanism, Mapping) else mechanism
+    if not isinstance(mechanism, Mapping):
+        return mechanism
+    content, effects = dict(mechanism), mechanism.get("effects")
+    if isinstance(effects, list | tuple):
+        content["effects"] = [
+            with_file(effect, "parameters", folders, f"{key}: effects.{{name}}.parameters.file")
+            for effect in effects
+        ]
+    return content
 
-    def resolve(effect: Any) -> Any:
-        if not isinstance(effect, Mapping):
-            return effect
-        file_key = f"{key}: effects.{effect.get('name')}.parameters.file"
-        return with_file(effect, "parameters", folders, file_key)
 
-    return {**mechanism, "effects": [resolve(effect) for effect in mechanism["effects"]]}
-
-
-def with_file(
-    data: Mapping[str, Any], section: str, folders: Sequence[Path], key: str
-) -> dict[str, Any]:
-    """`data` with the ``file`` in a `section`, if any, resolved in `folders`; `key` is for error
-    messages."""
-    inner = data.get(section)
+def with_file(data: Any, section: str, folders: Sequence[Path], key: str) -> Any:
+    """`data` with the ``file`` in a `section`, if any, resolved in `folders`; `key`, with the name
+    in `data`, is for error messages."""
+    inner = data.get(section) if isinstance(data, Mapping) else None
     if not isinstance(inner, Mapping) or not isinstance(inner.get("file"), str):
-        return dict(data)
-    return {**data, section: {**inner, "file": str(existing_file(inner["file"], folders, key))}}
+        return data
+    file = existing_file(inner["file"], folders, key.replace("{name}", str(data.get("name"))))
+    return {**data, section: {**inner, "file": str(file)}}
 
 
 def shipped_mechanisms() -> dict[str, Path]:

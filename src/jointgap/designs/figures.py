@@ -159,16 +159,12 @@ def grid_map(designs: pd.DataFrame, axes: tuple[Axis, ...]) -> Drawing:
     """Measures of the designs of a grid over the first two parameters; a column per value of the
     third."""
     across, up, *third = axes
-    columns = {"": designs}
+    columns = {} if third else {"": designs}
     for axis in third:
         count = min(_MOST_MAPS, len(axis.values))
-        indices = np.linspace(0, len(axis.values) - 1, count).round().astype(int)
-        columns = {
-            f"{format_parameter(axis.key)} {format_value(axis, value)}": designs[
-                designs[axis.key] == value
-            ]
-            for value in (axis.values[index] for index in indices)
-        }
+        for index in np.linspace(0, len(axis.values) - 1, count).round().astype(int):
+            title = f"{format_parameter(axis.key)} {format_value(axis, axis.values[index])}"
+            columns[title] = designs[designs[axis.key] == axis.values[index]]
     height = 0.6 + len(_MAPPED) * (1.3 + 0.13 * len(up.values))
     with plot.matplotlib_style():
         sheet = Sheet(height, len(_MAPPED), len(columns))
@@ -182,21 +178,14 @@ def grid_map(designs: pd.DataFrame, axes: tuple[Axis, ...]) -> Drawing:
                 panel = sheet.panel((row, column), "" if row else title, *labels)
                 grid = part.pivot(index=up.key, columns=across.key, values=name)
                 grid = grid.reindex(index=up.values, columns=across.values).to_numpy(dtype=float)
-                cells = _draw_cells(panel, factor * grid, quantity, norm)
+                panel.axes.grid(False)
+                y, x = np.indices(grid.shape)
+                drawn = panel.axes.pcolormesh(x, y, factor * grid, norm=norm, cmap="viridis")
+                unit = {"value_quantity": quantity.name, "value_unit": quantity.unit}
+                values = factor * grid.ravel()
+                panel.record(quantity.name, x.ravel(), y.ravel(), value=values, **unit)
                 set_scale(panel, "x", across)
                 set_scale(panel, "y", up)
                 panels.append(panel.axes)
-            sheet.figure.colorbar(cells, ax=panels, label=fill(quantity.label, 28))
+            sheet.figure.colorbar(drawn, ax=panels, label=fill(quantity.label, 28))
     return sheet.drawing()
-
-
-def _draw_cells(panel: Panel, values: np.ndarray, quantity: Quantity, norm: Normalize) -> Any:
-    """Coloured cells of `values` (rows, columns); returns the artist for the colour bar."""
-    panel.axes.grid(False)
-    rows, columns = map(range, values.shape)
-    x, y = map(np.ravel, np.meshgrid(columns, rows))
-    unit = {"value_quantity": quantity.name, "value_unit": quantity.unit}
-    panel.record(quantity.name, x, y, value=values.ravel(), **unit)
-    return panel.axes.pcolormesh(
-        columns, rows, values, norm=norm, cmap="viridis", shading="nearest"
-    )

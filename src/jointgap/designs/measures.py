@@ -153,11 +153,10 @@ def _best(objective: Objective | None) -> tuple[float, float, float]:
     if objective is None:
         return math.nan, math.nan, math.nan
     rod = objective.original[1]
-    crank = best_crank_length(objective, rod)
-    original, best = objective.value(objective.original), objective.value((crank, rod))
-    if original <= len(objective.sine) * _NO_ERROR**2:
-        return crank, crank / rod, math.nan
-    return crank, crank / rod, 1.0 - math.sqrt(best / original)
+    crank, original = best_crank_length(objective, rod), objective.value(objective.original)
+    has_error = original > len(objective.sine) * _NO_ERROR**2
+    relative = objective.value((crank, rod)) / original if has_error else math.nan
+    return crank, crank / rod, 1.0 - math.sqrt(relative)
 
 
 def best_crank_length(objective: Objective, rod_length: float) -> float:

@@ -17,13 +17,18 @@ from jointgap.config import Constraints, DrivenMechanism, Scenario
 from jointgap.config.designs import OptimiseRobust, Sweep
 from jointgap.core import schema
 from jointgap.core.errors import InputError, needs
-from jointgap.core.joints import PINS
 from jointgap.core.progress import report_progress
 from jointgap.designs.sampling import Designs, axes_of, values_at
 from jointgap.dynamics.kinematics import transmission_angle
 from jointgap.dynamics.parallel import Outcome, Run, rod_and_slider, simulate_runs
-from jointgap.lengths.objective import Objective, measure, objective_of_motion
-from jointgap.lengths.region import FEASIBLE, Constraint, Region, depends_on_offset, geometric
+from jointgap.lengths.objective import (
+    Objective,
+    largest_pin_force,
+    measure,
+    objective_of_motion,
+    pin_forces,
+)
+from jointgap.lengths.region import FEASIBLE, Constraint, Region, depends_on_offset, regions
 from jointgap.lengths.search import search_from_all
 
 with needs("optimising link lengths", "learn"):
@@ -103,12 +108,6 @@ def uncertain_of(scenario: Scenario) -> Designs:
                     " optimised length: give the deviation from nominal, such as mean: 0 mm"
                 )
     return Designs(base, axes, Sweep(seed=options.seed), SOURCE)
-
-
-def validation_samples(uncertain: Designs, count: int) -> list[dict[str, Any]]:
-    """Values by key of `count` samples, independent of each other and of those of the search."""
-    random = np.random.default_rng([uncertain.sweep.seed, _VALIDATION])
-    return values_at(uncertain.axes, random.random((count, len(uncertain.axes))))
 
 
 def sample_scenario(uncertain: Designs, values: dict[str, Any]) -> DrivenMechanism:
@@ -191,9 +190,7 @@ class SimulatedSamples:
         if outcome.error is not None:
             return math.nan, math.nan, math.nan, str(outcome.error)
         observed = outcome.result.part(self._settled(outcome)).observed(outcome.parameters)
-        force = max(
-            np.hypot(observed[f"{pin}_force_x"], observed[f"{pin}_force_y"]).max() for pin in PINS
-        )
+        force = largest_pin_force(pin_forces(observed))
         angle, rod = self.rod_angles(outcome)
         lengths = self.original.crank.length, self.original.rod.length
         ideal = transmission_angle(*lengths, angle, 0.0, self.original.slider.offset)
@@ -229,16 +226,6 @@ def deviation(values: np.ndarray) -> np.ndarray:
     return np.nan_to_num(np.nanstd(values, ddof=1, axis=-1))
 
 
-def violation_quantile(violation: np.ndarray, probability: float) -> np.ndarray:
-    """Quantile of the constraint violation, shape (...).
-
-    At most 0 where the constraint holds in a share of at least `probability` of the samples.
-    """
-    n = violation.shape[-1]
-    index = min(math.ceil(probability * n - 1e-9), n) - 1
-    return np.sort(np.where(np.isnan(violation), np.inf, violation), axis=-1)[..., index]
-
-
 @dataclass(frozen=True)
 class RobustProblem:
     """Region, objective and constraints of the robust optimisation."""
@@ -257,9 +244,7 @@ class RobustProblem:
                 "optimise_robust: all joints are ideal, so the transmission angle has no error;"
                 " make a joint loose"
             )
-        name, box = next(iter(optimise.boxes.items()))
-        constraints = geometric(optimise.constraints, original.slider.offset)
-        region = Region.of(box, optimise.ratio_limit).under(constraints, name)
+        region = next(iter(regions(original, optimise).values()))
         lengths = original.crank.length, original.rod.length
         return cls(region, lengths, scenario.optimise_robust, optimise.constraints)
 
@@ -285,8 +270,10 @@ class RobustProblem:
         """Objective and constraints, one row per pair of lengths."""
         missed = self.region.violation(responses.lengths)
         missed = np.where(missed > FEASIBLE, missed, 0.0)
+        # the sample up to which a constraint must hold; NaN, of a failed one, is sorted to the end
+        index = math.ceil(self.options.probability * responses.error.shape[-1] - 1e-9) - 1
         for violation in self.violation(responses).values():
-            quantile = violation_quantile(violation, self.options.probability)
+            quantile = np.nan_to_num(np.sort(violation, axis=-1)[..., index], nan=np.inf)
             missed = missed + np.maximum(quantile, 0.0)
         with warnings.catch_warnings():
             # numpy's, where at most one sample has a value
@@ -303,66 +290,58 @@ class RobustProblem:
 
 
 class _LengthsProblem(Problem):
-    """The lengths of a region as a pymoo problem; keeps the evaluated candidates, one frame per
-    generation."""
+    """The lengths of a region as a pymoo problem, with the `candidates` of a generation."""
 
-    def __init__(self, problem: RobustProblem, model: RespondingModel):
-        region = problem.region
+    def __init__(self, region: Region, candidates: Callable[[np.ndarray], pd.DataFrame]):
         super().__init__(n_var=2, n_obj=1, n_ieq_constr=2, xl=region.lower, xu=region.upper)
-        self.problem, self.model = problem, model
-        self.generations: list[pd.DataFrame] = []
+        self.region, self.candidates = region, candidates
 
     def _evaluate(self, x, out, *args, **kwargs):
-        candidates = self.problem.assess(self.model(x))
-        self.generations.append(candidates)
-        _report_generation(self.problem, 1 + len(self.generations))
+        candidates = self.candidates(x)
         out["F"] = candidates["error"].fillna(_FAILED).to_numpy()
         out["G"] = candidates[["missed", "failed"]].to_numpy(dtype=float)
 
 
 class _OntoRegion(Repair):
     def _do(self, problem, x, **kwargs):
-        return problem.problem.region.nearest(x)
-
-
-def _report_generation(problem: RobustProblem, number: int) -> None:
-    report_progress("generations of lengths", number, 1 + problem.options.generations)
+        return problem.region.nearest(x)
 
 
 def search(problem: RobustProblem, model: RespondingModel) -> pd.DataFrame:
     """All candidates of the search: a grid, then differential evolution."""
-    region, options = problem.region, problem.options
-    _report_generation(problem, 0)
+    region, options, frames = problem.region, problem.options, []
+
+    def report_generation() -> None:
+        report_progress("generations of lengths", len(frames), 1 + options.generations)
+
+    def assess(lengths: np.ndarray) -> pd.DataFrame:
+        frame = problem.assess(model(lengths))
+        step = {"step": "one measure", "generation": len(frames) - 1}
+        frames.append(frame.assign(**step if frames else {"step": "grid", "generation": 0}))
+        report_generation()
+        return frame
+
+    report_generation()
     spacing = np.linspace(region.lower, region.upper, options.grid)
     cranks, rods = np.meshgrid(*spacing.T, indexing="ij")
     grid = np.stack([cranks.ravel(), rods.ravel()], axis=1)
     grid = grid[region.contains(grid, slack=1e-12)]
     grid = region.nearest(np.vstack([grid, region.clip(np.array(problem.original))]))
-    candidates = problem.assess(model(grid)).assign(step="grid", generation=0)
-    _report_generation(problem, 1)
+    candidates, count = assess(grid), options.population
+    # the first population: half of it the best so far, half spread over the region
+    best = candidates.loc[ranked(candidates)[: count // 2], list(LENGTHS)].to_numpy()
+    random = np.random.default_rng([options.seed, 0])
+    spread = qmc.LatinHypercube(2, rng=random).random(count - len(best))
     evolution = DE(
         variant="DE/best/1/bin",
         CR=1.0,
-        pop_size=options.population,
-        sampling=_first_population(candidates, problem),
+        pop_size=count,
+        sampling=np.vstack([best, region.nearest(region.unscaled(spread))]),
         repair=_OntoRegion(),
     )
-    evolved = _LengthsProblem(problem, model)
-    minimize(evolved, evolution, ("n_gen", options.generations), seed=options.seed)
-    frames = [
-        frame.assign(step="one measure", generation=number)
-        for number, frame in enumerate(evolved.generations)
-    ]
-    return pd.concat([candidates, *frames], ignore_index=True)
-
-
-def _first_population(candidates: pd.DataFrame, problem: RobustProblem) -> np.ndarray:
-    """Half of it the best so far, half spread over the region, shape (n, 2) [m]."""
-    count, region = problem.options.population, problem.region
-    best = candidates.loc[ranked(candidates)[: count // 2], list(LENGTHS)].to_numpy()
-    random = np.random.default_rng([problem.options.seed, 0])
-    spread = qmc.LatinHypercube(2, rng=random).random(count - len(best))
-    return np.vstack([best, region.nearest(region.unscaled(spread))])
+    stop = ("n_gen", options.generations)
+    minimize(_LengthsProblem(region, assess), evolution, stop, seed=options.seed)
+    return pd.concat(frames, ignore_index=True)
 
 
 def ranked(candidates: pd.DataFrame) -> np.ndarray:
@@ -445,9 +424,7 @@ def compare(
         rng=np.random.default_rng([options.seed, _BOOTSTRAP]),
     ).bootstrap_distribution
 
-    def with_interval(
-        function: Callable[[np.ndarray], np.ndarray],
-    ) -> Iterator[tuple[str, np.ndarray]]:
+    def with_interval(function: Callable) -> Iterator[tuple[str, np.ndarray]]:
         """A function of the statistics, and the ends of its interval, with their suffixes."""
         tail = (1.0 - _CONFIDENCE) / 2.0
         ends = np.quantile(function(resampled), (tail, 1.0 - tail), axis=-1)
@@ -459,7 +436,7 @@ def compare(
         for statistic, by_quantity in zip(_STATISTICS, by_statistic, strict=True):
             for quantity, numbers in zip(_QUANTITIES, by_quantity, strict=True):
                 lengths[f"{quantity}_{statistic}{end}"] = numbers
-    gains, error = [], responses.error[:, valid]
+    gains, error = [], values[0]
     for reference, index in combinations(range(len(names)), 2):
 
         def reduction(numbers: np.ndarray, reference=reference, index=index) -> np.ndarray:
@@ -497,7 +474,8 @@ def optimise_robust(scenario: Scenario, workers: int | None = None) -> RobustOpt
     independent samples."""
     options, uncertain = scenario.optimise_robust, uncertain_of(scenario)
     problem = RobustProblem.of(scenario)
-    validation = validation_samples(uncertain, options.fresh_draws)
+    random, axes = np.random.default_rng([options.seed, _VALIDATION]), uncertain.axes
+    validation = values_at(axes, random.random((options.fresh_draws, len(axes))))
     # create all samples first: infeasible ones are rejected before any simulation
     at_nominal, at_samples, at_validation = (
         SimulatedSamples(scenario, uncertain, samples, workers)

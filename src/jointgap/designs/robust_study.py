@@ -19,7 +19,6 @@ from jointgap.designs.optimise_robust import (
     format_objective,
 )
 from jointgap.designs.study import (
-    Figure,
     Study,
     fact_table,
     facts_of_rows,
@@ -68,7 +67,7 @@ def robust_study(optimum: RobustOptimum, scenario: Scenario, name: str) -> Study
         _introduction(optimum, scenario),
         tuple(_tables(optimum, facts)),
         _method(optimum),
-        (Figure(figure, lambda: _draw_errors(optimum)),),
+        {figure: lambda: _draw_errors(optimum)},
         optimum.frames,
         f"{name}: robust lengths",
     )

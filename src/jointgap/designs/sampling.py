@@ -15,11 +15,10 @@ from scipy.stats import qmc
 
 from jointgap.config import DrivenMechanism, Mechanism, Scenario
 from jointgap.config.designs import Sweep, Values, measured
-from jointgap.config.variations import unit_of, with_values
+from jointgap.config.variations import si_number, unit_of, with_values
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import JOINTS
 from jointgap.core.schema import Column
-from jointgap.core.units import to_si
 from jointgap.dynamics.simulation import perturbed_start
 from jointgap.lengths.objective import MEASURES
 from jointgap.paper.printed import departures
@@ -109,11 +108,27 @@ class Designs:
     @property
     def measured(self) -> tuple[Column, ...]:
         """Columns of the measures of each design."""
-        return measured(self.sweep.best_lengths, self.sweep.printed_numbers)
+        return measured(self.sweep)
 
     def values(self, begin: int, count: int) -> list[dict[str, Any]]:
         """Values by key of `count` designs from number `begin`."""
-        return values_at(self.axes, self._quantiles(begin, count))
+        dimensions, seed = len(self.axes), self.sweep.seed
+        if self.sweep.design == "sobol":
+            engine = qmc.Sobol(dimensions, scramble=True, rng=seed)
+            if begin:
+                engine.fast_forward(begin)
+            with warnings.catch_warnings():
+                # about parts whose size is no power of two; these belong to a longer sequence
+                warnings.filterwarnings("ignore", "The balance properties", UserWarning)
+                quantiles = engine.random(count)
+        elif self.sweep.design == "latin_hypercube":
+            samples = qmc.LatinHypercube(dimensions, rng=seed).random(self.number)
+            quantiles = samples[begin : begin + count]
+        else:
+            sizes = [len(axis.values) for axis in self.axes]
+            indices = np.unravel_index(np.arange(begin, begin + count), sizes)
+            quantiles = (np.stack(indices, axis=1) + 0.5) / sizes
+        return values_at(self.axes, quantiles)
 
     def scenario(self, values: Mapping[str, Any]) -> DrivenMechanism:
         """Mechanism and simulation of a design; InputError where it is infeasible."""
@@ -174,24 +189,6 @@ class Designs:
         text = json.dumps(content, sort_keys=True, default=float)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
-    def _quantiles(self, begin: int, count: int) -> np.ndarray:
-        """(count, axes) in [0, 1)."""
-        dimensions, seed = len(self.axes), self.sweep.seed
-        if self.sweep.design == "sobol":
-            engine = qmc.Sobol(dimensions, scramble=True, rng=seed)
-            if begin:
-                engine.fast_forward(begin)
-            with warnings.catch_warnings():
-                # about parts whose size is no power of two; these belong to a longer sequence
-                warnings.filterwarnings("ignore", "The balance properties", UserWarning)
-                return engine.random(count)
-        if self.sweep.design == "latin_hypercube":
-            samples = qmc.LatinHypercube(dimensions, rng=seed).random(self.number)
-            return samples[begin : begin + count]
-        sizes = [len(axis.values) for axis in self.axes]
-        indices = np.unravel_index(np.arange(begin, begin + count), sizes)
-        return (np.stack(indices, axis=1) + 0.5) / sizes
-
 
 def designs_of(scenario: Scenario) -> Designs:
     """The designs of the section `sweep` of a `scenario`; InputError where none is feasible."""
@@ -212,7 +209,15 @@ def designs_of(scenario: Scenario) -> Designs:
     for axis in designs.axes:
         for value in axis.values if ERROR_PARAMETERS.get(axis.key) == "" else ():
             designs.error_definition({axis.key: value})
-    feasible = _first_feasible(designs)
+    errors = []
+    for values in designs.values(0, min(_MOST_TRIALS, designs.number)):
+        try:
+            feasible = designs.scenario(values)
+            break
+        except InputError as error:  # a row of the table with this reason
+            errors.append(error)
+    else:
+        raise errors[0]
     if sweep.printed_numbers and (differences := departures(feasible.mechanism, feasible.simulate)):
         raise InputError(
             "sweep.printed_numbers: the paper's numbers do not apply to this mechanism"
@@ -220,17 +225,6 @@ def designs_of(scenario: Scenario) -> Designs:
             " not print"
         )
     return designs
-
-
-def _first_feasible(designs: Designs) -> DrivenMechanism:
-    """The first feasible design. Infeasible designs are rows of the table with their reason."""
-    errors = []
-    for values in designs.values(0, min(_MOST_TRIALS, designs.number)):
-        try:
-            return designs.scenario(values)
-        except InputError as error:
-            errors.append(error)
-    raise errors[0]
 
 
 def _of_joints(*keys: str) -> tuple[str, ...]:
@@ -280,22 +274,15 @@ def _axis(base: DrivenMechanism, key: str, spec: Any, section: str, grid: bool) 
             return Axis(key, "", spec.values)
     if not is_list:
         return _range_axis(key, unit, spec, source, grid)
-    values = tuple(_si(value, unit, source) for value in spec.values)
+    values = tuple(si_number(value, unit, source) for value in spec.values)
     if len(set(values)) < len(values):
         raise InputError(f"{source}: {list(spec.values)} contains equal values; give each once")
     return Axis(key, unit, values)
 
 
-def _si(value: Any, unit: str, source: str) -> float:
-    try:
-        return to_si(value, unit)
-    except ValueError as error:
-        raise InputError(f"{source} = {value!r}: {error}") from error
-
-
 def _range_axis(key: str, unit: str, spec: Any, source: str, grid: bool) -> Axis:
     si = {
-        name.rstrip("_"): _si(value, unit, f"{source}.{name.rstrip('_')}")
+        name.rstrip("_"): si_number(value, unit, f"{source}.{name.rstrip('_')}")
         for name, value in spec
         if name not in ("distribution", "number") and value is not None
     }
@@ -313,7 +300,16 @@ def _range_axis(key: str, unit: str, spec: Any, source: str, grid: bool) -> Axis
         spaced = (np.geomspace if kind == "log_uniform" else np.linspace)(low, high, spec.number)
         return Axis(key, unit, tuple(float(f"{value:.12g}") for value in spaced))
     if kind == "normal":
-        law = _normal(low, high, si["mean"], si["deviation"], source)
+        mean, deviation = si["mean"], si["deviation"]
+        if deviation <= 0:
+            raise InputError(f"{source}.deviation = {deviation!r}: must be above zero")
+        a, b = (low - mean) / deviation, (high - mean) / deviation
+        if a > _FARTHEST_TAIL or b < -_FARTHEST_TAIL:
+            raise InputError(
+                f"{source}: from and to exclude all values within {_FARTHEST_TAIL:g} standard"
+                " deviations of the mean; give another mean, or a uniform range"
+            )
+        law = stats.truncnorm(a=a, b=b, loc=mean, scale=deviation)
     elif kind == "triangular":
         if not low <= si["peak"] <= high:
             raise InputError(f"{source}.peak = {spec.peak!r}: must lie between from and to")
@@ -329,16 +325,3 @@ def _range_axis(key: str, unit: str, spec: Any, source: str, grid: bool) -> Axis
             f"{source}: all values round to {quartile:.14g} (14 digits); give a wider range"
         )
     return axis
-
-
-def _normal(low: float, high: float, mean: float, deviation: float, source: str) -> Any:
-    """A normal distribution, truncated at `low` and `high`."""
-    if deviation <= 0:
-        raise InputError(f"{source}.deviation = {deviation!r}: must be above zero")
-    a, b = (low - mean) / deviation, (high - mean) / deviation
-    if a > _FARTHEST_TAIL or b < -_FARTHEST_TAIL:
-        raise InputError(
-            f"{source}: from and to exclude all values within {_FARTHEST_TAIL:g} standard"
-            " deviations of the mean; give another mean, or a uniform range"
-        )
-    return stats.truncnorm(a=a, b=b, loc=mean, scale=deviation)

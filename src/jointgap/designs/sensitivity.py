@@ -56,11 +56,15 @@ ENDS = ("", "_low", "_high")
 """Suffixes of a value and its interval."""
 
 
+def _levels(axis: Axis) -> np.ndarray:
+    """Values of a variable that replace those of a list."""
+    return np.linspace(-1.0, 1.0, len(axis.values))
+
+
 def _distribution(axis: Axis) -> Any:
     """OpenTURNS distribution of a parameter, or of its logarithm where that is uniform."""
     if axis.values is not None:
-        levels = np.linspace(-1.0, 1.0, len(axis.values))
-        return ot.FiniteDiscreteDistribution(levels[:, None].tolist())
+        return ot.FiniteDiscreteDistribution(_levels(axis)[:, None].tolist())
     name, keywords, (low, high) = axis.law.dist.name, axis.law.kwds, axis.law.support()
     if name == "loguniform":
         return ot.Uniform(math.log(low), math.log(high))
@@ -78,8 +82,7 @@ def _distribution(axis: Axis) -> Any:
 def _variable(axis: Axis, values: np.ndarray) -> np.ndarray:
     """`values` (n,) of a parameter as a variable with its `_distribution`."""
     if axis.values is not None:
-        levels = np.linspace(-1.0, 1.0, len(axis.values))
-        return levels[pd.Index(axis.values).get_indexer(values)]
+        return _levels(axis)[pd.Index(axis.values).get_indexer(values)]
     values = np.asarray(values, dtype=float)
     return np.log(values) if axis.is_logarithmic else values
 
@@ -265,9 +268,9 @@ def compute_indices(
     for name in with_progress(iter(measures), "measures", len(measures)):
         values = frame[name].to_numpy(dtype=float)
         defined = succeeded & np.isfinite(values)
-        undefined = int((succeeded & ~defined).sum())
-        row = {"measure": name, "unit": UNITS[name], "terms": 0, "trained": 0, "held_out": 0}
-        row |= {"failed": failed, "undefined": undefined}
+        undefined = int(succeeded.sum() - defined.sum())
+        row = {"measure": name, "unit": UNITS[name], "failed": failed, "undefined": undefined}
+        row |= dict.fromkeys(("terms", "trained", "held_out"), 0)
         if defined.any():
             row |= {"mean": np.mean(values[defined]), "deviation": np.std(values[defined])}
         reason = _why_unfit(values[defined], len(values), failed, undefined)
@@ -276,8 +279,8 @@ def compute_indices(
             surrogate = train_surrogate(
                 basis, variables[rows], terms[rows], values[order][rows], seed
             )
-            row |= {"trained": surrogate.trained, "held_out": surrogate.held_out}
-            row |= {"terms": len(surrogate.terms)}
+            row |= {key: getattr(surrogate, key) for key in ("trained", "held_out")}
+            row["terms"] = len(surrogate.terms)
             q2, replicates = surrogate.q2[0], surrogate.q2[1:]
             row |= _named("q2", _with_interval(q2, replicates, replicates))
             if q2 < MIN_Q2:
@@ -305,11 +308,11 @@ def _why_unfit(values: np.ndarray, number: int, failed: int, undefined: int) -> 
         return "undefined for all designs"
     if np.std(values) <= ROUNDING * np.abs(values).max():
         return "equal for all designs"
-    missing, counts = failed + undefined, {"failed": failed, "undefined": undefined}
+    missing = failed + undefined
     if missing > MOST_MISSING * number:
-        words = " and ".join(f"{count} {word}" for word, count in counts.items() if count)
         return (
-            f"undefined for {100 * missing / number:.0f} % of the designs ({words}), more than"
+            f"undefined for {100 * missing / number:.0f} % of the designs ({failed} failed), more"
+            " than"
             f" {100 * MOST_MISSING:.0f} %"
         )
     if len(values) < MIN_DESIGNS:

@@ -1,6 +1,7 @@
 """The study of the sensitivities of a sweep: tables, figures and facts."""
 
 from collections import Counter
+from functools import partial
 from textwrap import fill
 
 import numpy as np
@@ -25,7 +26,7 @@ from jointgap.designs.figures import (
     positions,
 )
 from jointgap.designs.sensitivity import ENDS, MIN_Q2, SensitivityResult, curve_values
-from jointgap.designs.study import Figure, Study, fact_table
+from jointgap.designs.study import Figures, Study, fact_table
 
 FIGURES = "figures"
 """Folder of the figures, in that of the study."""
@@ -99,8 +100,8 @@ def _facts(result: SensitivityResult) -> dict[str, Fact]:
         if pd.notna(row[key]):
             value, low, high = (float(row[key + end]) for end in ENDS)
             facts[name] = Fact(name, value, low=low, high=high)
-            facts |= {name + "_low": Fact(name + "_low", low)}
-            facts |= {name + "_high": Fact(name + "_high", high)}
+            for end, bound in (("_low", low), ("_high", high)):
+                facts[name + end] = Fact(name + end, bound)
     return facts
 
 
@@ -126,16 +127,16 @@ def _headline(result: SensitivityResult, measures: list[str]) -> str:
     )
 
 
-def _figures(result: SensitivityResult, measures: list[str]) -> tuple[Figure, ...]:
+def _figures(result: SensitivityResult, measures: list[str]) -> Figures:
     if not measures:
-        return ()
+        return {}
     indices = FigureBlock(f"{FIGURES}/indices", "Sobol indices of all measures")
-    figures = [Figure(indices, lambda: _draw_indices(result, measures))]
+    figures = {indices: partial(_draw_indices, result, measures)}
     for measure in measures:
         title = f"Main effects: {format_measure(measure)}"
         block = FigureBlock(f"{FIGURES}/main_effects_{measure}", title)
-        figures.append(Figure(block, lambda measure=measure: _draw_main_effects(result, measure)))
-    return tuple(figures)
+        figures[block] = partial(_draw_main_effects, result, measure)
+    return figures
 
 
 def _draw_indices(result: SensitivityResult, measures: list[str]) -> Drawing:

@@ -330,7 +330,7 @@ def sweep_record(scenario: "Scenario", folder: Path) -> "Record":
     from jointgap.core.errors import InputError
     from jointgap.core.publish import Dataset, Record, configuration, costs
     from jointgap.designs.dataset import checked_dataset
-    from jointgap.designs.study import read_numbers
+    from jointgap.designs.study import SUMMARY
 
     table_names = {folder / table.path: name for name, table in TABLES.items()}
     metrics, datasets, files, spent = {}, [], {}, {}
@@ -342,7 +342,11 @@ def sweep_record(scenario: "Scenario", folder: Path) -> "Record":
         for path in tables:
             name = table_names.get(path, f"{path.parent.name}_{path.stem}")
             datasets.append(Dataset(name, path, "result"))
-        metrics |= read_numbers(folder, study)
+        summary = folder / study / SUMMARY
+        if not summary.is_file():
+            command = study.replace("_", "-")
+            raise InputError(f"{summary}: is missing; run `jointgap {command}` first")
+        metrics |= json.loads(summary.read_text(encoding="utf-8"))
         paths = sorted((folder / study).rglob("*"))
         files |= {
             str(path.relative_to(folder)): path for path in paths if path.suffix in _ARTIFACTS

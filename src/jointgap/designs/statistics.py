@@ -1,8 +1,8 @@
 """Statistics of one motion: contacts, journal orbits, Poincaré section, periodicity."""
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -94,15 +94,15 @@ def cycles(
     joints = applied.loose
     if not joints:
         raise InputError("statistics of clearances: all joints are ideal; make a joint loose")
+    section = poincare_section(samples, joints, per_turn, angle, settled_revolution)
     settled = samples.iloc[(settled_revolution - 1) * per_turn :]
-    begin = settled["time"].iloc[0] if len(settled) else math.inf
     vectors = np.hstack([clearance_vectors(settled, joint) for joint in joints])
-    revolutions = max(options.revolutions - settled_revolution + 1, 1)
+    tables = [
+        _joint_tables(samples, events, joint, per_turn, settled_revolution) for joint in joints
+    ]
     return Cycles(
-        section=poincare_section(samples, joints, per_turn, angle, settled_revolution),
-        revolutions=_joint_revolutions(samples, events, joints, per_turn),
-        impacts=_impact_distribution(events, joints, begin, revolutions),
-        eccentricity=_eccentricity(samples, joints, per_turn, settled_revolution),
+        section,
+        *(pd.concat(frames, ignore_index=True) for frames in zip(*tables, strict=True)),
         periodicity=periodicity(vectors, per_turn, min(map(applied.clearance, joints))),
         settled_revolution=settled_revolution,
     )
@@ -132,38 +132,38 @@ def time_shares(contact_frame: pd.DataFrame, begin: float, end: float) -> dict[s
     return {"flight": 1.0 - impact - contact, "impact": impact, "contact": contact}
 
 
-def _joint_revolutions(
-    samples: pd.DataFrame, events: pd.DataFrame, joints: Iterable[str], per_turn: int
-) -> pd.DataFrame:
-    """The table `JOINT_REVOLUTIONS`."""
-    rows, times = [], samples["time"].to_numpy()
-    for joint in joints:
-        frame, force = contacts(events, joint), samples[f"{joint}_normal_force"].to_numpy()
-        for number, index in enumerate(range(0, len(samples) - 1, per_turn), 1):
-            begin, end = times[index], times[index + per_turn]
-            begun = frame[(frame["begin"] >= begin) & (frame["begin"] < end)]
-            ended = begun[begun["end"] <= end]
-            peak = np.fmax(force[index : index + per_turn + 1].max(), ended["peak_force"].max())
-            shares = time_shares(frame, begin, end).values()
-            largest = begun["approach_speed"].max(), ended["impulse"].max(), peak
-            rows.append((number, joint, *shares, len(begun), *largest))
-    return pd.DataFrame(rows, columns=schema.JOINT_REVOLUTIONS.names)
-
-
-def _impact_distribution(
-    events: pd.DataFrame, joints: Iterable[str], begin: float, revolutions: int
-) -> pd.DataFrame:
-    """The table `IMPACT_DISTRIBUTION`, from `begin` [s] on."""
-    rows = []
-    for joint in joints:
-        frame = contacts(events, joint)
-        settled = frame[frame["begin"] >= begin]
-        for name in ("approach_speed", "impulse", "peak_force"):
-            values = settled[name].dropna()
-            quantiles = values.quantile([0.05, 0.5, 0.95])
-            row = (joint, name, len(values) / revolutions, values.mean(), *quantiles, values.max())
-            rows.append(row)
-    return pd.DataFrame(rows, columns=schema.IMPACT_DISTRIBUTION.names)
+def _joint_tables(
+    samples: pd.DataFrame, events: pd.DataFrame, joint: str, per_turn: int, settled_revolution: int
+) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
+    """Rows of the tables `JOINT_REVOLUTIONS`, `IMPACT_DISTRIBUTION` and `ECCENTRICITY`."""
+    frame, force = contacts(events, joint), samples[f"{joint}_normal_force"].to_numpy()
+    times, revolutions = samples["time"].to_numpy()[::per_turn], []
+    for number, (begin, end) in enumerate(pairwise(times), 1):
+        begun = frame[(frame["begin"] >= begin) & (frame["begin"] < end)]
+        ended = begun[begun["end"] <= end]
+        sampled = force[(number - 1) * per_turn : number * per_turn + 1]
+        peak = np.fmax(sampled.max(), ended["peak_force"].max())
+        shares = time_shares(frame, begin, end).values()
+        largest = begun["approach_speed"].max(), ended["impulse"].max(), peak
+        revolutions.append((number, joint, *shares, len(begun), *largest))
+    settled, impacts = frame[frame["begin"] >= times[settled_revolution - 1]], []
+    count = max(len(revolutions) - settled_revolution + 1, 1)
+    for name in ("approach_speed", "impulse", "peak_force"):
+        values = settled[name].dropna()
+        quantiles = values.quantile([0.05, 0.5, 0.95])
+        row = (joint, name, len(values) / count, values.mean(), *quantiles, values.max())
+        impacts.append(row)
+    # distance of the centres over the crank angle, range over the revolutions
+    r = samples[f"r{JOINT_NUMBERS[joint]}"].to_numpy()
+    by_turn = r[:-1].reshape(-1, per_turn)[settled_revolution - 1 :]
+    low, high = np.quantile(by_turn, [0.05, 0.95], axis=0)
+    angle = samples["crank_angle"].to_numpy()[:per_turn]
+    columns = {"crank_angle": angle, "mean": by_turn.mean(axis=0), "low": low, "high": high}
+    return (
+        pd.DataFrame(revolutions, columns=schema.JOINT_REVOLUTIONS.names),
+        pd.DataFrame(impacts, columns=schema.IMPACT_DISTRIBUTION.names),
+        pd.DataFrame({"joint": joint} | columns),
+    )
 
 
 def clearance_vectors(samples: pd.DataFrame, joint: str, rates: bool = False) -> np.ndarray:
@@ -181,21 +181,6 @@ def clearance_vectors(samples: pd.DataFrame, joint: str, rates: bool = False) ->
     tangential = np.hstack([-radial[:, 1:], radial[:, :1]])
     is_at_rest = (r == 0.0) & (speed == 0.0)
     return np.where(is_at_rest, 0.0, speed * radial + r * rate * tangential)
-
-
-def _eccentricity(
-    samples: pd.DataFrame, joints: Iterable[str], per_turn: int, settled_revolution: int
-) -> pd.DataFrame:
-    """Distance of the centres over the crank angle, range over the revolutions: the table
-    `ECCENTRICITY`."""
-    frames, angle = [], samples["crank_angle"].to_numpy()[:per_turn]
-    for joint in joints:
-        r = samples[f"r{JOINT_NUMBERS[joint]}"].to_numpy()
-        by_turn = r[:-1].reshape(-1, per_turn)[settled_revolution - 1 :]
-        low, high = np.quantile(by_turn, [0.05, 0.95], axis=0)
-        columns = {"crank_angle": angle, "mean": by_turn.mean(axis=0), "low": low, "high": high}
-        frames.append(pd.DataFrame({"joint": joint} | columns))
-    return pd.concat(frames, ignore_index=True)
 
 
 def poincare_section(

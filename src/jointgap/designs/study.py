@@ -5,12 +5,10 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import pandas as pd
 
 from jointgap.core import parquet, plot
-from jointgap.core.errors import InputError
 from jointgap.core.facts import Fact, metrics, sentences
 from jointgap.core.files import write_text
 from jointgap.core.page import (
@@ -32,11 +30,8 @@ SUMMARY = "summary.json"
 """File with the numbers of a study, which are published to MLflow."""
 
 
-class Figure(NamedTuple):
-    """A figure of a study; `block.stem` is its file."""
-
-    block: FigureBlock
-    draw: Callable[[], Drawing]
+Figures = Mapping[FigureBlock, Callable[[], Drawing]]
+"""The figures of a study, with the functions that draw them."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +43,7 @@ class Study:
     introduction: str
     tables: tuple[TableBlock, ...]
     method: str
-    figures: tuple[Figure, ...] = ()
+    figures: Figures = field(default_factory=dict)
     frames: Mapping[Table, pd.DataFrame] = field(default_factory=dict)  # Tables to write
     subject: str = ""
 
@@ -59,7 +54,7 @@ class Study:
             *(Paragraph(sentence, strong=True) for sentence in sentences(self.facts)),
             Paragraph(self.introduction),
             *self.tables,
-            *(figure.block for figure in self.figures),
+            *self.figures,
             Heading("Method"),
             Paragraph(self.method),
         )
@@ -67,9 +62,9 @@ class Study:
 
     def write(self, folder: Path) -> str:
         """Write tables, figures, numbers and page to a `folder`; returns the page as Markdown."""
-        for figure in self.figures:
+        for figure, draw in self.figures.items():
             with plot.matplotlib_style():
-                plot.save(figure.draw(), folder / figure.block.stem)
+                plot.save(draw(), folder / figure.stem)
         for table, frame in self.frames.items():
             parquet.write(table, frame, folder / Path(table.path).name)
         write_text(folder / SUMMARY, json.dumps(metrics(self.facts), indent=2) + "\n")
@@ -125,11 +120,3 @@ def facts_of_rows(table: Table, frame: pd.DataFrame, section: str) -> dict[str, 
             label = format_name(column.name)
             facts[prefix + column.name] = Fact(prefix + name, value, unit, label, low, high)
     return facts
-
-
-def read_numbers(folder: Path, name: str) -> dict[str, Any]:
-    """The numbers of a study that `Study.write` has written."""
-    path = folder / name / SUMMARY
-    if not path.is_file():
-        raise InputError(f"{path}: is missing; run `jointgap {name.replace('_', '-')}` first")
-    return json.loads(path.read_text(encoding="utf-8"))

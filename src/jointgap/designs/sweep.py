@@ -20,7 +20,7 @@ from jointgap.designs.figures import (
     parameter_table,
 )
 from jointgap.designs.sampling import Designs
-from jointgap.designs.study import Figure, Study, fact_table, metric
+from jointgap.designs.study import Figures, Study, fact_table, metric
 
 _DESIGN_KINDS = {
     "sobol": "sampled by a scrambled Sobol sequence",
@@ -116,13 +116,13 @@ def _extreme_forces(designs: Designs, frame: pd.DataFrame) -> str:
     return f"The largest force in the joints is {texts[0]} to {texts[1]}."
 
 
-def _figures(designs: Designs, frame: pd.DataFrame) -> tuple[Figure, ...]:
+def _figures(designs: Designs, frame: pd.DataFrame) -> Figures:
     axes = designs.axes
     if designs.sweep.design == "grid" and len(axes) in (2, 3):
         block = FigureBlock("map", "Map of the grid")
-        return (Figure(block, lambda: grid_map(frame, axes)),)
+        return {block: lambda: grid_map(frame, axes)}
     if frame[PEAK_FORCE].isna().all():
-        return ()
+        return {}
     title, caption = "Largest force in the joints", "One point per design; bars: medians."
     block = FigureBlock("forces", title, caption)
-    return (Figure(block, lambda: measure_over_parameters(frame, axes, PEAK_FORCE)),)
+    return {block: lambda: measure_over_parameters(frame, axes, PEAK_FORCE)}

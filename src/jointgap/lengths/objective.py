@@ -83,6 +83,11 @@ Settled = Mapping[str, np.ndarray]
 (..., n) each."""
 
 
+def pin_forces(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Forces in the pins [N] by name, from their components in the `columns` of a trajectory."""
+    return {pin: np.hypot(columns[f"{pin}_force_x"], columns[f"{pin}_force_y"]) for pin in PINS}
+
+
 def largest_pin_force(settled: Settled) -> np.ndarray:
     """The largest force in either pin [N], shape (...)."""
     return np.max([settled[pin].max(axis=-1) for pin in PINS], axis=0)

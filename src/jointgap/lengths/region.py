@@ -91,48 +91,46 @@ class Constraint:
 def geometric(options: Constraints, offset: float) -> tuple[Constraint, ...]:
     """Constraints that depend on the lengths only."""
 
-    def crank(lengths: ArrayLike) -> np.ndarray:
-        return np.asarray(lengths)[..., 0]
+    def position(reach: np.ndarray) -> np.ndarray:
+        return np.sqrt(reach**2 - offset**2)
 
-    def reach(lengths: ArrayLike, side: float) -> np.ndarray:
-        return np.asarray(lengths)[..., 1] + side * crank(lengths)
-
-    def dead_centre(lengths: ArrayLike, side: float) -> np.ndarray:
-        return np.sqrt(reach(lengths, side) ** 2 - offset**2)
-
-    def angle(lengths: ArrayLike, side: float) -> np.ndarray:
-        angle = np.arcsin(offset / reach(lengths, side))
-        return angle if side > 0 else angle + np.pi
-
-    angle_words = "crank angle of the {} dead centre"
     properties = {
-        "crank_length": ("crank length", "mm", crank),
-        "stroke": ("stroke", "mm", lambda at: dead_centre(at, 1.0) - dead_centre(at, -1.0)),
-        "outer_dead_centre": ("outer dead centre", "mm", lambda at: dead_centre(at, 1.0)),
-        "inner_dead_centre": ("inner dead centre", "mm", lambda at: dead_centre(at, -1.0)),
-        "outer_dead_centre_angle": (angle_words.format("outer"), "deg", lambda at: angle(at, 1.0)),
-        "inner_dead_centre_angle": (angle_words.format("inner"), "deg", lambda at: angle(at, -1.0)),
+        "crank_length": ("crank length", lambda crank, rod: crank),
+        "stroke": ("stroke", lambda crank, rod: position(rod + crank) - position(rod - crank)),
+        "outer_dead_centre": ("outer dead centre", lambda crank, rod: position(rod + crank)),
+        "inner_dead_centre": ("inner dead centre", lambda crank, rod: position(rod - crank)),
+        "outer_dead_centre_angle": (
+            "crank angle of the outer dead centre",
+            lambda crank, rod: np.arcsin(offset / (rod + crank)),
+        ),
+        "inner_dead_centre_angle": (
+            "crank angle of the inner dead centre",
+            lambda crank, rod: np.arcsin(offset / (rod - crank)) + np.pi,
+        ),
         # from the crank pin's farthest point on the other side to the outer dead centre
         "length_along": (
             "length along the slide",
-            "mm",
-            lambda at: dead_centre(at, 1.0) + crank(at),
+            lambda crank, rod: position(rod + crank) + crank,
         ),
         # the crank's circle, extended to the slide
         "length_across": (
             "length across the slide",
-            "mm",
-            lambda at: crank(at) + np.maximum(crank(at), abs(offset)),
+            lambda crank, rod: crank + np.maximum(crank, abs(offset)),
         ),
     }
     constraints = []
-    for key, (words, unit, value) in properties.items():
-        limits = getattr(options, key)
-        low, high = limits if isinstance(limits, tuple) else (-math.inf, limits)
-        if limits is None:
+    for key, (words, function) in properties.items():
+        if (limits := getattr(options, key)) is None:
             continue
-        is_constant = unit == "deg" and offset == 0.0
+
+        def value(lengths: ArrayLike, function=function) -> np.ndarray:
+            return function(*np.moveaxis(np.asarray(lengths), -1, 0))
+
+        low, high = limits if isinstance(limits, tuple) else (-math.inf, limits)
+        is_angle = key.endswith("angle")
+        is_constant = is_angle and offset == 0.0
         if not (is_constant and low <= value((0.0, 1.0)) <= high):
+            unit = "deg" if is_angle else "mm"
             constraints.append(Constraint(key, words, unit, low, high, value))
     return tuple(constraints)
 
@@ -199,12 +197,8 @@ class Region:
     def searched(self) -> tuple[str, str]:
         """Ranges of crank and rod length [mm] as text; ``fixed`` where the constraints allow one
         length only."""
-        lowest = np.round(1e3 * self.samples.min(axis=0), 3)
-        highest = np.round(1e3 * self.samples.max(axis=0), 3)
-        return tuple(
-            "fixed" if low == high else f"{low:g} to {high:g}"
-            for low, high in zip(lowest, highest, strict=True)
-        )
+        ends = np.round([1e3 * self.samples.min(axis=0), 1e3 * self.samples.max(axis=0)], 3)
+        return tuple("fixed" if low == high else f"{low:g} to {high:g}" for low, high in ends.T)
 
     def _infeasible_message(self, name: str) -> str:
         """Which constraints cannot be satisfied together, and what is possible within the
@@ -260,18 +254,16 @@ class Region:
         constraints to first order. Where there is no solution, or none nearby, the result is the
         closest point found.
         """
-        low, high, scale = np.transpose(
-            [(limit.low, limit.high, limit.scale) for limit in self._limits]
-        )
-        scaled = (np.asarray(lengths, dtype=float) - self.lower) / self.size
-        scaled = np.clip(scaled, 0.0, 1.0)
+        limits = self._limits
+        low, high, scale = np.transpose([(limit.low, limit.high, limit.scale) for limit in limits])
+        scaled = np.clip((np.asarray(lengths) - self.lower) / self.size, 0.0, 1.0)
         for _ in range(_MOST_STEPS):
             at = self.unscaled(scaled)
-            values = np.stack([limit.value(at) for limit in self._limits], axis=-1)
+            values = np.stack([limit.value(at) for limit in limits], axis=-1)
             gaps = (np.clip(values, low, high) - values) / scale
             if np.abs(gaps).max(initial=0.0) <= 0.1 * FEASIBLE:
                 break
-            slopes = np.stack([self._slope(limit, at) for limit in self._limits], axis=-2)
+            slopes = np.stack([self._slope(limit, at) for limit in limits], axis=-2)
             violated = slopes * (gaps != 0.0)[..., None]
             steps = (np.linalg.pinv(violated) @ gaps[..., None])[..., 0]
             length = np.linalg.norm(steps, axis=-1, keepdims=True)
@@ -299,10 +291,8 @@ class Region:
 
     def contains(self, lengths: ArrayLike, slack: float = 0.0) -> np.ndarray:
         """Whether lengths, shape (..., 2), satisfy bounds and inequality up to `slack` [m]."""
-        lengths = np.asarray(lengths)
-        above = lengths >= self.lower - slack
-        below = lengths <= self.upper + slack
-        return np.all(above & below, axis=-1) & (self.inequality(lengths) <= slack)
+        clipped = np.clip(lengths, self.lower - slack, self.upper + slack)
+        return np.all(clipped == lengths, axis=-1) & (self.inequality(lengths) <= slack)
 
     def sample(self, count: int, random: np.random.Generator) -> np.ndarray:
         """`count` points spread evenly over the region, shape (count, 2) [m]."""
@@ -332,12 +322,11 @@ class Region:
         """Labels of the bounds, inequality and constraints active at `lengths` (2,), or
         ``'none'``."""
         labels = []
-        bounds = zip(("crank", "rod"), lengths, self.lower, self.upper, strict=True)
-        for link, length, low, high in bounds:
-            if length <= low + NEAR:
-                labels.append(f"{link} length at its lower bound {1e3 * low:g} mm")
-            elif length >= high - NEAR:
-                labels.append(f"{link} length at its upper bound {1e3 * high:g} mm")
+        links = zip(("crank", "rod"), lengths, self.lower, self.upper, strict=True)
+        for link, length, *bounds in links:
+            for side, bound in zip(("lower", "upper"), bounds, strict=True):
+                if abs(length - bound) <= NEAR:
+                    labels.append(f"{link} length at its {side} bound {1e3 * bound:g} mm")
         if self.inequality(lengths) >= -NEAR:
             labels.append(f"crank length at {self.ratio_limit:g} times the rod length")
         labels += [constraint.active(lengths) for constraint in self.constraints]

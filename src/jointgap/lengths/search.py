@@ -40,14 +40,6 @@ def best_first(pop: "Population") -> np.ndarray:
     return np.lexsort((pop.get("F")[:, 0], pop.get("CV")[:, 0]))
 
 
-def rank_expectation(values: np.ndarray) -> np.ndarray:
-    """Expected share of each individual among the parents, by rank; shape (n,), sum 1."""
-    rank = np.empty(len(values))
-    rank[np.argsort(values, kind="stable")] = np.arange(1, len(values) + 1)
-    weight = 1.0 / np.sqrt(rank)
-    return weight / np.sum(weight)
-
-
 def stochastic_uniform(
     expectation: np.ndarray, count: int, random: np.random.Generator
 ) -> np.ndarray:
@@ -59,13 +51,6 @@ def stochastic_uniform(
     edges = np.cumsum(expectation)
     edges[-1] = 1.0
     return random.permutation(np.searchsorted(edges, marks, side="right"))
-
-
-def intermediate_crossover(
-    mothers: np.ndarray, fathers: np.ndarray, random: np.random.Generator
-) -> np.ndarray:
-    """A random point between each pair of parents, shapes (n, 2)."""
-    return mothers + random.random((len(mothers), 1)) * (fathers - mothers)
 
 
 def feasible_mutation(
@@ -114,11 +99,14 @@ class _Evolution(Algorithm):
         return self._individuals(lengths, ["first"] * count)
 
     def _infill(self):
-        lengths, places = self.pop.get("X"), np.argsort(best_first(self.pop))
+        # expected share among the parents, by rank
+        weights = 1.0 / np.sqrt(1 + np.argsort(best_first(self.pop)))
         count, random = self.options.population - ELITES, self.random_state
         crossed = round(CROSSOVER_FRACTION * count)
-        parents = lengths[stochastic_uniform(rank_expectation(places), crossed + count, random)]
-        children = intermediate_crossover(parents[:crossed], parents[crossed : 2 * crossed], random)
+        indices = stochastic_uniform(weights / weights.sum(), crossed + count, random)
+        parents = self.pop.get("X")[indices]
+        mothers, fathers = parents[:crossed], parents[crossed : 2 * crossed]
+        children = mothers + random.random((crossed, 1)) * (fathers - mothers)
         mutants = feasible_mutation(parents[2 * crossed :], self.problem.region, random)
         origins = ["crossover"] * len(children) + ["mutation"] * len(mutants)
         return self._individuals(np.concatenate([children, mutants]), origins)
@@ -219,9 +207,6 @@ def search_from_all(
     return tuple(search(objective, region, start, tolerance) for start in starts)
 
 
-# -- both
-
-
 @dataclass(frozen=True)
 class Point:
     """A pair of lengths with a name."""
@@ -248,32 +233,20 @@ class Search:
     def optima(self) -> list[Point]:
         """Optima of the genetic algorithm and of the local optimiser."""
         best = {"genetic": self.genetic, "local": min(self.local, key=lambda end: end.value)}
-        lowest = min(result.value for result in best.values())
-        return [
-            Point(
-                f"{self.source}_{self.box}_{method}",
-                method,
-                tuple(map(float, result.lengths)),
-                self.box,
-                self.source,
-                {
-                    "active_bounds": self.region.active(result.lengths),
-                    "evaluations": len(result.values),
-                    "evaluations_within_1_percent": evaluations_until(result.values, lowest * 1.01),
-                    "evaluations_within_0_1_percent": evaluations_until(
-                        result.values, lowest * 1.001
-                    ),
-                    "status": result.status,
-                },
-            )
-            for method, result in best.items()
-        ]
-
-
-def evaluations_until(values: np.ndarray, limit: float) -> int | None:
-    """Number of evaluations until a value of at most `limit`; None if never."""
-    below = np.flatnonzero(values <= limit)
-    return int(below[0]) + 1 if len(below) else None
+        lowest, points = min(result.value for result in best.values()), []
+        for method, result in best.items():
+            columns = {
+                "active_bounds": self.region.active(result.lengths),
+                "evaluations": len(result.values),
+                "status": result.status,
+            }
+            for percent, factor in (("1", 1.01), ("0_1", 1.001)):
+                within = np.flatnonzero(result.values <= lowest * factor)
+                evaluations = int(within[0]) + 1 if len(within) else None
+                columns[f"evaluations_within_{percent}_percent"] = evaluations
+            name, lengths = f"{self.source}_{self.box}_{method}", tuple(result.lengths.tolist())
+            points.append(Point(name, method, lengths, self.box, self.source, columns))
+        return points
 
 
 def search_all(

@@ -9,9 +9,8 @@ from scipy.interpolate import RectBivariateSpline
 
 from jointgap.config import Mechanism, Optimise, Simulate
 from jointgap.core.errors import InputError
-from jointgap.core.joints import PINS
 from jointgap.dynamics.parallel import Run, simulate_runs
-from jointgap.lengths.objective import GOALS, Objective, evaluation_samples
+from jointgap.lengths.objective import GOALS, Objective, evaluation_samples, pin_forces
 from jointgap.lengths.region import Constraint, Region, regions
 
 GRID = 21, 41  # points of crank and rod length
@@ -57,10 +56,7 @@ def simulated_surface(
         if outcome.error is not None:
             raise outcome.error
         columns = outcome.result.observed(outcome.parameters)
-        forces = {
-            pin: np.hypot(columns[f"{pin}_force_x"], columns[f"{pin}_force_y"]) for pin in PINS
-        }
-        quantities = forces | {"crank_torque": columns["crank_torque"]}
+        quantities = pin_forces(columns) | {"crank_torque": columns["crank_torque"]}
         at_samples = {key: quantity[settled] for key, quantity in quantities.items()}
         values.append(float(GOALS[name].simulated(at_samples)))
     return Surface(RectBivariateSpline(cranks, rods, np.reshape(values, GRID)))

@@ -141,35 +141,30 @@ def _best_crank(objective: Objective, region: Region, rod_length: float, name: s
 
 def optima(objectives: dict[str, Objective], points: list[Point]) -> pd.DataFrame:
     """The table optimise_optima: for each source its optima, and the points of no search."""
-    rows = [
-        _optimum(source, objective, point)
-        for source, objective in objectives.items()
-        for point in points
-        if point.source in (None, source)
-    ]
+    rows, blank = [], dict.fromkeys(("active_bounds", *_COUNTS, "status"))
+    for source, objective in objectives.items():
+        for point in points:
+            if point.source not in (None, source):
+                continue
+            (crank, rod), value = point.lengths, float(objective.value(point.lengths))
+            reductions = objective.reductions(point.lengths)
+            row = {
+                "source": source,
+                "point": point.name,
+                "box": point.box,
+                "method": point.method,
+                "crank_length": crank,
+                "rod_length": rod,
+                "ratio": crank / rod,
+                "objective": value,
+                "objective_reduction": 1.0 - value / float(objective.value(objective.original)),
+                "rod_deviation_allowed": allowed_deviation(objective, point.lengths),
+                "invariant": (1.0 - reductions.rms) * rod,
+            }
+            row |= objective.measures(point.lengths)._asdict()
+            row |= {f"{name}_reduction": size for name, size in reductions._asdict().items()}
+            rows.append(row | blank | point.columns)
     return pd.DataFrame(rows).astype(dict.fromkeys(_COUNTS, "Int64"))
-
-
-def _optimum(source: str, objective: Objective, point: Point) -> dict[str, object]:
-    (crank, rod), value = point.lengths, float(objective.value(point.lengths))
-    reductions = objective.reductions(point.lengths)
-    return {
-        "source": source,
-        "point": point.name,
-        "box": point.box,
-        "method": point.method,
-        "crank_length": crank,
-        "rod_length": rod,
-        "ratio": crank / rod,
-        "objective": value,
-        "objective_reduction": 1.0 - value / float(objective.value(objective.original)),
-        **objective.measures(point.lengths)._asdict(),
-        **{f"{name}_reduction": size for name, size in reductions._asdict().items()},
-        "rod_deviation_allowed": allowed_deviation(objective, point.lengths),
-        "invariant": (1.0 - reductions.rms) * rod,
-        **dict.fromkeys(("active_bounds", *_COUNTS, "status")),
-        **point.columns,
-    }
 
 
 def allowed_deviation(objective: Objective, lengths: tuple[float, float]) -> float:
@@ -223,22 +218,17 @@ def resimulated(
             estimates["settled", objective.name] = reduction
         for (stretch, name), sizes in ensemble.sizes.items():
             original = ensembles["original"].sizes[stretch, name]
-            pairs = reduction_pairs(sizes, original)
+            pairs = 1.0 - np.divide.outer(sizes, original)  # each member with each original one
             rows.append(
                 _lengths_of(point.name, ensemble)
-                | {"stretch": stretch, "measure": name}
+                | {"stretch": stretch, "measure": name, "members": len(sizes)}
                 | {"frozen_reduction": estimates[stretch, name]}
+                | {"share_better": float(np.mean(pairs > 0.0))}
                 | spread("original_error", original)
                 | spread("error", sizes)
                 | spread("reduction", pairs)
-                | {"share_better": float(np.mean(pairs > 0.0)), "members": len(sizes)}
             )
     return pd.DataFrame(rows)
-
-
-def reduction_pairs(sizes: np.ndarray, original: np.ndarray) -> np.ndarray:
-    """The reduction of one measure for every pair of single runs, shape (members * members,)."""
-    return (1.0 - np.divide.outer(sizes, original)).ravel()
 
 
 def loads(ensembles: Ensembles) -> pd.DataFrame:
