@@ -18,7 +18,7 @@ QUICK = {"hidden": (2,), "training_points": 121, "iterations": 2, "seeds": (0,)}
 def scenario(loose=("crank_pin", "piston_pin"), fluctuation=None, **simulate_options):
     mechanism = read_yaml("config/mechanisms/erkaya2009.yaml")
     if fluctuation:
-        wave = {"name": "speed_fluctuation", "parameters": {"ratio": fluctuation}}
+        wave = {"name": "speed_fluctuation", "parameters": {"ratio": fluctuation, "order": 2}}
         mechanism["effects"] = [wave]
     for name, joint in mechanism["joints"].items():
         joint["loose"] = name in loose

@@ -48,11 +48,6 @@ def _moments(before: pd.Series, after: pd.Series) -> list[str]:
     return ["before", "after"] if (before != after).any() else ["before"]
 
 
-def _hide_scale(panel: Panel) -> None:
-    panel.axes.set_xlabel("")
-    panel.axes.tick_params(labelbottom=False)
-
-
 def _band(panel: Panel, x: np.ndarray, half: np.ndarray, label: str) -> None:
     panel.axes.fill_between(x, -half, half, color="#DDDDDD", linewidth=0.0, zorder=0, label=label)
     panel.record(label, x, np.zeros(len(x)), low=-half, high=half)
@@ -83,7 +78,8 @@ def measured_against_model(tables: Tables, verdict: Verdict) -> Drawing:
             key = (run.run, channel, run.held_out)
             if key in series:
                 if lowest is not None:
-                    _hide_scale(lowest)
+                    lowest.axes.set_xlabel("")
+                    lowest.axes.tick_params(labelbottom=False)
                 lowest = _compare(sheet, (2 * row, column), series[key], errors.loc[key], moments)
     sheet.legend()
     return sheet.drawing()
@@ -147,6 +143,10 @@ def _latest_revolution(samples: pd.DataFrame) -> pd.DataFrame:
     return samples.iloc[order]
 
 
+SIGNIFICANT = "window with a significant residual"
+_OUTLINE = {"facecolors": "none", "edgecolors": plot.INK, "linewidth": 1.3, "zorder": 3}
+
+
 @figure
 def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
     """Mean residual by channel, run and crank angle, with the significant windows."""
@@ -154,6 +154,10 @@ def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
     from matplotlib.colors import SymLogNorm
 
     bins, windows = tables["map_bins"].dropna(subset=["mean"]), tables["map_windows"]
+    crosses = windows["start_deg"] >= windows["end_deg"]  # across 0: outlined at both ends
+    at_start = windows[crosses].assign(start_deg=0.0)
+    at_end = windows["end_deg"].where(~crosses, 360.0)
+    windows = pd.concat([windows.assign(end_deg=at_end), at_start])
     most = plot.round_up(max(1.0, bins["mean"].abs().max()))
     colours = ScalarMappable(SymLogNorm(1.0, vmin=-most, vmax=most), "RdBu_r")
     channels = dict(list(bins.groupby("channel", sort=False)))
@@ -163,15 +167,11 @@ def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
     for row, (channel, part) in enumerate(channels.items()):
         panel = sheet.panel((row, 0), format_name(channel), CRANK_ANGLE, _RUN, below=panel)
         for place, (run, spans) in enumerate(part.groupby("run", sort=False)):
-            ranges = spans.assign(width=spans["end_deg"] - spans["start_deg"])
-            panel.axes.broken_barh(
-                ranges[["start_deg", "width"]].to_numpy(),
-                (place - 0.4, 0.8),
-                facecolors=colours.to_rgba(spans["mean"].to_numpy()),
-            )
-            _record_spans(panel, MEAN.name, place, run, spans)
-            is_shown = (windows["channel"] == channel) & (windows["run"] == run)
-            _outline(panel, place, run, windows[is_shown])
+            colour = colours.to_rgba(spans["mean"].to_numpy())
+            _spans(panel, MEAN.name, place, run, spans, facecolors=colour)
+            outlined = windows[(windows["channel"] == channel) & (windows["run"] == run)]
+            if len(outlined):
+                _spans(panel, SIGNIFICANT, place, run, outlined, label=SIGNIFICANT, **_OUTLINE)
         list_rows(panel, list(part["run"].unique()))
         panel.axes.grid(False)
         panel.over_crank_angle(0.0, 360.0)
@@ -186,8 +186,12 @@ def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
     return sheet.drawing()
 
 
-def _record_spans(panel: Panel, series: str, place: int, run: str, spans: pd.DataFrame) -> None:
+def _spans(
+    panel: Panel, series: str, place: int, run: str, spans: pd.DataFrame, **look: Any
+) -> None:
+    """Bars of a run over the crank angle, recorded with their mean residuals."""
     low, high = spans["start_deg"], spans["end_deg"]
+    panel.axes.broken_barh(np.column_stack([low, high - low]), (place - 0.4, 0.8), **look)
     panel.record(
         series,
         (low + high) / 2.0,
@@ -199,22 +203,6 @@ def _record_spans(panel: Panel, series: str, place: int, run: str, spans: pd.Dat
         value_unit=MEAN.unit,
         label=[run] * len(spans),
     )
-
-
-def _outline(panel: Panel, place: int, run: str, windows: pd.DataFrame) -> None:
-    from matplotlib.patches import Rectangle
-
-    series = "window with a significant residual"
-    crosses = windows["start_deg"] >= windows["end_deg"]  # across 0: outlined at both ends
-    for spans in (
-        windows.assign(end_deg=windows["end_deg"].where(~crosses, 360.0)),
-        windows[crosses].assign(start_deg=0.0),
-    ):
-        for low, high in zip(spans["start_deg"], spans["end_deg"], strict=True):
-            style = {"fill": False, "edgecolor": plot.INK, "linewidth": 1.3, "zorder": 3}
-            corner = (low, place - 0.43)
-            panel.axes.add_patch(Rectangle(corner, high - low, 0.86, label=series, **style))
-        _record_spans(panel, series, place, run, spans)
 
 
 _APART = DEFAULT_SETTINGS.decision.min_delta_bic

@@ -259,12 +259,8 @@ def trend_figure(sizes: pd.DataFrame, growth: pd.DataFrame) -> Drawing:
                 panel.marks(series, rows["day"], factor * rows["value"], colour, *ends, **style)
         limits = points[absent].dropna(subset=["smallest_detectable"])
         if len(limits):
-            smallest, series = factor * limits["smallest_detectable"], "not found; detectable"
-            series += " from this size"
-            panel.marks(series, limits["day"], smallest, "other", marker="v")
-        unknown = points.loc[absent & points["smallest_detectable"].isna(), "day"]
-        for order, day in enumerate(unknown):
-            panel.vertical_line("not found; detectable size unknown", day, named=order == 0)
+            series, smallest = "not found; detectable from this size", limits["smallest_detectable"]
+            panel.marks(series, limits["day"], factor * smallest, "other", marker="v")
         if pd.notna(line["rate"]):
             span = np.array([used["day"].min(), used["day"].max()])
             values = line["first_value"] + line["rate"] * (span - points["day"].min())

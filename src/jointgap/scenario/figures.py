@@ -63,12 +63,9 @@ def predicted(tables: Tables, output: str, column: str = "value") -> np.ndarray:
 def first_and_settled(tables: Tables, scenario: Scenario) -> dict[str, tuple[str, pd.DataFrame]]:
     """Colour and samples of the first and of the settled revolution, by title."""
     settled = scenario.optimise.ensemble.settled_revolution
-    revolutions = {"first revolution": ("first", 1)}
-    revolutions[f"settled revolution ({settled})"] = "settled", settled
-    return {
-        title: (colour, revolution(tables["trajectory"], scenario, number))
-        for title, (colour, number) in revolutions.items()
-    }
+    first, last = (revolution(tables["trajectory"], scenario, number) for number in (1, settled))
+    title = f"settled revolution ({settled})"
+    return {"first revolution": ("first", first), title: ("settled", last)}
 
 
 def _over_angle(
@@ -266,9 +263,6 @@ def drive_and_guide(tables: Tables, scenario: Scenario, panels: Mapping[str, dic
         middle = float(values.mean())
         if column == "crank_speed" and np.ptp(values) <= CONSTANT * abs(middle):
             panel.axes.set_ylim(0.9 * middle, 1.1 * middle)
-            panel.axes.set_yticks([middle], [f"{middle:.4g}"])
-            look = {"ha": "center", "va": "bottom", "transform": panel.axes.transAxes}
-            panel.axes.text(0.5, 0.55, "constant", **look)
     sheet.legend()
     return sheet.drawing()
 
@@ -383,12 +377,10 @@ def held_out(
         panel.axes.set_yscale("log")
         panel.axes.minorticks_off()
         panel.categories([symbol(output) for output in learned])
-    drawing = sheet.drawing()
-    errors = drawing.data[["y", "low", "high"]].to_numpy()
-    for panel in sheet.panels:  # the same scale in both panels
-        panel.axes.set_ylim(np.nanmin(errors) / 3, 3 * np.nanmax(errors))
+    panel.axes.sharey(sheet.panels[0].axes)
+    panel.axes.autoscale(axis="y")
     sheet.legend()
-    return drawing
+    return sheet.drawing()
 
 
 def _error_marks(
@@ -518,7 +510,7 @@ def _without_optimum(name: str, optima: pd.DataFrame, scenario: Scenario) -> Dra
 
 
 @figure
-def valley(tables: Tables, scenario: Scenario) -> Drawing:
+def valley(tables: Tables, scenario: Scenario, points: Mapping[str, dict]) -> Drawing:
     """The objective over both lengths, and its reduction along the floor of the valley."""
     if (lacking := _without_optimum("valley", tables["optimise_optima"], scenario)) is not None:
         return lacking
@@ -538,7 +530,7 @@ def valley(tables: Tables, scenario: Scenario) -> Drawing:
         if name in FIGURES["valley"].tables
     }
     sheet = Sheet(4.9, 1, 2, width_ratios=[1.35, 1.0])
-    _map(sheet, shown, scenario, box)
+    _map(sheet, shown, scenario, box, points)
     goal = GOALS[scenario.optimise.objective]
     reduced, title, measures = REDUCTION, "along the valley's floor", MEASURES
     if source == "with_clearance":
@@ -559,7 +551,7 @@ def valley(tables: Tables, scenario: Scenario) -> Drawing:
     lines = panel.axes.get_lines()
     gain = "objective_reduction" if source == "with_clearance" else "rms_reduction"
     gained = shown["optima"].assign(reduction=100 * shown["optima"][gain])
-    _points(panel, gained, "rod_length", "reduction")
+    _points(panel, points, gained, "rod_length", "reduction")
     bottom, top = panel.axes.get_ylim()
     panel.axes.set_ylim(bottom, top + 0.5 * (top - bottom))  # room for the legend
     panel.axes.legend(handles=lines, loc="upper left")
@@ -567,7 +559,7 @@ def valley(tables: Tables, scenario: Scenario) -> Drawing:
     return sheet.drawing()
 
 
-def _map(sheet: Sheet, shown: dict[str, pd.DataFrame], scenario: Scenario, box: str) -> None:
+def _map(sheet: Sheet, shown: Tables, scenario: Scenario, box: str, points: dict) -> None:
     """The objective over both lengths [mm], with the paths of the optimisers."""
     from matplotlib.colors import LogNorm
     from matplotlib.ticker import MaxNLocator
@@ -595,9 +587,7 @@ def _map(sheet: Sheet, shown: dict[str, pd.DataFrame], scenario: Scenario, box: 
         drawn, ax=panel.axes, label=size.label, location="bottom", shrink=0.9, aspect=30
     )
     if is_angle:
-        ticks = [tick for tick in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0) if low <= tick <= high]
-        bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
-        bar.minorticks_off()
+        plot.label_log_ticks(bar.ax.xaxis, low, high)
 
     bounds = scenario.optimise.boxes[box]
     (left, right), (low, high) = (
@@ -624,34 +614,19 @@ def _map(sheet: Sheet, shown: dict[str, pd.DataFrame], scenario: Scenario, box: 
     best = shown["population"].loc[shown["population"].groupby("generation")["objective"].idxmin()]
     generations, mark = "genetic, generations' best", {"marker": "+", "zorder": 4}
     panel.marks(generations, best["crank_length"], best["rod_length"], "genetic", **mark)
-    _points(panel, shown["optima"], "crank_length", "rod_length")
+    _points(panel, points, shown["optima"], "crank_length", "rod_length")
     margin = 0.03 * np.array([right - left, high - low])
     panel.axes.set_xlim(left - margin[0], right + margin[0])
     panel.axes.set_ylim(low - margin[1], high + margin[1])
 
 
-def _points(panel: Panel, optima: pd.DataFrame, x: str, y: str) -> None:
+def _points(panel: Panel, points: dict, optima: pd.DataFrame, x: str, y: str) -> None:
     """Optima found and, for the paper's mechanism, the printed ones."""
-    for method, series, colour, style in (
-        (
-            "genetic",
-            "genetic optimum",
-            "genetic",
-            {"marker": "*", "markersize": 11, "markeredgecolor": "white"},
-        ),
-        ("local", "local optimum", "local", {"marker": "s", "markersize": 4}),
-        (
-            "printed",
-            "paper's three points",
-            "paper",
-            {"marker": "D", "markersize": 5.5, "markeredgecolor": "black"},
-        ),
-    ):
+    for method, shown in points.items():
         rows = optima[optima["method"] == method]
         if len(rows):
-            panel.marks(
-                series, rows[x], rows[y], colour, labels=list(rows["point"]), zorder=5, **style
-            )
+            labels, place = list(rows["point"]), (rows[x], rows[y])
+            panel.marks(shown["series"], *place, shown["colour"], labels=labels, **shown["style"])
 
 
 @figure
