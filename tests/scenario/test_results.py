@@ -15,8 +15,11 @@ MOTOR = {"kind": "motor", "stall_torque": 40.0, "no_load_speed": "660 rpm", "ine
 QUICK = {"hidden": (2,), "training_points": 121, "iterations": 2, "seeds": (0,)}
 
 
-def scenario(loose=("crank_pin", "piston_pin"), **simulate_options):
+def scenario(loose=("crank_pin", "piston_pin"), fluctuation=None, **simulate_options):
     mechanism = read_yaml("config/mechanisms/erkaya2009.yaml")
+    if fluctuation:
+        wave = {"name": "speed_fluctuation", "parameters": {"ratio": fluctuation, "order": 2}}
+        mechanism["effects"] = [wave]
     for name, joint in mechanism["joints"].items():
         joint["loose"] = name in loose
     options = {"revolutions": 1, "samples_per_revolution": 1800} | simulate_options
@@ -43,6 +46,7 @@ def test_networks_of_a_motor_driven_mechanism_are_read_back(tmp_path):
     [
         ({}, [{"speed": 30.0}, {"start_angle": 1.0}, {"revolutions": 2}]),
         ({"drive": MOTOR}, [{"speed": 30.0}]),
+        ({"fluctuation": 0.02}, [{"fluctuation": 0.03}, {"speed": 30.0}]),
     ],
 )
 def test_a_trajectory_of_other_options_is_refused(tmp_path, options, others):

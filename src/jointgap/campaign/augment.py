@@ -9,8 +9,8 @@ from typing import Any
 import pandas as pd
 import yaml
 
-from jointgap.campaign.fits_on_disk import clockwise, nuisances_in_file_convention
-from jointgap.campaign.labels import Estimate, estimates, format_effect, is_fault
+from jointgap.campaign.fits_on_disk import clockwise
+from jointgap.campaign.labels import format_label
 from jointgap.campaign.outcome import Outcome
 from jointgap.config import Effect, Mechanism, Simulate
 from jointgap.config.campaign import Campaign
@@ -18,11 +18,10 @@ from jointgap.config.load import validate
 from jointgap.core.errors import InputError
 from jointgap.core.schema import MISSING_FORCE
 from jointgap.core.units import split_quantity
-from jointgap.core.words import format_nuisance
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.equations import crank_losses, slider_force
 from jointgap.dynamics.simulation import simulate
-from jointgap.identification.fit import determined_values, effect_estimates, is_taken_over
+from jointgap.identification.fit import determined_values
 from jointgap.rig.cylinder_pressure import with_loads
 from jointgap.rig.simulate_run import augmented_mechanism, tolerance_for
 
@@ -86,27 +85,17 @@ def augmented_file(
 
 
 def _header(campaign: Campaign, outcome: Outcome) -> list[str]:
-    chosen, verdict = outcome.chosen, outcome.verdict.replace("_", " ")
+    verdict = outcome.verdict.replace("_", " ")
     lines = [f"Augmented mechanism of campaign {campaign.name}. Verdict: {verdict}."]
-    for parameter, estimate in nuisances_in_file_convention(chosen, clockwise(campaign)):
-        note = "" if parameter.run or is_taken_over(estimate) else ": stated value kept"
-        shown = Estimate.of(format_nuisance(parameter.key), estimate, parameter.unit)
-        lines.append(f"{shown.label}: {shown.text}{note}")
-    for candidate in chosen.hypothesis:
-        effect = {"name": candidate.name, "site": candidate.site}
-        effect["parameters"] = effect_estimates(chosen, candidate)
-        note = " (a sensor fault, not part of the mechanism)" if is_fault(effect) else ""
-        for shown in estimates([effect]):
-            lines.append(f"{format_effect(effect)}: {shown.label}: {shown.text}{note}")
+    for candidate in outcome.chosen.hypothesis:
+        note = " (a sensor fault, not part of the mechanism)" if candidate.sensor else ""
+        lines.append(f"Identified: {format_label(candidate.label)}{note}.")
     if campaign.own_loads:
         lines.append(
             "Known loads of runs, which the analysis used and which this file does not contain:"
         )
         lines += [f"  {load}" for load in campaign.own_loads]
-    lines.append(
-        "Run-specific values and intervals are for information only. Numbers without a unit are"
-        " in SI."
-    )
+    lines.append("Intervals and run-specific values: summary.md. Numbers without a unit are in SI.")
     return lines
 
 

@@ -1,7 +1,8 @@
-"""Figures of a campaign."""
+"""Figures of a campaign; their titles and captions are in `figures.yaml`."""
 
 from collections.abc import Mapping, Sequence
 from math import pi, tau
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from jointgap.core.plot import CRANK_ANGLE, WIDTH, Drawing, Panel, Quantity, She
 from jointgap.core.words import format_name, format_size, format_unit, number
 from jointgap.identification.settings import DEFAULT_SETTINGS
 
-FIGURES = plot.Figures()
+FIGURES = plot.Figures(Path(__file__).with_suffix(".yaml"))
 figure = FIGURES.figure
 Tables, Verdict = Mapping[str, pd.DataFrame], Mapping[str, Any]
 
@@ -47,31 +48,14 @@ def _moments(before: pd.Series, after: pd.Series) -> list[str]:
     return ["before", "after"] if (before != after).any() else ["before"]
 
 
-def _hide_scale(panel: Panel) -> None:
-    panel.axes.set_xlabel("")
-    panel.axes.tick_params(labelbottom=False)
-
-
 def _band(panel: Panel, x: np.ndarray, half: np.ndarray, label: str) -> None:
     panel.axes.fill_between(x, -half, half, color="#DDDDDD", linewidth=0.0, zorder=0, label=label)
     panel.record(label, x, np.zeros(len(x)), low=-half, high=half)
 
 
-@figure(
-    "measured_against_model",
-    "Measured against the model",
-    "Measured and predicted",
-    ("residuals", "channel_errors"),
-    nothing="no sample to compare with the model",
-)
+@figure
 def measured_against_model(tables: Tables, verdict: Verdict) -> Drawing:
-    """One revolution of each channel in the unit of its column: measured, and predicted before and
-    after adding the effects. Below: the residual; the title gives its root mean square over the
-    run. Grey band: two standard deviations of the noise. At most three runs, by speed; held-out
-    ones have priority. Channels by size of the residual. Table channel_errors has all numbers. A
-    crank angle is shown as deviation from steady rotation. If nothing was identified, "after" shows
-    the best candidate, if any.
-    """
+    """One revolution of each channel, measured and predicted, above the residual."""
     samples, errors = tables["residuals"], tables["channel_errors"]
     moments = _moments(samples["base"], samples["augmented"])
     by_priority = errors.sort_values("held_out", ascending=False, kind="stable")
@@ -94,7 +78,8 @@ def measured_against_model(tables: Tables, verdict: Verdict) -> Drawing:
             key = (run.run, channel, run.held_out)
             if key in series:
                 if lowest is not None:
-                    _hide_scale(lowest)
+                    lowest.axes.set_xlabel("")
+                    lowest.axes.tick_params(labelbottom=False)
                 lowest = _compare(sheet, (2 * row, column), series[key], errors.loc[key], moments)
     sheet.legend()
     return sheet.drawing()
@@ -158,23 +143,21 @@ def _latest_revolution(samples: pd.DataFrame) -> pd.DataFrame:
     return samples.iloc[order]
 
 
-@figure(
-    "disagreement",
-    "Map of disagreement",
-    "Location of the residual",
-    ("map_bins", "map_windows"),
-    nothing="no sample to compare with the model",
-)
+SIGNIFICANT = "window with a significant residual"
+_OUTLINE = {"facecolors": "none", "edgecolors": plot.INK, "linewidth": 1.3, "zorder": 3}
+
+
+@figure
 def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
-    """Mean residual of the current model with re-fitted parameters by channel, run and crank angle,
-    in standard deviations of the noise. Red: measured above predicted. Outlined: windows with a
-    significant residual (false-discovery rate 1 %). The colour scale is linear up to 1 and
-    logarithmic beyond.
-    """
+    """Mean residual by channel, run and crank angle, with the significant windows."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import SymLogNorm
 
     bins, windows = tables["map_bins"].dropna(subset=["mean"]), tables["map_windows"]
+    crosses = windows["start_deg"] >= windows["end_deg"]  # across 0: outlined at both ends
+    at_start = windows[crosses].assign(start_deg=0.0)
+    at_end = windows["end_deg"].where(~crosses, 360.0)
+    windows = pd.concat([windows.assign(end_deg=at_end), at_start])
     most = plot.round_up(max(1.0, bins["mean"].abs().max()))
     colours = ScalarMappable(SymLogNorm(1.0, vmin=-most, vmax=most), "RdBu_r")
     channels = dict(list(bins.groupby("channel", sort=False)))
@@ -184,15 +167,11 @@ def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
     for row, (channel, part) in enumerate(channels.items()):
         panel = sheet.panel((row, 0), format_name(channel), CRANK_ANGLE, _RUN, below=panel)
         for place, (run, spans) in enumerate(part.groupby("run", sort=False)):
-            ranges = spans.assign(width=spans["end_deg"] - spans["start_deg"])
-            panel.axes.broken_barh(
-                ranges[["start_deg", "width"]].to_numpy(),
-                (place - 0.4, 0.8),
-                facecolors=colours.to_rgba(spans["mean"].to_numpy()),
-            )
-            _record_spans(panel, MEAN.name, place, run, spans)
-            is_shown = (windows["channel"] == channel) & (windows["run"] == run)
-            _outline(panel, place, run, windows[is_shown])
+            colour = colours.to_rgba(spans["mean"].to_numpy())
+            _spans(panel, MEAN.name, place, run, spans, facecolors=colour)
+            outlined = windows[(windows["channel"] == channel) & (windows["run"] == run)]
+            if len(outlined):
+                _spans(panel, SIGNIFICANT, place, run, outlined, label=SIGNIFICANT, **_OUTLINE)
         list_rows(panel, list(part["run"].unique()))
         panel.axes.grid(False)
         panel.over_crank_angle(0.0, 360.0)
@@ -207,8 +186,12 @@ def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
     return sheet.drawing()
 
 
-def _record_spans(panel: Panel, series: str, place: int, run: str, spans: pd.DataFrame) -> None:
+def _spans(
+    panel: Panel, series: str, place: int, run: str, spans: pd.DataFrame, **look: Any
+) -> None:
+    """Bars of a run over the crank angle, recorded with their mean residuals."""
     low, high = spans["start_deg"], spans["end_deg"]
+    panel.axes.broken_barh(np.column_stack([low, high - low]), (place - 0.4, 0.8), **look)
     panel.record(
         series,
         (low + high) / 2.0,
@@ -222,34 +205,6 @@ def _record_spans(panel: Panel, series: str, place: int, run: str, spans: pd.Dat
     )
 
 
-def _outline(panel: Panel, place: int, run: str, windows: pd.DataFrame) -> None:
-    from matplotlib.patches import Rectangle
-
-    series = "window with a significant residual"
-    crosses = windows["start_deg"] >= windows["end_deg"]  # across 0: outlined at both ends
-    for spans in (
-        windows.assign(end_deg=windows["end_deg"].where(~crosses, 360.0)),
-        windows[crosses].assign(start_deg=0.0),
-    ):
-        for low, high in zip(spans["start_deg"], spans["end_deg"], strict=True):
-            style = {"fill": False, "edgecolor": plot.INK, "linewidth": 1.3, "zorder": 3}
-            corner = (low, place - 0.43)
-            panel.axes.add_patch(Rectangle(corner, high - low, 0.86, label=series, **style))
-        _record_spans(panel, series, place, run, spans)
-
-
-_KINDS = {
-    "base": (BASE, "limit"),
-    "single": ("one effect", "after"),
-    "pair": ("two effects", "pair"),
-    "formula": ("formula", "formula"),
-}
-_PLACES = {
-    "named": "named",
-    "twin": "predicts the same",
-    "equivalent": "equivalent",
-    "best_known": "best candidate, not confirmed",
-}
 _APART = DEFAULT_SETTINGS.decision.min_delta_bic
 
 
@@ -266,21 +221,11 @@ def _short_name(label: str) -> str:
     return " + ".join(names)
 
 
-@figure(
-    "ranking",
-    "Candidates ranked",
-    "Missing effects",
-    ("ranking",),
-    nothing="no candidate was fitted, as there is no significant residual",
-)
-def ranking(tables: Tables, verdict: Verdict) -> Drawing:
-    """Each candidate was added to the model and fitted together with all uncertain parameters.
-    Left: its Bayesian information criterion (BIC) minus that of the best candidate, linear up to
-    10, logarithmic beyond; more than 10 is very strong evidence. Right: the explained share of the
-    misfit beyond noise. Diamonds: named or equivalent. The first candidate may be wrong if the list
-    lacks the true effect: check that the residual is noise. Table ranking has all fits and the
-    reasons of failures.
-    """
+@figure
+def ranking(
+    tables: Tables, verdict: Verdict, kinds: Mapping[str, dict], places: Mapping[str, str]
+) -> Drawing:
+    """The candidates by BIC, with the share of the misfit that they explain."""
     from matplotlib.ticker import FixedLocator
 
     base = {"explanation": BASE, "kind": "base", "delta_bic": 0.0}
@@ -292,11 +237,11 @@ def ranking(tables: Tables, verdict: Verdict) -> Drawing:
     fits = fits.sort_values("delta_bic", ascending=False, kind="stable", ignore_index=True)
     distance = fits["delta_bic"].max() - fits["delta_bic"]
     series = {
-        label: (colour, (fits["kind"] == kind) & (fits["place"] == ""), {})
-        for kind, (label, colour) in _KINDS.items()
+        shown["label"]: (shown["colour"], (fits["kind"] == kind) & (fits["place"] == ""), {})
+        for kind, shown in kinds.items()
     }
     diamond = {"marker": "D", "markersize": 6.0}
-    for place, label in _PLACES.items():
+    for place, label in places.items():
         series[label] = ("named", fits["place"] == place, diamond)
     names = [_short_name(label).replace(" + ", " +\n") for label in fits["explanation"]]
     sheet = Sheet(1.35 + 0.31 * max(3, len(fits)), 1, 2, width_ratios=(1.25, 1.0))
@@ -338,18 +283,9 @@ FORCES = {
 _COLOURS = ("paper", "after", "network", "optimised", "spline", "other", "ideal")
 
 
-@figure(
-    "missing_force",
-    "The missing force",
-    "Missing effects",
-    ("missing_force",),
-    nothing="no force or torque was identified",
-)
+@figure
 def missing_force(tables: Tables, verdict: Verdict) -> Drawing:
-    """Force on the slider, or torque on the crank, of the named effects over one steady-state
-    revolution of each fitted run: over velocity, over position (a torque: over crank angle), and as
-    colour over both. A mass, a length, a clearance or a sensor fault exerts no force.
-    """
+    """Force of the named effects over velocity and position, or over the crank angle."""
     samples = tables["missing_force"]
     forces = {name: force for name, force in FORCES.items() if samples[name].abs().max() > 0.0}
     if not forces:
@@ -397,12 +333,9 @@ def missing_force(tables: Tables, verdict: Verdict) -> Drawing:
 ROLES = {"confirm": "held-out data", "identify": "fitted data"}
 
 
-@figure("gaps", "Gap before and after", "Improvement", ("gaps",), nothing="no gap was computed")
+@figure
 def gaps(tables: Tables, verdict: Verdict) -> Drawing:
-    """Root mean square residual in standard deviations of the noise by run and channel, with 90 %
-    bootstrap intervals; 1 is noise. Held-out data were used neither for fitting nor for selection.
-    Run-specific values (speed, start angle) were fitted for each run, before and after.
-    """
+    """Gap by run and channel with its interval, before and after."""
     table = tables["gaps"]
     moments = _moments(table["before"], table["after"])
     by_role = {role: table[table["role"] == role] for role in ROLES}
@@ -415,14 +348,9 @@ def gaps(tables: Tables, verdict: Verdict) -> Drawing:
     offsets = {"before": -0.14, "after": 0.14} if len(moments) == 2 else {"before": 0.0}
     for row, (role, rows) in enumerate(by_role.items()):
         # all runs first, and of each run all channels first
-        order = pd.DataFrame(
-            {
-                "single_run": rows["run"] != "all",
-                "run": pd.factorize(rows["run"])[0],
-                "single_channel": rows["channel"] != "all",
-            }
-        )
-        rows = rows.loc[order.sort_values(list(order), kind="stable").index]
+        runs = ["all", *rows["run"].unique()]
+        rows = rows.sort_values("channel", key=lambda name: name != "all", kind="stable")
+        rows = rows.sort_values("run", key=lambda name: name.map(runs.index), kind="stable")
         names = []
         for gap in rows.itertuples():
             name = "all runs" if gap.run == "all" else f"run {gap.run}"
@@ -442,19 +370,9 @@ def gaps(tables: Tables, verdict: Verdict) -> Drawing:
     return sheet.drawing()
 
 
-@figure(
-    "detectable",
-    "Smallest detectable sizes",
-    "Detectability",
-    ("detectable",),
-    nothing="there are no candidates to detect",
-)
+@figure
 def detectable(tables: Tables, verdict: Verdict) -> Drawing:
-    """Size at which an effect is found in nine of ten such campaigns, relative to the size that
-    causes a gap of 1.5 after re-fitting uncertain parameters (gap: root mean square residual in
-    standard deviations of the noise). The ratio is inverted if the effect decreases with its
-    parameter ("up to"). Right: the size itself. No measured data are used.
-    """
+    """Smallest detectable size of each effect, relative to a size that is easily seen."""
     effects = tables["detectable"]
     ratio = (effects["smallest_detectable"] / effects["typical"]).abs()
     effects = effects.assign(ratio=ratio.where(~effects["falls"], 1.0 / ratio))

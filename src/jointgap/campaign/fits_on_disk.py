@@ -205,6 +205,10 @@ def fits_to_frames(fits: Sequence[Fit], seconds: Sequence[float] = ()) -> Frames
     }
 
 
+def _matrix(array: pd.DataFrame) -> np.ndarray:
+    return array["value"].to_numpy().reshape(-1, array["column"].nunique())
+
+
 def fits_from_frames(frames: Frames, problem: Problem) -> list[Fit]:
     """Inverse of `fits_to_frames`."""
     families = [family.law for c in problem.model.candidates for family in c.families]
@@ -213,39 +217,33 @@ def fits_from_frames(frames: Frames, problem: Problem) -> list[Fit]:
     fits = []
     for number, rows in frames["fits"].groupby("fit", sort=False):
         row = rows.iloc[:1].to_dict("records")[0]
-        stored = rows.dropna(subset=["key"]).set_index("key")
+        stored = rows.dropna(subset=["key"])
         hypothesis = hypothesis_of(row["explanation"], candidates)
-        parameters = tuple(p for p in problem.parameters(hypothesis) if p.key in stored.index)
-        order = stored.index.get_indexer([parameter.key for parameter in parameters])
-        values, slope = (stored[name].to_numpy(dtype=float)[order] for name in ("value", "slope"))
-        residual, matrices = np.full(problem.size, np.nan), []
+        parameters = {parameter.key: parameter for parameter in problem.parameters(hypothesis)}
+        residual, states = np.full(problem.size, np.nan), None
         if (number, "residual") in arrays:
             residual = arrays[number, "residual"]["value"].to_numpy()
-        for name in _MATRICES:
-            matrix = None
-            if (number, name) in arrays:
-                matrix = arrays[number, name]["value"].to_numpy().reshape(-1, len(stored))[:, order]
-            matrices.append(matrix)
-        jacobian, shifts, draws = matrices
-        states = None
+        matrices = {
+            array: _matrix(arrays[number, array])
+            for array in _MATRICES
+            if (number, array) in arrays
+        }
         if (number, "states") in arrays:
-            states = {
-                run: array["value"].to_numpy().reshape(-1, array["column"].nunique())
-                for run, array in arrays[number, "states"].groupby("run", sort=False)
-            }
+            by_run = arrays[number, "states"].groupby("run", sort=False)
+            states = {run: _matrix(part) for run, part in by_run}
         fits.append(
             Fit(
                 hypothesis,
-                parameters,
-                values,
+                tuple(parameters[key] for key in stored["key"]),
+                stored["value"].to_numpy(dtype=float),
                 residual,
-                np.empty((problem.size, 0)) if jacobian is None else jacobian,
+                matrices.get("jacobian", np.empty((problem.size, 0))),
                 row["simulations"],
                 row["status"],
                 row["reason"] or "",
-                slope,
-                shifts,
-                draws,
+                stored["slope"].to_numpy(dtype=float),
+                matrices.get("shifts"),
+                matrices.get("draws"),
                 problem.settings,
                 row["gap_left"],
                 states,

@@ -400,13 +400,9 @@ def _data(
     campaign: Campaign | None, look: pd.DataFrame | None, warnings: Sequence[str]
 ) -> list[Block]:
     """The runs with their files, the channels, and remarks."""
-    blocks = [] if campaign is None else _runs_and_channels(campaign, look)
-    if warnings:
-        blocks.append(Bullets(tuple(map(labels.names_to_labels, warnings))))
-    return blocks
-
-
-def _runs_and_channels(campaign: Campaign, look: pd.DataFrame | None) -> list[Block]:
+    remarks = [Bullets(tuple(map(labels.names_to_labels, warnings)))] if warnings else []
+    if campaign is None:
+        return remarks
     sizes = {}
     if look is not None:
         sizes = look.groupby("run")[["samples", "cycles"]].max().astype(str).T.to_dict("list")
@@ -437,4 +433,4 @@ def _runs_and_channels(campaign: Campaign, look: pd.DataFrame | None) -> list[Bl
         text = "Known loads of runs, which the augmented mechanism does not contain:"
         loads = tuple(map(labels.names_to_labels, campaign.own_loads))
         blocks += [Paragraph(text), Bullets(loads)]
-    return blocks
+    return blocks + remarks

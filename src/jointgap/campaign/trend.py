@@ -155,10 +155,9 @@ def _size_frame(
         kind = next((size for size in alike if size["source"] != "nuisance"), alike[0])
         for campaign in campaigns:
             name = campaign.name
-            size = sizes[name].get(label)
-            estimate, reason = {}, _reason_not_used(label, size, verdicts[name])
-            if size:
-                estimate = size["estimate"]
+            size = sizes[name].get(label, {})
+            estimate = size.get("estimate", {})
+            reason = _reason_not_used(label, size, verdicts[name])
             row = {
                 "label": label,
                 "parameter": kind["parameter"],
@@ -166,7 +165,7 @@ def _size_frame(
                 "campaign": name,
                 "date": campaign.date.isoformat(),
                 "days": (campaign.date - campaigns[0].date).days,
-                "source": size["source"] if size else "",
+                "source": size.get("source", ""),
                 "value": estimate.get("value"),
                 "counts": not reason,
                 "reason": reason,
@@ -181,7 +180,7 @@ def _size_frame(
     return frame.astype(dict.fromkeys(numbers, float))  # None becomes NaN
 
 
-def _reason_not_used(label: str, size: Mapping[str, Any] | None, verdict: Mapping[str, Any]) -> str:
+def _reason_not_used(label: str, size: Mapping[str, Any], verdict: Mapping[str, Any]) -> str:
     """Why a campaign's size of `label` is not used for the growth; empty if it is."""
     if size:
         if size["source"] == "nuisance" and verdict["verdict"] in ("unexplained", "ambiguous"):
@@ -260,12 +259,8 @@ def trend_figure(sizes: pd.DataFrame, growth: pd.DataFrame) -> Drawing:
                 panel.marks(series, rows["day"], factor * rows["value"], colour, *ends, **style)
         limits = points[absent].dropna(subset=["smallest_detectable"])
         if len(limits):
-            smallest, series = factor * limits["smallest_detectable"], "not found; detectable"
-            series += " from this size"
-            panel.marks(series, limits["day"], smallest, "other", marker="v")
-        unknown = points.loc[absent & points["smallest_detectable"].isna(), "day"]
-        for order, day in enumerate(unknown):
-            panel.vertical_line("not found; detectable size unknown", day, named=order == 0)
+            series, smallest = "not found; detectable from this size", limits["smallest_detectable"]
+            panel.marks(series, limits["day"], factor * smallest, "other", marker="v")
         if pd.notna(line["rate"]):
             span = np.array([used["day"].min(), used["day"].max()])
             values = line["first_value"] + line["rate"] * (span - points["day"].min())

@@ -98,8 +98,12 @@ def read_trajectory(path: Path, scenario: Scenario) -> pd.DataFrame:
     is_same &= np.allclose(
         frame["crank_angle"].iloc[[0, -1]], [options.start_angle, end], rtol=1e-9
     )
-    if options.drive.kind != "measured" and not scenario.mechanism.effect("speed_fluctuation"):
-        is_same &= np.isclose(frame["crank_speed"].iloc[0], options.speed, rtol=1e-9)
+    if options.drive.kind != "measured":
+        speed = options.speed
+        if wave := scenario.mechanism.effect("speed_fluctuation"):
+            phase = wave.order * options.start_angle - wave.phase_rad
+            speed *= 1.0 + wave.ratio * np.cos(phase)
+        is_same &= np.isclose(frame["crank_speed"].iloc[0], speed, rtol=1e-9)
     if not is_same:
         raise InputError(
             f"{path}: its {len(frame)} samples are not the {samples} of {options.revolutions}"

@@ -4,13 +4,14 @@ import re
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+import yaml
 from numpy.typing import ArrayLike
 
 from jointgap.core import parquet, schema
@@ -165,12 +166,13 @@ class FigureSpec:
 
     title: str
     category: str  # Section of the report
-    tables: tuple[str, ...]  # Names of its tables
+    tables: Sequence[str]  # Names of its tables
     caption: str
-    nothing: str  # Message where there is no data; empty: its tables are required
-    function: Callable[[Mapping[str, pd.DataFrame], Any], Drawing]
     call: str  # Name for `plot` in Python
+    nothing: str = ""  # Message where there is no data; empty: its tables are required
     moving: bool = False  # An animation, saved as GIF
+    options: Mapping[str, Any] = field(default_factory=dict)  # Of the function that draws it
+    function: Callable[..., Drawing] = None
     template: tuple[str, str] = ("", "")  # Title and caption with conditional parts
 
     def where(self, **conditions: bool) -> "FigureSpec":
@@ -185,40 +187,26 @@ class FigureSpec:
 
 
 class Figures(dict[str, FigureSpec]):
-    """Registry of the figures of a kind of results by name, in order of registration."""
+    """Registry of the figures of a kind of results by name, in the order of a YAML file.
 
-    def figure(
-        self,
-        name: str,
-        title: str,
-        category: str,
-        tables: Iterable[str],
-        caption: str = "",
-        nothing: str = "",
-        **more,
-    ) -> Callable[[Callable], Callable]:
-        """A decorator for functions from tables and a scenario (or a verdict) to a `Drawing`; the
-        docstring is the default caption. Title and caption of the registry have every conditional
-        part, see `FigureSpec.where`.
-        """
+    The file has the attributes of `FigureSpec` of each figure. Title and caption of the registry
+    have every conditional part, see `FigureSpec.where`.
+    """
 
-        def register(function: Callable) -> Callable:
-            given = {"call": getattr(function, "__name__", name)} | more
-            template = title, caption or " ".join(function.__doc__.split())
-            spec = FigureSpec(
-                title,
-                category,
-                tuple(tables),
-                template[1],
-                nothing,
-                function,
-                template=template,
-                **given,
-            )
+    def __init__(self, file: Path):
+        for name, content in yaml.safe_load(file.read_text(encoding="utf-8")).items():
+            function = content.pop("function", name)
+            template = content["title"], content["caption"]
+            spec = FigureSpec(**{"call": function} | content, function=function, template=template)
             self[name] = spec.where()
-            return function
 
-        return register
+    def figure(self, function: Callable) -> Callable:
+        """A decorator for the function, from tables and a scenario (or a verdict) to a `Drawing`,
+        that the file names for a figure; by default it has the figure's name."""
+        for name, spec in self.items():
+            if spec.function == function.__name__:
+                self[name] = replace(spec, function=function)
+        return function
 
     @property
     def still(self) -> tuple[str, ...]:
@@ -247,7 +235,7 @@ class Figures(dict[str, FigureSpec]):
         with matplotlib_style():
             if spec.nothing and (missing or frames[spec.tables[0]].empty):
                 return message_sheet(spec.title, spec.nothing)
-            return spec.function(frames, of)
+            return spec.function(frames, of, **spec.options)
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,7 @@
-"""The figures of a scenario. The docstring of a function with the decorator `figure` is the
-caption."""
+"""The figures of a scenario; their titles, captions and quantities are in `figures.yaml`."""
 
 from collections.abc import Mapping
-from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -35,7 +34,7 @@ from jointgap.scenario.figure_data import (
 )
 
 Tables = Mapping[str, pd.DataFrame]
-FIGURES = Figures()
+FIGURES = Figures(Path(__file__).with_suffix(".yaml"))
 figure, draw = FIGURES.figure, FIGURES.draw
 
 DEGREES = 180.0 / np.pi
@@ -64,12 +63,9 @@ def predicted(tables: Tables, output: str, column: str = "value") -> np.ndarray:
 def first_and_settled(tables: Tables, scenario: Scenario) -> dict[str, tuple[str, pd.DataFrame]]:
     """Colour and samples of the first and of the settled revolution, by title."""
     settled = scenario.optimise.ensemble.settled_revolution
-    revolutions = {"first revolution": ("first", 1)}
-    revolutions[f"settled revolution ({settled})"] = "settled", settled
-    return {
-        title: (colour, revolution(tables["trajectory"], scenario, number))
-        for title, (colour, number) in revolutions.items()
-    }
+    first, last = (revolution(tables["trajectory"], scenario, number) for number in (1, settled))
+    title = f"settled revolution ({settled})"
+    return {"first revolution": ("first", first), title: ("settled", last)}
 
 
 def _over_angle(
@@ -100,11 +96,16 @@ _ACTUAL = {  # series and colour by source in the table kinematics (networks onl
     "networks_paper_form": ("with clearance: networks", "network"),
     "simulation": ("with clearance: simulation", "simulation"),
 }
-_UNITS = {"position": ("mm", 1e3), "velocity": ("m/s", 1.0), "acceleration": ("m/s²", 1.0)}
 
 
-def _compare(
-    columns: dict[str, str], name: str, unit: str, factor: float, tables: Tables, scenario: Scenario
+@figure
+def motion(
+    tables: Tables,
+    scenario: Scenario,
+    columns: Mapping[str, str],
+    name: str,
+    unit: str,
+    factor: float,
 ) -> Drawing:
     """Desired and actual motion above their difference, for each of the `columns` of the table
     kinematics."""
@@ -133,59 +134,6 @@ def _compare(
     return sheet.drawing()
 
 
-_ABOUT = {  # number in the paper, and what the caption adds
-    "rod_position": (9, "[paper: The deviation stays within about one clearance.]"),
-    "rod_velocity": (
-        10,
-        " Steps are impacts.[networks: The paper's equations do not describe the free flight at the"
-        " start.]",
-    ),
-    "rod_acceleration": (
-        11,
-        " Spikes are impacts[paper:; in free flight the rod has almost no acceleration].",
-    ),
-    "piston_position": (
-        12,
-        "[paper: At load reversal the clearances align with the rod and add up.]",
-    ),
-    "piston_velocity": (
-        13,
-        "[paper: Deviations are largest in the free flight at the start and at load reversals.]",
-    ),
-    "piston_acceleration": (
-        14,
-        "[paper: Zero: free flight.] Spikes: impacts.[paper: In contact the journal oscillates.]",
-    ),
-}
-for _call, (_number, _about) in _ABOUT.items():
-    _body, _, _order = _call.partition("_")
-    _columns = {f"slider_{_order}": "piston"}
-    if _body == "rod":
-        _columns = {f"rod_{_order}_{axis}": f"rod's mass centre, {axis}" for axis in "xy"}
-    figure(
-        f"figure_{_number:02}",
-        f"{_order.capitalize()} of the {_body}[paper: (the paper's figure {_number})]",
-        "Motion",
-        ("kinematics",),
-        "First revolution. Top: without clearance (desired, dashed)[networks:,][not networks: and]"
-        " simulated with clearance[networks:, and from the paper's equations with the networks]."
-        f" Bottom: deviation from the desired {_order}.{_about}",
-        call=_call,
-    )(partial(_compare, _columns, _order, *_UNITS[_order]))
-
-
-@figure(
-    "figure_15", "Transmission angle[paper: (the paper's figure 15)]", "Motion", ("kinematics",)
-)
-def transmission_angles(tables: Tables, scenario: Scenario) -> Drawing:
-    """First revolution. Top: angle between the rod and the normal to the slide. Bottom: actual
-    minus desired angle, the error that the optimisation minimises. It is small compared with the
-    variation of the angle itself.
-    """
-    angle = {"transmission_angle": "transmission angle"}
-    return _compare(angle, "transmission angle", "deg", DEGREES, tables, scenario)
-
-
 # -- contact
 
 DEPTH_DRAWN = 0.3  # [1] drawn depth of the settled orbit's largest penetration, over the clearance
@@ -194,13 +142,9 @@ SECTOR = 60.0  # [deg] the axis of the impacts ends at a multiple of it
 CONSTANT = 1e-4  # [1] relative variation below which a speed is constant
 
 
-@figure("orbits", "Orbits of the journals", "Contact", ("trajectory",))
+@figure
 def orbits(tables: Tables, scenario: Scenario) -> Drawing:
-    """Left: path of the journal's centre in the first revolution; the circle is the clearance.
-    Middle: settled revolution, with the penetration into the wall scaled by the factor in the
-    panel. Right: distance of the centres minus the clearance. Negative values are flight; a settled
-    curve above zero means permanent contact.
-    """
+    """Paths of the journals, and distances of the centres minus the clearances."""
     mechanism, joints = scenario.mechanism.applied(), loose_joints(scenario)
     sheet = Sheet(2.9 * len(joints), len(joints), 3, width_ratios=[1.0, 1.0, 1.25])
     turn = np.linspace(0.0, 2.0 * np.pi, 181)
@@ -237,12 +181,9 @@ def orbits(tables: Tables, scenario: Scenario) -> Drawing:
     return sheet.drawing()
 
 
-@figure("contact_forces", "Contact forces and modes", "Contact", ("trajectory",))
+@figure
 def contact_forces(tables: Tables, scenario: Scenario) -> Drawing:
-    """Normal force in the loose joints, first and settled revolution; gaps are flight. Bands: mode
-    of each joint. Flight: no contact. Impact: the journal hits and rebounds. Contact: it stays and
-    oscillates about equilibrium.
-    """
+    """Normal forces and modes of the loose joints."""
     joints = {name: format_name(name) for name in loose_joints(scenario)}
     rows = range(len(joints))[::-1]
     sheet = Sheet(4.4 + 0.5 * len(joints), 4, 1, height_ratios=[2.0, 0.25 * len(joints)] * 2)
@@ -271,11 +212,9 @@ def contact_forces(tables: Tables, scenario: Scenario) -> Drawing:
 _OPEN = {"markerfacecolor": "white", "marker": "s"}
 
 
-@figure("impacts", "Impacts", "Contact", ("trajectory", "events"))
-def impacts(tables: Tables, scenario: Scenario) -> Drawing:
-    """Impulse and peak of the normal force, and approach speed, of each contact at the crank angle
-    where it begins. Filled: the journal rebounds. Open: it stays in contact; the impulse includes
-    the load until separation. A contact that has not ended shows its approach speed only."""
+@figure
+def impacts(tables: Tables, scenario: Scenario, sizes: Mapping[str, str]) -> Drawing:
+    """Impulse, peak force and approach speed of each contact where it begins."""
     crank_angle = tables["trajectory"]["crank_angle"]
     start, end = degrees(crank_angle)[[0, -1]]
     turn = start - np.degrees(crank_angle.iloc[0])
@@ -284,7 +223,6 @@ def impacts(tables: Tables, scenario: Scenario) -> Drawing:
     if len(begins):
         end = min(end, start + SECTOR * np.ceil((begins.max() - start) / SECTOR))
     sheet, panel = Sheet(6.4, 3, 1), None
-    sizes = {"impulse": "N s", "peak force": "N", "approach speed": "m/s"}
     for row, (label, unit) in enumerate(sizes.items()):
         title, size = f"{label} of each contact", Quantity(label, unit)
         panel = sheet.panel((row, 0), title, CRANK_ANGLE, size, below=panel)
@@ -307,69 +245,48 @@ def impacts(tables: Tables, scenario: Scenario) -> Drawing:
     return sheet.drawing()
 
 
-_DRIVE = {  # column: title, name, unit and its number per SI unit
-    "crank_speed": ("crank's speed", "speed", "rpm", 30.0 / np.pi),
-    "crank_torque": ("torque on the crank", "torque", "N m", 1.0),
-    "guide_force": ("force of the guide on the slider", "force", "N", 1.0),
-    "guide_moment": ("moment of the guide about the pin", "moment", "N m", 1.0),
-}
-
-
-@figure("drive_and_guide", "Drive and guide", "Contact", ("trajectory",))
-def drive_and_guide(tables: Tables, scenario: Scenario) -> Drawing:
-    """Top: speed of the crank and torque of its drive. Bottom: force of the guide on the slider,
-    and its moment about the piston pin, which balances the pin's friction moment. First and settled
-    revolution. The speed varies only with a motor, a measured angle or a speed fluctuation."""
+@figure
+def drive_and_guide(tables: Tables, scenario: Scenario, panels: Mapping[str, dict]) -> Drawing:
+    """Speed and torque of the crank, force and moment of the guide."""
     revolutions, sheet = first_and_settled(tables, scenario), Sheet(5.2, 2, 2)
     angle = degrees(revolution(tables["trajectory"], scenario, 1)["crank_angle"])
-    for place, (column, (title, name, unit, factor)) in enumerate(_DRIVE.items()):
+    for place, (column, shown) in enumerate(panels.items()):
         curves = {
-            series: (factor * samples[column].to_numpy(), colour)
+            series: (shown["factor"] * samples[column].to_numpy(), colour)
             for series, (colour, samples) in revolutions.items()
         }
-        panel = _over_angle(sheet, divmod(place, 2), title, Quantity(name, unit), angle, curves)
+        quantity = Quantity(shown["name"], shown["unit"])
+        panel = _over_angle(sheet, divmod(place, 2), shown["title"], quantity, angle, curves)
         _spread(panel, curves)
         panel.axes.get_lines()[0].set_linewidth(1.7)  # stays visible below the settled revolution
         values = np.array([values for values, _ in curves.values()])
         middle = float(values.mean())
         if column == "crank_speed" and np.ptp(values) <= CONSTANT * abs(middle):
             panel.axes.set_ylim(0.9 * middle, 1.1 * middle)
-            panel.axes.set_yticks([middle], [f"{middle:.4g}"])
-            look = {"ha": "center", "va": "bottom", "transform": panel.axes.transAxes}
-            panel.axes.text(0.5, 0.55, "constant", **look)
     sheet.legend()
     return sheet.drawing()
 
 
-@figure("animation", "The mechanism in motion", "Contact", ("trajectory",), moving=True)
+@figure
 def animation(tables: Tables, scenario: Scenario) -> Drawing:
-    """First revolution. Top: the mechanism[loose: with its clearances magnified by the factor in
-    the title. Rings: bearings; dots: journals, grey in flight]. Arrows: forces on the journals, 30
-    mm longer per factor of ten above 1 N. Bottom: [loose:path of each loose joint's journal in its
-    true clearance circle, and the normal forces][not loose:the forces in the joints].[loose: The
-    first 60 deg, with flight and impacts, take half of the frames.]
-    """
+    """The mechanism with magnified clearances."""
     return moving.animation(tables["trajectory"], scenario)
 
 
 # -- networks
 
 EVERYWHERE, AT_POINTS = "network − simulation, all samples", "network − simulation, training points"
-QUANTITIES = {  # by kind of output: name, unit, factor, unit and factor of its error, symbol
-    "r": ("clearance", "mm", 1e3, "µm", 1e6, "r_{}"),
-    "gamma": ("direction", "deg", DEGREES, "deg", DEGREES, r"\gamma_{}"),
-    "gamma_dot": ("rate", "rad/s", 1.0, "rad/s", 1.0, r"\dot\gamma_{}"),
-    "gamma_ddot": ("acceleration", "rad/s²", 1.0, "rad/s²", 1.0, r"\ddot\gamma_{}"),
-}
+SYMBOLS = {"r": "r", "gamma": r"\gamma", "gamma_dot": r"\dot\gamma", "gamma_ddot": r"\ddot\gamma"}
 
 
 def symbol(output: str) -> str:
     """Symbol of an output as mathtext."""
     number = str(number_of(output))
-    return f"${QUANTITIES[output.replace(number, '')][-1].format(number)}$"
+    return f"${SYMBOLS[output.replace(number, '')]}_{number}$"
 
 
-def _values_and_errors(kinds: tuple[str, ...], tables: Tables, scenario: Scenario) -> Drawing:
+@figure
+def values_and_errors(tables: Tables, scenario: Scenario, kinds: Mapping[str, dict]) -> Drawing:
     """Values above their errors: a column per joint, a pair of rows per kind of output."""
     samples = revolution(tables["trajectory"], scenario, 1)
     angle = degrees(samples["crank_angle"])
@@ -378,25 +295,22 @@ def _values_and_errors(kinds: tuple[str, ...], tables: Tables, scenario: Scenari
     width = plot.width_for(len(joints))
     sheet = Sheet(0.6 + 2.1 * rows, rows, len(joints), width=width)
     for column, (joint, number) in enumerate(joints.items()):
-        for row, kind in enumerate(kinds):
+        for row, (kind, shown) in enumerate(kinds.items()):
             base, _, order = kind.partition("_")
             output = f"{base}{number}_{order}".rstrip("_")
-            label, unit, factor, error_unit, error_factor, _ = QUANTITIES[kind]
             simulated, network = samples[output].to_numpy(), predicted(tables, output)
             curves = {
-                "simulation": (factor * simulated, "simulation"),
-                "network": (factor * network, "network", (0, (4, 2))),
+                "simulation": (shown["factor"] * simulated, "simulation"),
+                "network": (shown["factor"] * network, "network", (0, (4, 2))),
             }
-            shown = curves
-            if output == "gamma2":
-                shown = curves | {"crank angle": (angle, "limit", ":")}
-            title = f"{format_name(joint)}: {label} {symbol(output)}"
-            value, place = Quantity(label, unit, symbol(output)), (2 * row, column)
-            above = _over_angle(sheet, place, title, value, angle, shown)
+            crank = {"crank angle": (angle, "limit", ":")} if output == "gamma2" else {}
+            title = f"{format_name(joint)}: {shown['label']} {symbol(output)}"
+            value = Quantity(shown["label"], shown["unit"], symbol(output))
+            above = _over_angle(sheet, (2 * row, column), title, value, angle, curves | crank)
             _spread(above, curves)
-            error = error_factor * (network - simulated)
+            error = shown["error_factor"] * (network - simulated)
             curves = {EVERYWHERE: (error, "network")}
-            title, value = f"{format_name(joint)}: error", Quantity("error", error_unit)
+            title, value = f"{format_name(joint)}: error", Quantity("error", shown["error_unit"])
             place = 2 * row + 1, column
             below = _over_angle(sheet, place, title, value, angle, curves, above)
             below.marks(AT_POINTS, angle[::step], error[::step], "ideal", markersize=1.6)
@@ -405,44 +319,14 @@ def _values_and_errors(kinds: tuple[str, ...], tables: Tables, scenario: Scenari
     return sheet.drawing()
 
 
-for _number, _title, _kinds, _about in (
-    (5, "clearances", ("r",), "distance of the centres in each loose joint"),
-    (6, "directions", ("gamma",), "direction of the clearance; dotted: the crank angle"),
-    (
-        7,
-        "derivatives",
-        ("gamma_dot", "gamma_ddot"),
-        "rate and acceleration of the direction, which oscillates at kHz",
-    ),
-):
-    figure(
-        f"figure_{_number:02}",
-        f"{_title.capitalize()}[paper: (the paper's figure {_number})]",
-        "Networks",
-        ("trajectory", "predictions"),
-        f"First revolution, simulation and network. Top: {_about}. Bottom: network minus"
-        " simulation, at the training points (black) and at all samples. A small training error"
-        " does not imply a small error between the points.",
-        call=_title,
-    )(partial(_values_and_errors, _kinds))
-
-
 PAPER_ITERATIONS = 20_000  # of every network in the paper
 CURVE_POINTS = 300  # per curve, evenly spaced on its logarithmic axis
 ITERATION, ERROR = Quantity("iteration", "1"), Quantity("MSE over squared range", "1")
 
 
-@figure(
-    "figure_08",
-    "Mean square error over the training[paper: (the paper's figure 8)]",
-    "Networks",
-    ("fit_history", "fit_errors"),
-)
+@figure
 def mse_curves(tables: Tables, scenario: Scenario) -> Drawing:
-    """Mean square error at the training points over the squared range of the output, after each
-    Levenberg-Marquardt iteration. Thick: default start; thin: other starts.[paper: Diamonds:
-    printed in the paper, after 20 000 iterations. A curve that ends below its diamond reaches the
-    paper's training error.]"""
+    """Error of each network over the iterations, of all starts."""
     history = tables["fit_history"].query("model == 'network' and iteration > 0")
     default = scenario.surrogate.seeds[0]
     paper = tables["fit_errors"].drop_duplicates("output").set_index("output")["paper_mse"]
@@ -479,61 +363,37 @@ def mse_curves(tables: Tables, scenario: Scenario) -> Drawing:
     return drawing
 
 
-_MARKS = (  # series, model and column of the table fit_errors, shift, colour, marker
-    ("network, training points", "network", "training_mse", -0.32, "network", "s"),
-    ("network, held out", "network", "held_out_mse", -0.24, "network", "o"),
-    (
-        "spline through the same points, held out",
-        "network",
-        "spline_held_out_mse",
-        -0.16,
-        "spline",
-        "^",
-    ),
-    ("regularised network, training points", "regularised", "training_mse", -0.06, "local", "s"),
-    ("regularised network, held out", "regularised", "held_out_mse", 0.02, "local", "o"),
-    (
-        "smoothing spline of its points, held out",
-        "regularised",
-        "smoothing_spline_held_out_mse",
-        0.10,
-        "spline",
-        "v",
-    ),
-)
-
-
-@figure("held_out", "Errors between the training points", "Networks", ("fit_errors",))
-def held_out(tables: Tables, scenario: Scenario) -> Drawing:
-    """Mean square error over the squared range of each output, for the first revolution and for its
-    part past 60 deg. Training points and held-out samples of the paper's networks and the
-    regularised networks, with splines through the same points.[paper: Horizontal
-    marks: training errors printed in the paper.] Marks: default start; bars: range over all starts.
-    A circle far above its square shows overfitting. A triangle below a circle means that a spline
-    is more accurate than the network."""
+@figure
+def held_out(
+    tables: Tables, scenario: Scenario, marks: Mapping[str, dict], regions: Mapping[str, str]
+) -> Drawing:
+    """Errors of all models at the training points and between them."""
     learned = list(outputs(scenario.mechanism.applied().loose))
     sheet, panel = Sheet(6.6, 2, 1), None
-    regions = {"all": "first revolution", "past_60_deg": "its part past 60 deg"}
     for row, (region, title) in enumerate(regions.items()):
         panel = sheet.panel((row, 0), title, Quantity("output", ""), ERROR, below=panel)
         errors = tables["fit_errors"].query(f"region == {region!r}")
-        _error_marks(panel, errors, scenario.surrogate.seeds[0], learned)
+        _error_marks(panel, errors, scenario.surrogate.seeds[0], learned, marks)
         panel.axes.set_yscale("log")
         panel.axes.minorticks_off()
         panel.categories([symbol(output) for output in learned])
-    drawing = sheet.drawing()
-    errors = drawing.data[["y", "low", "high"]].to_numpy()
-    for panel in sheet.panels:  # the same scale in both panels
-        panel.axes.set_ylim(np.nanmin(errors) / 3, 3 * np.nanmax(errors))
+    panel.axes.sharey(sheet.panels[0].axes)
+    panel.axes.autoscale(axis="y")
     sheet.legend()
-    return drawing
+    return sheet.drawing()
 
 
-def _error_marks(panel: Panel, errors: pd.DataFrame, default: int, learned: list[str]) -> None:
+def _error_marks(
+    panel: Panel,
+    errors: pd.DataFrame,
+    default: int,
+    learned: list[str],
+    marks: Mapping[str, dict],
+) -> None:
     """Errors of the default start, with the range over all starts as bars."""
     place = np.arange(len(learned))
-    for series, model, column, shift, colour, marker in _MARKS:
-        rows = errors[errors["model"] == model]
+    for series, shown in marks.items():
+        rows, column = errors[errors["model"] == shown["model"]], shown["column"]
         if rows.empty:
             continue
         low = high = None
@@ -541,26 +401,17 @@ def _error_marks(panel: Panel, errors: pd.DataFrame, default: int, learned: list
             by_output = rows.groupby("output")[column]
             low, high = by_output.agg(["min", "max"]).reindex(learned).to_numpy().T
         error = rows[rows["seed"] == default].set_index("output")[column].reindex(learned)
-        x = place + shift
-        panel.marks(series, x, error.to_numpy(), colour, low, high, learned, marker=marker)
+        points = place + shown["shift"], error.to_numpy(), shown["colour"]
+        panel.marks(series, *points, low, high, learned, marker=shown["marker"])
     paper = errors.groupby("output")["paper_mse"].first().reindex(learned).to_numpy()
     if np.isfinite(paper).any():
         look = {"labels": learned, "marker": "_", "markersize": 22}
         panel.marks("paper, training points", place, paper, "paper", **look)
 
 
-@figure(
-    "contradictions",
-    "Inconsistency of the networks",
-    "Networks",
-    ("trajectory", "predictions", "kinematics"),
-)
-def contradictions(tables: Tables, scenario: Scenario) -> Drawing:
-    """First revolution. Top: derivative of the network of the direction minus the network of its
-    rate; zero if they are consistent. Bottom: resulting error of the piston's motion. Each output
-    from its own network (the paper's method), or one output derived from another: position from
-    integrated rates, acceleration from differentiated directions. Independent fits do not describe
-    one motion."""
+@figure
+def contradictions(tables: Tables, scenario: Scenario, derived: Mapping[str, dict]) -> Drawing:
+    """Derivatives of networks minus the networks of the derivatives, and their effects."""
     joints, sources = loose_joints(scenario), by_source(tables)
     shares = 2 * len(joints)  # grid columns: half of the width per piston panel, 1/n per joint
     sheet = Sheet(5.6, 2, shares, width=plot.width_for(len(joints)))
@@ -573,23 +424,18 @@ def contradictions(tables: Tables, scenario: Scenario) -> Drawing:
         title = f"{format_name(joint)}: d{symbol(name)}/dt − {symbol(f'{name}_dot')}"
         place = 0, slice(2 * column, 2 * column + 2)
         _spread(_over_angle(sheet, place, title, rate, angle, curves), curves)
-    for half, (order, change, form) in enumerate(
-        (("position", "integrated", "integrated"), ("acceleration", "differentiated", "own_rates"))
-    ):
-        unit, factor = _UNITS[order]
+    for half, (order, shown) in enumerate(derived.items()):
         motion = {name: frame[f"slider_{order}"].to_numpy() for name, frame in sources.items()}
         curves = {
-            series: (factor * (motion[f"networks_{source}"] - motion["simulation"]), colour)
-            for series, source, colour in (
-                ("one output derived from another network", form, "spline"),
+            series: (shown["factor"] * (motion[f"networks_{form}"] - motion["simulation"]), colour)
+            for series, form, colour in (
+                ("one output derived from another network", shown["form"], "spline"),
                 ("each output from its own network", "paper_form", "network"),
             )
         }
         place = 1, slice(half * shares // 2, (half + 1) * shares // 2)
-        title, error = (
-            rf"piston: {order}, $\gamma$ {change}",
-            Quantity("networks − simulation", unit),
-        )
+        title = rf"piston: {order}, $\gamma$ {shown['change']}"
+        error = Quantity("networks − simulation", shown["unit"])
         _spread(_over_angle(sheet, place, title, error, angle, curves), curves)
     sheet.legend()
     return sheet.drawing()
@@ -606,29 +452,11 @@ MEASURES = {  # label and colour
     "sum_of_squares": ("sum of squares", "limit"),
 }
 _APART = 0.07  # vertical offset between frozen and simulated again, which may coincide
-LENGTHS = {  # labels of printed points, and of the sources searched by the genetic algorithm
-    "printed_genetic": "paper, genetic",
-    "printed_local": "paper, best local",
-    "printed_local_other": "paper, another local",
-    "networks": "networks",
-    "simulation": "simulation",
-    "simulation_settled": "simulation, settled",
-    "ideal_joints": "ideal joints",
-    "with_clearance": "with clearance",
-}
 
 
-@figure(
-    "figure_16",
-    "Errors of the transmission angle[paper: (the paper's figure 16)]",
-    "Optimum",
-    ("trajectory", "predictions", "optimise_optima"),
-)
+@figure
 def transmission_errors(tables: Tables, scenario: Scenario) -> Drawing:
-    """First revolution, frozen joint motion: desired minus actual angle at the original lengths,
-    and desired minus optimised angle at the lengths of the genetic algorithm. Top: motion from the
-    networks (as in the paper); bottom: from the simulation. Other lengths mainly add a multiple of
-    the sine of the crank angle, so they cannot remove the journals' oscillation."""
+    """Error of the angle at the original and at the optimised lengths."""
     from jointgap.dynamics.kinematics import clearance_lift, transmission_angle
 
     optima = tables["optimise_optima"]
@@ -681,27 +509,9 @@ def _without_optimum(name: str, optima: pd.DataFrame, scenario: Scenario) -> Dra
     return None
 
 
-@figure(
-    "valley",
-    "Objective over both lengths",
-    "Optimum",
-    (
-        "optimise_valley",
-        "optimise_floor",
-        "optimise_paths",
-        "optimise_population",
-        "optimise_optima",
-    ),
-)
-def valley(tables: Tables, scenario: Scenario) -> Drawing:
-    """[networks:Frozen joint motion from the networks. ][not unsettled:Frozen joint motion from a
-    settled revolution of the simulation. ][not angle:Simulated with clearance. ]Left: [angle:RMS
-    error][not angle:objective] over both lengths in the main box, with bounds, constraint, starts
-    and paths of the local optimiser, the best of each generation of the genetic algorithm, [not
-    paper:and ]both optima[paper: and the paper's three points]. [angle:The error depends
-    almost only on the ratio of the lengths: one flat valley, not many minima. ]Right: reduction of
-    the [angle:error along the valley's floor, for each measure at its best crank length][not
-    angle:objective for each rod length, at the best crank length that the constraints allow]."""
+@figure
+def valley(tables: Tables, scenario: Scenario, points: Mapping[str, dict]) -> Drawing:
+    """The objective over both lengths, and its reduction along the floor of the valley."""
     if (lacking := _without_optimum("valley", tables["optimise_optima"], scenario)) is not None:
         return lacking
     from jointgap.lengths.objective import GOALS  # loads scipy
@@ -720,7 +530,7 @@ def valley(tables: Tables, scenario: Scenario) -> Drawing:
         if name in FIGURES["valley"].tables
     }
     sheet = Sheet(4.9, 1, 2, width_ratios=[1.35, 1.0])
-    _map(sheet, shown, scenario, box)
+    _map(sheet, shown, scenario, box, points)
     goal = GOALS[scenario.optimise.objective]
     reduced, title, measures = REDUCTION, "along the valley's floor", MEASURES
     if source == "with_clearance":
@@ -741,7 +551,7 @@ def valley(tables: Tables, scenario: Scenario) -> Drawing:
     lines = panel.axes.get_lines()
     gain = "objective_reduction" if source == "with_clearance" else "rms_reduction"
     gained = shown["optima"].assign(reduction=100 * shown["optima"][gain])
-    _points(panel, gained, "rod_length", "reduction")
+    _points(panel, points, gained, "rod_length", "reduction")
     bottom, top = panel.axes.get_ylim()
     panel.axes.set_ylim(bottom, top + 0.5 * (top - bottom))  # room for the legend
     panel.axes.legend(handles=lines, loc="upper left")
@@ -749,7 +559,7 @@ def valley(tables: Tables, scenario: Scenario) -> Drawing:
     return sheet.drawing()
 
 
-def _map(sheet: Sheet, shown: dict[str, pd.DataFrame], scenario: Scenario, box: str) -> None:
+def _map(sheet: Sheet, shown: Tables, scenario: Scenario, box: str, points: dict) -> None:
     """The objective over both lengths [mm], with the paths of the optimisers."""
     from matplotlib.colors import LogNorm
     from matplotlib.ticker import MaxNLocator
@@ -777,9 +587,7 @@ def _map(sheet: Sheet, shown: dict[str, pd.DataFrame], scenario: Scenario, box: 
         drawn, ax=panel.axes, label=size.label, location="bottom", shrink=0.9, aspect=30
     )
     if is_angle:
-        ticks = [tick for tick in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0) if low <= tick <= high]
-        bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
-        bar.minorticks_off()
+        plot.label_log_ticks(bar.ax.xaxis, low, high)
 
     bounds = scenario.optimise.boxes[box]
     (left, right), (low, high) = (
@@ -806,60 +614,34 @@ def _map(sheet: Sheet, shown: dict[str, pd.DataFrame], scenario: Scenario, box: 
     best = shown["population"].loc[shown["population"].groupby("generation")["objective"].idxmin()]
     generations, mark = "genetic, generations' best", {"marker": "+", "zorder": 4}
     panel.marks(generations, best["crank_length"], best["rod_length"], "genetic", **mark)
-    _points(panel, shown["optima"], "crank_length", "rod_length")
+    _points(panel, points, shown["optima"], "crank_length", "rod_length")
     margin = 0.03 * np.array([right - left, high - low])
     panel.axes.set_xlim(left - margin[0], right + margin[0])
     panel.axes.set_ylim(low - margin[1], high + margin[1])
 
 
-def _points(panel: Panel, optima: pd.DataFrame, x: str, y: str) -> None:
+def _points(panel: Panel, points: dict, optima: pd.DataFrame, x: str, y: str) -> None:
     """Optima found and, for the paper's mechanism, the printed ones."""
-    for method, series, colour, style in (
-        (
-            "genetic",
-            "genetic optimum",
-            "genetic",
-            {"marker": "*", "markersize": 11, "markeredgecolor": "white"},
-        ),
-        ("local", "local optimum", "local", {"marker": "s", "markersize": 4}),
-        (
-            "printed",
-            "paper's three points",
-            "paper",
-            {"marker": "D", "markersize": 5.5, "markeredgecolor": "black"},
-        ),
-    ):
+    for method, shown in points.items():
         rows = optima[optima["method"] == method]
         if len(rows):
-            panel.marks(
-                series, rows[x], rows[y], colour, labels=list(rows["point"]), zorder=5, **style
-            )
+            labels, place = list(rows["point"]), (rows[x], rows[y])
+            panel.marks(shown["series"], *place, shown["colour"], labels=labels, **shown["style"])
 
 
-@figure(
-    "resimulation",
-    "Reductions, estimated and simulated again",
-    "Optimum",
-    ("optimise_resimulated",),
-)
-def resimulation(tables: Tables, scenario: Scenario) -> Drawing:
-    """Reduction of the [angle:error of the transmission angle][not angle:objective] for the lengths
-    listed on the left ([paper:from the paper, and ]from the genetic algorithm on each source). Open
-    diamonds: estimate [angle:with unchanged joint motion (frozen)][not angle:of the search]. Dots:
-    simulated again, median of an ensemble of perturbed starts; bars: 5 to 95 %. [angle:Left: window
-    of the first revolution. Right: a settled revolution. ][not angle:Left: the objective. Right:
-    error of the transmission angle, a side effect. ]A bar that crosses zero means no significant
-    gain."""
+@figure
+def resimulation(tables: Tables, scenario: Scenario, origins: Mapping[str, str]) -> Drawing:
+    """Reductions of the lengths found and printed, estimated and simulated again."""
     from jointgap.lengths.objective import GOALS  # loads scipy
 
     table, box = tables["optimise_resimulated"], next(iter(scenario.optimise.boxes))
     if (lacking := _without_optimum("resimulation", table, scenario)) is not None:
         return lacking
-    origin = {
+    origins = {
         name if name.startswith("printed_") else f"{name}_{box}_genetic": words
-        for name, words in LENGTHS.items()
+        for name, words in origins.items()
     }
-    wanted = [point for point in table["point"].unique() if point in origin]
+    wanted = [point for point in table["point"].unique() if point in origins]
     place = np.arange(len(wanted))[::-1]
     sheet = Sheet(1.6 + 0.72 * len(wanted), 1, 2)
     numbers = ["reduction", "reduction_low", "reduction_high", "frozen_reduction"]
@@ -900,7 +682,7 @@ def resimulation(tables: Tables, scenario: Scenario) -> Drawing:
             estimate = "motion frozen" if measure in MEASURES else "search"
             panel.marks(f"{words}, {estimate}", frozen, place + shift + _APART, colour, **look)
         panel.vertical_line("no change", 0.0, named=False)
-        panel.rows(["" if column else origin[point] for point in wanted], place)
+        panel.rows(["" if column else origins[point] for point in wanted], place)
         panel.axes.set_ylim(-0.5, len(wanted) - 0.5)
         if column:
             panel.axes.set_ylabel("")

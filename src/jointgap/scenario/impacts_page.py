@@ -124,18 +124,12 @@ def _add_modes(figure, angle: np.ndarray, mode: np.ndarray, words: str) -> None:
 
 
 def _lay_out(figure, angle: np.ndarray, joints: list[str]) -> None:
-    scales = [
-        {"label": f"force {kind}", "method": "relayout", "args": [{"yaxis2.type": scale}]}
-        for kind, scale in (("logarithmic", "log"), ("linear", "linear"))
-    ]
-    place = {"x": 0.0, "xanchor": "left", "y": 1.02, "yanchor": "bottom"}
     figure.update_layout(
         template="plotly_white",
-        margin={"l": 80, "r": 20, "t": 60, "b": 60},
+        margin={"l": 80, "r": 20, "t": 30, "b": 60},
         legend={"orientation": "h", "yanchor": "top", "y": -0.12, "x": 0.0, "traceorder": "normal"},
         hovermode="closest",
         font={"size": 13},
-        updatemenus=[{"type": "buttons", "direction": "right", "buttons": scales, **place}],
     )
     figure.update_xaxes(
         range=[angle[0], min(angle[-1], angle[0] + _FIRST_LOOK)], showline=True, linecolor="#222222"

@@ -59,11 +59,10 @@ def kinematics(
     for region, inside in regions.items():
         errors += [row | {"region": region} for row in _errors(frames, inside)]
         for name in surrogates:
-            for row, difference, reference in _contradictions(
-                name, mechanism.loose, clearances, frames
-            ):
-                sizes = _sizes(difference, samples[reference].to_numpy(), inside)
-                contradictions.append(row | {"region": region} | sizes)
+            for way, difference in _contradictions(name, mechanism.loose, clearances, frames):
+                sizes = _sizes(difference, samples[way["quantity"]].to_numpy(), inside)
+                row = {"surrogate": name, "region": region}
+                contradictions.append(row | way | sizes)
     return {
         "kinematics": motion_table(frames, angle),
         "kinematics_errors": pd.DataFrame(errors),
@@ -181,14 +180,8 @@ def _contradictions(
     loose: Iterable[str],
     clearances: Mapping[str, ClearanceMotion],
     frames: Frames,
-) -> Iterator[tuple[dict[str, str], np.ndarray, str]]:
-    """Ways to get a quantity that contradict each other, their difference, and the column of the
-    simulation."""
-
-    def way(quantity: str, unit: str, one: str, other: str) -> dict[str, str]:
-        row = {"surrogate": surrogate, "quantity": quantity, "unit": unit}
-        return row | {"one_way": one, "other_way": other}
-
+) -> Iterator[tuple[dict[str, str], np.ndarray]]:
+    """Two ways to get a quantity, which contradict each other, and their difference."""
     for gamma in (f"gamma{JOINT_NUMBERS[joint]}" for joint in loose):
         fit, derived, integrated = (
             getattr(clearances[f"{surrogate}_{form}"], gamma)
@@ -205,7 +198,8 @@ def _contradictions(
             ),
         ):
             quantity = f"{gamma}{ending}"
-            yield way(quantity, unit, f"fit of {quantity}", text), difference, quantity
+            way = {"quantity": quantity, "unit": unit, "one_way": f"fit of {quantity}"}
+            yield way | {"other_way": text}, difference
     for quantity, form, text in (
         ("slider_position", "integrated", "gamma as integral of the fit of its rate"),
         ("slider_velocity", "own_rates", "gamma' as derivative of the fit of gamma"),
@@ -214,5 +208,5 @@ def _contradictions(
         separate, derived = (
             frames[f"{surrogate}_{name}"][quantity].to_numpy() for name in ("paper_form", form)
         )
-        row = way(quantity, UNITS[quantity], "each output from its own fit", text)
-        yield row, derived - separate, quantity
+        way = {"quantity": quantity, "unit": UNITS[quantity], "other_way": text}
+        yield way | {"one_way": "each output from its own fit"}, derived - separate
