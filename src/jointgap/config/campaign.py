@@ -81,63 +81,43 @@ Noise = Annotated[
 ]
 
 
-class Channel(ConfigModel):
+class Channel(ConfigModel, use_attribute_docstrings=True):
     """A column of the runs' files and its sensor."""
 
-    column: Name = Field(description="heading of the column in every run's file")
-    unit: str = Field(
-        description=(
-            "pint name such as deg, g_n, N*m or rpm; not needed with counts_per_turn or rate"
-        )
-    )
-    scale: Scale = Field(
-        None, description="factor of a sensor's signal, such as 0.35 N*m/A for a column in A"
-    )
-    counts_per_turn: quantity("", gt=0) | None = Field(
-        None, description="of an angle in an encoder's counts"
-    )
-    rate: quantity("Hz", gt=0) | None = Field(
-        None, description="sampling rate, for time in sample numbers: 2 kHz"
-    )
-    noise: Noise = Field(
-        None, description="standard deviation in the column's unit, one or by run; null: estimated"
-    )
-    resolution: Step = Field(
-        None, description="step of an encoder in the column's unit; null: unknown"
-    )
-    bandwidth: quantity("Hz", gt=0) | None = Field(
-        None, description="corner of the samples' fourth-order low-pass"
-    )
-    filter: Literal["zero_phase", "causal"] = Field(
-        "zero_phase", description="phase of that low-pass"
-    )
-    high_pass: quantity("Hz", gt=0) | None = Field(
-        None, description="corner of an AC-coupled sensor: 0.5 Hz"
-    )
-    average: quantity("s", gt=0) | None = Field(
-        None, description="gate time of a counter that reads means: 50 ms"
-    )
-    sign: Literal[1, -1] = Field(
-        1, description="-1: the sensor's axis is opposite to the definition of the channel"
-    )
-    jitter: quantity("s", gt=0) | None = Field(
-        None, description="of time: standard deviation of its stamps; null: estimated"
-    )
-    repeated: Literal["first", "last"] | None = Field(
-        None, description="of time: row to keep of rows with equal times"
-    )
-    reads_gravity: bool = Field(
-        False, description="whether an accelerometer's reading includes gravity"
-    )
-    bore: PositiveLength | None = Field(
-        None, description="of a pressure: diameter on which it acts"
-    )
-    ambient_pressure: quantity("Pa", ge=0) | None = Field(
-        None,
-        description=(
-            "of a pressure: on the slider's other side, 0 for gauge pressures; null: 101325 Pa"
-        ),
-    )
+    column: Name
+    """heading of the column in every run's file"""
+    unit: str
+    """pint name such as deg, g_n, N*m or rpm; not needed with counts_per_turn or rate"""
+    scale: Scale = None
+    """factor of a sensor's signal, such as 0.35 N*m/A for a column in A"""
+    counts_per_turn: quantity("", gt=0) | None = None
+    """of an angle in an encoder's counts"""
+    rate: quantity("Hz", gt=0) | None = None
+    """sampling rate, for time in sample numbers: 2 kHz"""
+    noise: Noise = None
+    """standard deviation in the column's unit, one or by run; null: estimated"""
+    resolution: Step = None
+    """step of an encoder in the column's unit; null: unknown"""
+    bandwidth: quantity("Hz", gt=0) | None = None
+    """corner of the samples' fourth-order low-pass"""
+    filter: Literal["zero_phase", "causal"] = "zero_phase"
+    """phase of that low-pass"""
+    high_pass: quantity("Hz", gt=0) | None = None
+    """corner of an AC-coupled sensor: 0.5 Hz"""
+    average: quantity("s", gt=0) | None = None
+    """gate time of a counter that reads means: 50 ms"""
+    sign: Literal[1, -1] = 1
+    """-1: the sensor's axis is opposite to the definition of the channel"""
+    jitter: quantity("s", gt=0) | None = None
+    """of time: standard deviation of its stamps; null: estimated"""
+    repeated: Literal["first", "last"] | None = None
+    """of time: row to keep of rows with equal times"""
+    reads_gravity: bool = False
+    """whether an accelerometer's reading includes gravity"""
+    bore: PositiveLength | None = None
+    """of a pressure: diameter on which it acts"""
+    ambient_pressure: quantity("Pa", ge=0) | None = None
+    """of a pressure: on the slider's other side, 0 for gauge pressures; null: 101325 Pa"""
 
     @model_validator(mode="before")
     @classmethod
@@ -431,19 +411,18 @@ RESERVED_IDS = ("all", "look", "measured", "remarks", "contradictions", "config_
 """Reserved names of results: a sum over runs, and tables next to the figures of the runs."""
 
 
-class Start(ConfigModel):
+class Start(ConfigModel, use_attribute_docstrings=True):
     """Beginning of the motion before the first sample: a crank angle, and turns or time before it.
 
     The joint centres coincide and the velocities are those of the ideal mechanism, as in the paper.
     """
 
-    angle: Angle | None = Field(
-        None, description="crank angle; the passage nearest to turned or ran, else the last"
-    )
-    turned: quantity("rad", gt=0) | None = Field(
-        None, description="rotation of the crank before the first sample: 3 turn"
-    )
-    ran: quantity("s", gt=0) | None = Field(None, description="time before the first sample: 0.5 s")
+    angle: Angle | None = None
+    """crank angle; the passage nearest to turned or ran, else the last"""
+    turned: quantity("rad", gt=0) | None = None
+    """rotation of the crank before the first sample: 3 turn"""
+    ran: quantity("s", gt=0) | None = None
+    """time before the first sample: 0.5 s"""
 
     def errors(self) -> Iterator[str]:
         if self.turned is not None and self.ran is not None:
@@ -483,30 +462,28 @@ Files = Annotated[
 ]
 
 
-class CampaignRun(ConfigModel):
+class CampaignRun(ConfigModel, use_attribute_docstrings=True):
     """The samples measured at one speed, from one file or from two loggers."""
 
-    id: Word = Field(description="name of the run: letters, digits, '_' and '-'")
+    id: Word
+    """name of the run: letters, digits, '_' and '-'"""
     file: Files = Field(
         description=(
             "table of samples, CSV or Parquet, from the campaign file's folder; two loggers:"
             " [a.csv, b.csv]"
         )
     )
-    speed: quantity("rad/s") = Field(description="nominal speed of the crank")
-    role: Literal["identify", "confirm", "split"] = Field(
-        description="split: the last third is held out for confirm"
-    )
-    start: Literal[_STARTS] | Start = Field(
-        "settled", description="beginning of the motion, or its angle, turns, time"
-    )
-    first_angle: Angle | None = Field(
-        None, description="crank angle at the first sample, without such a channel"
-    )
+    speed: quantity("rad/s")
+    """nominal speed of the crank"""
+    role: Literal["identify", "confirm", "split"]
+    """split: the last third is held out for confirm"""
+    start: Literal[_STARTS] | Start = "settled"
+    """beginning of the motion, or its angle, turns, time"""
+    first_angle: Angle | None = None
+    """crank angle at the first sample, without such a channel"""
     direction: Literal["counter_clockwise", "clockwise"] = "counter_clockwise"
-    effects: tuple[AnyEffect, ...] = Field(
-        (), description="known loads of this run: slider_force_table, crank_brake"
-    )
+    effects: tuple[AnyEffect, ...] = ()
+    """known loads of this run: slider_force_table, crank_brake"""
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -566,30 +543,31 @@ def _day(date: Any) -> Any:
 Day = Annotated[Date, BeforeValidator(_day)]
 
 
-class Campaign(ConfigModel):
+class Campaign(ConfigModel, use_attribute_docstrings=True):
     """A rig and its measurements, without the samples."""
 
-    name: Word = Field(description="name of the campaign, and of its folder of results")
-    date: Day | None = Field(None, description="day of the measurement, for trends: 2026-03-01")
-    mechanism: Mechanism = Field(description="the current model of the mechanism")
-    drive: Literal["constant_speed", "measured_angle", "motor"] = Field(
-        "constant_speed", description="of the crank"
-    )
-    motor: MotorDrive | None = Field(None, description="torque-speed line of the motor")
-    runs: tuple[CampaignRun, ...] = Field(min_length=1, description="the runs, one file each")
-    channels: dict[Literal[tuple(CHANNELS)], Channel] = Field(
-        min_length=1, description="the measured quantities"
-    )
-    nuisance: dict[str, float | tuple[float, float]] = Field(
-        {}, description="bounds of uncertain quantities"
-    )
-    candidates: dict[Word, OwnLaw] = Field(
-        {}, description="laws of your own that may be missing, by name"
-    )
-    csv: Csv = Field(Csv(), description="format of text files")
-    folder: Path = Field(
-        Path(), description="folder of the runs' files, relative to the campaign file's"
-    )
+    name: Word
+    """name of the campaign, and of its folder of results"""
+    date: Day | None = None
+    """day of the measurement, for trends: 2026-03-01"""
+    mechanism: Mechanism
+    """the current model of the mechanism"""
+    drive: Literal["constant_speed", "measured_angle", "motor"] = "constant_speed"
+    """of the crank"""
+    motor: MotorDrive | None = None
+    """torque-speed line of the motor"""
+    runs: tuple[CampaignRun, ...] = Field(min_length=1)
+    """the runs, one file each"""
+    channels: dict[Literal[tuple(CHANNELS)], Channel] = Field(min_length=1)
+    """the measured quantities"""
+    nuisance: dict[str, float | tuple[float, float]] = Field({})
+    """bounds of uncertain quantities"""
+    candidates: dict[Word, OwnLaw] = Field({})
+    """laws of your own that may be missing, by name"""
+    csv: Csv = Csv()
+    """format of text files"""
+    folder: Path = Path()
+    """folder of the runs' files, relative to the campaign file's"""
 
     @field_validator("runs")
     @classmethod

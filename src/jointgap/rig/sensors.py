@@ -34,8 +34,8 @@ def at_sensor(campaign: Campaign, side: float, channel: str, values: np.ndarray)
     if kind.mirrored:
         values = side * values
     if campaign.channels[channel].reads_gravity:
-        direction = campaign.mechanism.gravity_direction
-        values = values - STANDARD_GRAVITY * kind.gravity(direction)
+        share = getattr(math, kind.gravity)(campaign.mechanism.gravity_direction)
+        values = values - STANDARD_GRAVITY * share
     return values
 
 
