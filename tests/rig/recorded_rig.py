@@ -27,27 +27,15 @@ class Rig:
     crank: float = 0.0506
     rod: float = 0.1492
     offset: float = 0.0032  # of the slide beside the crank's pivot
-    zeros_deg: tuple[float, ...] = (
-        -1.6,
-        0.4,
-        4.1,
-        2.2,
-        -0.7,
-        1.3,
-    )  # what the encoder reads too much in each run
+    # what the encoder reads too much in each run
+    zeros_deg: tuple[float, ...] = (-1.6, 0.4, 4.1, 2.2, -0.7, 1.3)
     position_zeros: tuple[float, ...] = (0.0121, 0.0121, 0.0118, 0.0121, 0.0119, 0.0121)
     lag: float = 6e-3  # by which the encoder reads late
     jitter: float = 0.7e-3  # standard deviation of the time stamps
     step_deg: float = 0.09  # of the encoder
     noise: float = 6e-5  # of the slider's sensor
-    rpm: tuple[float, ...] = (
-        55.0,
-        68.0,
-        80.0,
-        95.0,
-        110.0,
-        75.0,
-    )  # of each run, the last of which is held out
+    # of each run, the last of which is held out
+    rpm: tuple[float, ...] = (55.0, 68.0, 80.0, 95.0, 110.0, 75.0)
     unsteady: float = 0.12  # amplitude of the speed within a turn, as a share of its mean
     seconds: float = 14.0
     rate: float = 50.0  # samples a second
@@ -66,9 +54,8 @@ class Rig:
     def angle(self, run: int, time: np.ndarray) -> np.ndarray:
         """True crank angle (n,) [rad] at times (n,)."""
         speed = self.rpm[run] * math.tau / 60.0
-        phase = speed * time + 0.25 * math.sin(1.0 + run) * np.sin(
-            0.4 * time + run
-        )  # a drive that wanders a little
+        # a drive that wanders a little
+        phase = speed * time + 0.25 * math.sin(1.0 + run) * np.sin(0.4 * time + run)
         return (
             0.7 * run
             + phase
@@ -85,9 +72,8 @@ class Rig:
         """Columns ``t`` [s], ``theta`` [deg, within a turn] and ``x`` [mm] of one run."""
         rng = np.random.default_rng([seed, run])
         due = np.arange(int(self.seconds * self.rate)) / self.rate
-        due = (
-            due + rng.uniform(-0.2, 0.2, due.size) / self.rate
-        )  # uneven: the program has more to do
+        # uneven: the program has more to do
+        due = due + rng.uniform(-0.2, 0.2, due.size) / self.rate
         due = np.delete(due, rng.choice(due.size, 12, replace=False)) + 0.5
         stamp = np.sort(due + self.jitter * rng.standard_normal(due.size))
         read = np.degrees(self.angle(run, due - self.lag)) + self.zeros_deg[run]

@@ -62,11 +62,8 @@ def test_a_stated_separator_and_decimal_mark_are_used_instead_of_detected_ones(r
 
 def test_rows_are_lines_of_the_file_and_units_and_headings_are_where_they_are(read, tmp_path):
     assert read("# rig\nt,x\n\n0,1\n# break\n1,2\n").rows.tolist() == [4, 6]
-    for row, units in (
-        ("[s],(mm)\n", {"t": "s", "x": "mm"}),
-        ("", {}),
-        (",\n", {}),
-    ):  # the last one is a gap
+    # the last one is a gap
+    for row, units in (("[s],(mm)\n", {"t": "s", "x": "mm"}), ("", {}), (",\n", {})):
         assert read(f"t,x\n{row}0,1\n").units == units
     result = read("Model,AB12\nFirmware,1.12\n\nt,x\n0,1\n1,2\n")
     assert result.rows.tolist() == [5, 6]

@@ -47,9 +47,8 @@ def test_an_effect_by_coordinates_is_the_effect_of_a_mechanism_file(made, coordi
 def test_a_speed_fluctuation_has_the_phase_of_the_measured_angles():
     made = effect("speed_fluctuation", ratio=0.05, order=2, phase_rad=0.6)
     measurements = recorded(campaign(mechanism(effects=[made])))
-    for item in (
-        measurements.runs.values()
-    ):  # whole revolutions, so that the mean speed is that of the straight line
+    # whole revolutions, so that the mean speed is that of the straight line
+    for item in measurements.runs.values():
         item.time[:] -= item.time[0]
     model = build_model(campaign(mechanism()), measurements)
     values = {"cosine": 0.05 * math.cos(0.6), "sine": 0.05 * math.sin(0.6), "order": 2.0}
@@ -59,9 +58,8 @@ def test_a_speed_fluctuation_has_the_phase_of_the_measured_angles():
 def test_a_harmonic_force_has_its_phase_in_the_time_of_each_record():
     made = effect("harmonic_force", force_N=8.0, frequency_Hz=7.3, phase_rad=0.4)
     model = build_model(campaign(mechanism()), recorded(campaign(mechanism(effects=[made]))))
-    phase = (
-        0.4 + math.tau * 7.3 * 2 * math.tau / 30.0
-    )  # after the two revolutions that are not recorded
+    # after the two revolutions that are not recorded
+    phase = 0.4 + math.tau * 7.3 * 2 * math.tau / 30.0
     values = {"cosine": 8.0 * math.cos(phase), "sine": -8.0 * math.sin(phase), "frequency_Hz": 7.3}
     assert worst(read(model, (made["name"], values)), seen(model)) < 1e-9
     candidate = chosen(model, made["name"])

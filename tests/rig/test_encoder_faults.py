@@ -73,9 +73,8 @@ def faulty(law, drive: str, run: dict):
     simulated = (
         {"dropped": 12, "drive": MotorDrive(kind="motor", **MOTOR)} if drive == "motor" else {}
     )
-    measurements = recorded(
-        rig_campaign, start_angle=0.03, **simulated
-    )  # no sample where the torque is 0
+    # no sample where the torque is 0
+    measurements = recorded(rig_campaign, start_angle=0.03, **simulated)
     exact, side = {}, -1.0 if run else 1.0
     for name, item in measurements.runs.items():
         exact[name] = item.crank_angle.copy()
@@ -102,9 +101,8 @@ def faulty(law, drive: str, run: dict):
 def test_an_encoder_fault_changes_the_reading_by_its_law_alone(fault, drive, run):
     effect, law = fault
     model, _, _ = faulty(law, drive, run)
-    inside = (
-        slice(20, -20) if drive == "measured_angle" else slice(None)
-    )  # the smooth angle is weak at its ends
+    # the smooth angle is weak at its ends
+    inside = slice(20, -20) if drive == "measured_angle" else slice(None)
 
     def away(result):
         """Largest error: of an angle in 0.1 rad, of other channels in standard deviations."""
@@ -138,15 +136,13 @@ def test_an_encoder_fault_is_a_candidate_if_it_is_observable():
 
     rig_campaign = campaign(mechanism())
     assert offered(rig()) == couplings | off_centre
-    assert (
-        offered(build_model(rig_campaign)) == couplings | off_centre
-    )  # before anything is measured
+    # before anything is measured
+    assert offered(build_model(rig_campaign)) == couplings | off_centre
     assert (
         offered(rig(drive="measured_angle", sensors={"crank_angle": {"noise": 1e-6}})) == off_centre
     )
-    assert (
-        offered(build_model(rig_campaign, recorded(rig_campaign))) == set()
-    )  # an angle that was computed
+    # an angle that was computed
+    assert offered(build_model(rig_campaign, recorded(rig_campaign))) == set()
     assert offered(rig(channels=("time", "crank_angle"))) == set()  # as a fluctuating speed would
     assert offered(build_model(campaign(mechanism(("crank_pin",))))) == off_centre  # chaotic
 

@@ -91,9 +91,7 @@ def test_an_average_of_periodic_motion_includes_turns_before_the_record(gate):
 
 
 @pytest.mark.parametrize("drive", ["constant_speed", "measured_angle"])
-def test_a_stated_high_pass_or_average_has_its_frequency_response(
-    drive,
-):
+def test_a_stated_high_pass_or_average_has_its_frequency_response(drive):
     name, options = (
         "crank_torque",
         {"drive": drive, "sensors": {"crank_angle": {"resolution": 1e-6}}},
@@ -118,8 +116,7 @@ def test_a_stated_high_pass_or_average_has_its_frequency_response(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("channel", "corner"),
-    [("slider_acceleration", 0.5), ("crank_torque", 0.05)],
+    ("channel", "corner"), [("slider_acceleration", 0.5), ("crank_torque", 0.05)]
 )
 def test_a_high_pass_and_friction_are_named(tmp_path, channel, corner):
     verdict = analyse(behind(tmp_path, high_pass(corner), channel), tmp_path / "results")
@@ -203,9 +200,7 @@ def test_friction_is_named_with_a_counter_or_a_second_clock(tmp_path, how):
         assert offset["value"] == pytest.approx(how["late"], abs=5.0 * offset["sd"] + 1e-5)
 
 
-def test_the_offset_of_a_second_clock_is_found_within_half_a_revolution(
-    tmp_path,
-):
+def test_the_offset_of_a_second_clock_is_found_within_half_a_revolution(tmp_path):
     model = model_of(swinging(tmp_path, late=-0.06))
     for run in SPEEDS:
         (offset,) = (p for p in model.nuisances if p.key == f"clock_offset@{run}")

@@ -37,9 +37,8 @@ def test_cycles_speed_with_its_spread_gaps_and_scatter_are_found(tmp_path):
     assert row["speed_spread"] == pytest.approx(0.0, abs=1e-9)
     assert row["scatter"] == pytest.approx(0.02, rel=0.1) and row["stated_noise"] == 0.02
     assert numbers.loc[("slow", "slider_position"), "scatter"] < 1e-9
-    numbers, _ = looked(
-        tmp_path, slow=noisy(count=1003)
-    )  # samples between those of the cycle before
+    # samples between those of the cycle before
+    numbers, _ = looked(tmp_path, slow=noisy(count=1003))
     assert numbers.loc[("slow", "crank_torque"), "scatter"] == pytest.approx(0.02, rel=0.1)
     frame = table(200, turns=4.0, count=400)
     frame["t"] = np.interp(np.arange(400.0), [0.0, 200.0, 400.0], [0.0, 0.6, 1.2 * 0.6 + 0.6])
@@ -55,9 +54,8 @@ def test_each_run_has_a_figure_with_every_channel_and_all_samples(tmp_path):
     frame.loc[50:59, "x"] = np.nan
     for without in ((), ("time",), ("crank_angle",)):
         numbers, figures = looked(tmp_path, without=without, slow=frame)
-        assert numbers["mean_speed"].isna().all() == bool(
-            without
-        )  # unknown unless time and angle are measured
+        # unknown unless time and angle are measured
+        assert numbers["mean_speed"].isna().all() == bool(without)
         assert list(figures) == ["slow", "fast"]
         data = figures["slow"].data
         parquet.to_arrow(schema.PLOTTED, data)  # it can be written
@@ -70,9 +68,7 @@ def test_each_run_has_a_figure_with_every_channel_and_all_samples(tmp_path):
         ).all()
 
 
-def test_a_clockwise_run_is_drawn_at_the_angles_of_its_file(
-    tmp_path,
-):
+def test_a_clockwise_run_is_drawn_at_the_angles_of_its_file(tmp_path):
     frame = noisy()
     frame.loc[0:30, "theta"] = np.nan
     torque = looked(tmp_path, slow=frame)[1]["slow"].data.query("panel == 'slow: crank torque'")

@@ -228,9 +228,8 @@ def coulomb_alone(found: dict, force: float = 4.0) -> None:
     size = found["effects"][0]["parameters"]["force_N"]
     low, high = size["interval_90"]
     assert size["value"] == pytest.approx(force, rel=0.05)
-    assert abs(size["value"] - force) < 1.6 * 0.5 * (
-        high - low
-    )  # the interval of 99 %: one draw of the noise
+    # the interval of 99 %: one draw of the noise
+    assert abs(size["value"] - force) < 1.6 * 0.5 * (high - low)
     assert found["gap"]["confirm"]["after"] == pytest.approx(1.0, abs=0.1)
 
 

@@ -81,9 +81,7 @@ def test_a_stiff_rod_is_simulated_at_the_limit_with_its_share(candidates):
     assert simulated_effects(others) == (others, others, 1.0)
 
 
-def test_a_fit_changes_the_mechanism_by_nuisances_and_effects_of_all_runs(
-    candidates,
-):
+def test_a_fit_changes_the_mechanism_by_nuisances_and_effects_of_all_runs(candidates):
     values = {
         "slider_mass": 0.5,
         "speed@slow": 29.0,

@@ -78,9 +78,8 @@ def test_one_settled_revolution_replaces_the_record(loose, length, followed):
     run = driven(loose)
     result, ends = followed(run)
     assert ends[-1] == pytest.approx(length, abs=0.1)
-    later = integrated(
-        run.numbers, np.sort(run.angles) + 6 * TURN
-    )  # long after the start nothing else is seen
+    # long after the start nothing else is seen
+    later = integrated(run.numbers, np.sort(run.angles) + 6 * TURN)
     assert apart(result, later) < 2e-3
     assert result["time"] == pytest.approx(
         (run.angles - run.numbers.drive.start_angle) / run.numbers.drive.speed
@@ -138,9 +137,7 @@ def test_a_continued_integration_equals_an_uninterrupted_one():
     assert 0 <= steps - whole.steps < 20  # the step that holds the last sample is made again
 
 
-def test_a_weakly_damped_rod_settles_before_one_revolution_is_used(
-    followed,
-):
+def test_a_weakly_damped_rod_settles_before_one_revolution_is_used(followed):
     """Some ten and a half times a revolution; seven time constants of its decay take eleven
     revolutions and more."""
     run = driven((), effect("rod_flexibility", frequency_Hz=10.5 * 30.0 / TURN, damping_ratio=0.01))

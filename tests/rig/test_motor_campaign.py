@@ -18,11 +18,8 @@ from tests.rig.campaigns import model_of, samples, written
 pytestmark = pytest.mark.integration
 
 MOTOR = {"stall_torque": 30.0, "no_load_speed": 40.0, "inertia": 0.02}
-LINES = {
-    "slow": (24.0, 24.7),
-    "mid": (31.0, 33.5),
-    "fast": (29.5, 41.0),
-}  # stall torque [N m], no-load speed [rad/s]
+# stall torque [N m], no-load speed [rad/s]
+LINES = {"slow": (24.0, 24.7), "mid": (31.0, 33.5), "fast": (29.5, 41.0)}
 TURNS, PER_TURN, NOISE = 5, 72, 0.01
 READ = ("crank_angle", "crank_speed", "guide_force")
 WIDE = {"stall_torque": [20.0, 40.0], "no_load_speed": [20.0, 50.0]}
@@ -80,9 +77,7 @@ def test_different_motor_lines_leave_only_noise(tmp_path):
     assert problem.gap(problem.residual(stated | own)) == pytest.approx(1.0, abs=0.1)
 
 
-def test_a_preflight_uses_the_recorded_unsteady_motion(
-    tmp_path,
-):
+def test_a_preflight_uses_the_recorded_unsteady_motion(tmp_path):
     rng, alike = np.random.default_rng(2), []
     for depth in (0.0, 0.6):
         time = np.linspace(0.0, 2.0, 400)

@@ -52,9 +52,8 @@ def test_ringing_of_a_loose_pin_is_not_noise(loose_pin, channel):
     for every in (5, 10):  # 274.6 and 137.3 samples a turn: phases do not repeat
         result = [rung(loose_pin, channel, every, seed)[0] for seed in range(3)]
         assert np.mean(result) == pytest.approx(1.0, abs=0.05)
-    assert not rung(loose_pin, channel, 10, 0, stated=True)[
-        1
-    ]  # a true stated noise is not called too small
+    # a true stated noise is not called too small
+    assert not rung(loose_pin, channel, 10, 0, stated=True)[1]
 
 
 def test_joined_channels_have_separate_rates_and_noise():

@@ -129,12 +129,10 @@ def test_signals_counts_and_sample_numbers_become_si(tmp_path):
     measurements = read_measurements(load_campaign(path), compared=False)
     recording, true = measurements.runs["slow"], samples(SLOW)
     np.testing.assert_allclose(np.diff(recording.time), step, rtol=1e-9)
-    error = (
-        (recording.crank_angle - true["crank_angle"]) * 4000 / math.tau
-    )  # half a turn beside the rounding
-    assert error % 4000 == pytest.approx(
-        2000, abs=0.501
-    )  # the middle of each step, as a counter truncates
+    # half a turn beside the rounding
+    error = (recording.crank_angle - true["crank_angle"]) * 4000 / math.tau
+    # the middle of each step, as a counter truncates
+    assert error % 4000 == pytest.approx(2000, abs=0.501)
     for name in ("slider_position", "crank_torque"):
         np.testing.assert_allclose(recording.channels[name], true[name], rtol=1e-12, atol=1e-15)
     assert recording.noise["crank_torque"] == pytest.approx(0.035, rel=1e-12)
@@ -142,9 +140,7 @@ def test_signals_counts_and_sample_numbers_become_si(tmp_path):
     assert "16-bit" in remark
 
 
-def test_repeated_rows_and_times_are_kept_once(
-    tmp_path,
-):
+def test_repeated_rows_and_times_are_kept_once(tmp_path):
     """A solver writes the state before and after an event at the same time."""
     before = table(SLOW)
     frame = pd.concat([before.iloc[:51], before.iloc[[50]].assign(M=7.0), before.iloc[51:]])

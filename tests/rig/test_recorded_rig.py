@@ -44,9 +44,8 @@ def off(model, run, **values) -> float:
     )
 
 
-@pytest.mark.parametrize(
-    "gaps, bound", [(0, 2e-5), (40, 5e-5)]
-)  # what a smooth angle through 50 samples a second leaves
+# what a smooth angle through 50 samples a second leaves
+@pytest.mark.parametrize("gaps, bound", [(0, 2e-5), (40, 5e-5)])
 def test_the_model_agrees_with_closed_form_kinematics(tmp_path, gaps, bound):
     model = model_of(tmp_path, replace(QUIET, gaps=gaps), nuisance=LAGGING)
     assert np.isnan(model.series[0].value).sum() == gaps
@@ -129,9 +128,8 @@ def scatter(stated: float | None, **options):
 )
 def test_jitter_of_time_stamps_increases_noise_with_the_rate(stated, white, jitter):
     noise, own, rate = scatter(stated, noise=white, jitter=jitter)
-    floor = (
-        1e-4 * own.crank / math.sqrt(2.0)
-    )  # a ten-thousandth of what the position varies by, a sine or nearly so
+    # a ten-thousandth of what the position varies by, a sine or nearly so
+    floor = 1e-4 * own.crank / math.sqrt(2.0)
     assert noise.sd == pytest.approx(
         np.hypot(max(white, floor), jitter * rate), rel=0.25, abs=white
     )
@@ -147,9 +145,7 @@ def sensors(**more):
     }
 
 
-def test_an_unsteady_crank_is_reported_and_a_coarse_encoder_is_not(
-    tmp_path,
-):
+def test_an_unsteady_crank_is_reported_and_a_coarse_encoder_is_not(tmp_path):
     steady, uneven = (
         [remark for remark in read_measurements(own).remarks if "within a turn" in remark]
         for own in (
@@ -163,9 +159,8 @@ def test_an_unsteady_crank_is_reported_and_a_coarse_encoder_is_not(
     assert not steady and len(uneven) == 2
     assert all("constant_speed" in remark and "measured_angle" in remark for remark in uneven)
     reason = float(uneven[0].split("by ±")[1].split(" %")[0])
-    assert reason == pytest.approx(
-        100 * 0.12 * 1.3, rel=0.25
-    )  # the first order and the second's crests
+    # the first order and the second's crests
+    assert reason == pytest.approx(100 * 0.12 * 1.3, rel=0.25)
 
 
 @pytest.mark.slow  # a whole campaign, some 45 s

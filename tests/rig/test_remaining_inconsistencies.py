@@ -46,9 +46,7 @@ def doubts(model, measurements, *fits: dict):
     return remaining_inconsistencies(model, measurements, result)
 
 
-def test_a_matching_encoder_offset_explains_an_inconsistent_angle(
-    tmp_path,
-):
+def test_a_matching_encoder_offset_explains_an_inconsistent_angle(tmp_path):
     own = rig(tmp_path, turned=90.0)
     right, small = ({OFFSET: math.radians(angle)} for angle in (90.0, 20.0))
     force = {"slider_constant_force.force_N": 5.0}

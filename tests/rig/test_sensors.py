@@ -32,9 +32,8 @@ def plain():
 def test_the_low_pass_is_butterworths_of_fourth_order(frequency):
     power = 1.0 / (1.0 + (frequency / CORNER) ** 8)
     forth_and_back = sensors.low_pass(wave(frequency), INTERVAL, CORNER, causal=False)
-    assert forth_and_back[INSIDE] == pytest.approx(
-        power * wave(frequency)[INSIDE], abs=1e-3
-    )  # without delay
+    # without delay
+    assert forth_and_back[INSIDE] == pytest.approx(power * wave(frequency)[INSIDE], abs=1e-3)
     causal = sensors.low_pass(wave(frequency), INTERVAL, CORNER, causal=True)
     assert np.max(np.abs(causal[INSIDE])) == pytest.approx(math.sqrt(power), rel=1e-3)
 

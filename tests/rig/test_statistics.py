@@ -99,9 +99,7 @@ def test_only_chaotic_channels_are_compared_by_statistics(chaotic):
         assert series.held_out.all() == (series.run == "fast")
 
 
-def test_statistics_of_the_true_model_agree_within_standard_errors(
-    chaotic,
-):
+def test_statistics_of_the_true_model_agree_within_standard_errors(chaotic):
     _, model = chaotic
     true = np.concatenate([missed(model, run) for run in model.plans])
     assert np.mean(np.square(true)) == pytest.approx(1.0, abs=0.45) and np.max(np.abs(true)) < 5.0
@@ -128,6 +126,5 @@ def test_friction_prevents_chaos():
     )
     model = build_model(rig_campaign, None, {"slow": 30.0})
     assert model.chaotic("slow") == ()
-    assert (
-        model.plans["slow"].samples.turned < 4 * TURN
-    )  # a motion that repeats is not planned for longer
+    # a motion that repeats is not planned for longer
+    assert model.plans["slow"].samples.turned < 4 * TURN

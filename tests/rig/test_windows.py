@@ -82,9 +82,7 @@ def test_readings_in_windows_equal_those_of_one_simulation(keys, faults):
     assert_alike(again, read(model, *faults))
 
 
-def test_settled_windows_are_continuous_and_equal_one_simulation(
-    found,
-):
+def test_settled_windows_are_continuous_and_equal_one_simulation(found):
     _, windows, true, own = found
     states = windows.steady_states(replace(own.states, slow=own.states.slow + 1.0))
     again, ends, _, done = windows.simulate(states)
@@ -128,7 +126,5 @@ def test_samples_of_a_window_without_simulation_are_missing(found):
         {"channels": ("time", "crank_angle")},
     ],
 )
-def test_films_motors_ideal_joints_and_angles_alone_have_no_windows(
-    keys,
-):
+def test_films_motors_ideal_joints_and_angles_alone_have_no_windows(keys):
     assert windows_of(rig(**keys)) is None

@@ -8,6 +8,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import yaml
 from pydantic import (
     BeforeValidator,
     Field,
@@ -18,7 +19,7 @@ from pydantic import (
     model_validator,
 )
 
-from jointgap.config.channels import CHANNEL_KINDS, CHANNELS, PRESSURES
+from jointgap.config.channels import CHANNELS, PRESSURES
 from jointgap.config.mechanism import Mechanism
 from jointgap.config.scenario import MotorDrive
 from jointgap.core.csv_files import Csv
@@ -41,30 +42,15 @@ from jointgap.effects.clearance import LEAST_CLEARANCE
 from jointgap.effects.own_law import OwnLaw
 from jointgap.effects.slider_force_table import ForceTableParameters
 
-UNITS = {
-    "s": ("s", "ms", "us"),
-    "m": ("m", "mm", "cm", "um", "inch"),
-    "m/s": ("m/s", "mm/s", "km/h"),
-    "m/s^2": ("m/s^2", "g_n", "mm/s^2"),
-    "rad": ("rad", "deg", "turn"),
-    "rad/s": ("rad/s", "deg/s", "rpm", "turn/s"),
-    "N*m": ("N*m", "N*cm", "N*mm", "kN*m", "lbf*ft"),
-    "N": ("N", "kN", "lbf", "mN"),
-    "Pa": ("Pa", "bar", "kPa", "MPa", "mbar", "psi"),
-}
+_TABLES = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))
+
+UNITS: dict[str, list[str]] = _TABLES["units"]
 """Units, by SI unit, suggested where none is given or the given one does not convert."""
 
 FILTER_ORDER = 4
 """Order of the Butterworth low-pass that describes a sensor's bandwidth."""
 
-_UNIT_HINTS = {
-    "Hz": "Hz is ambiguous for turns; write rpm, turn/s or rad/s",
-    **dict.fromkeys(
-        ("count", "counts"),
-        "give the factor of the counts: counts_per_turn of an angle, rate of time, scale of other"
-        " channels",
-    ),
-}
+_UNIT_HINTS: dict[str, str] = _TABLES["unit_hints"]
 
 _COUNTED = {"counts_per_turn": ("turn", ""), "rate": ("s", "Hz")}
 """Keys that define the unit of a column of integers as a part of a unit: that unit, and the unit of
@@ -81,63 +67,43 @@ Noise = Annotated[
 ]
 
 
-class Channel(ConfigModel):
+class Channel(ConfigModel, use_attribute_docstrings=True):
     """A column of the runs' files and its sensor."""
 
-    column: Name = Field(description="heading of the column in every run's file")
-    unit: str = Field(
-        description=(
-            "pint name such as deg, g_n, N*m or rpm; not needed with counts_per_turn or rate"
-        )
-    )
-    scale: Scale = Field(
-        None, description="factor of a sensor's signal, such as 0.35 N*m/A for a column in A"
-    )
-    counts_per_turn: quantity("", gt=0) | None = Field(
-        None, description="of an angle in an encoder's counts"
-    )
-    rate: quantity("Hz", gt=0) | None = Field(
-        None, description="sampling rate, for time in sample numbers: 2 kHz"
-    )
-    noise: Noise = Field(
-        None, description="standard deviation in the column's unit, one or by run; null: estimated"
-    )
-    resolution: Step = Field(
-        None, description="step of an encoder in the column's unit; null: unknown"
-    )
-    bandwidth: quantity("Hz", gt=0) | None = Field(
-        None, description="corner of the samples' fourth-order low-pass"
-    )
-    filter: Literal["zero_phase", "causal"] = Field(
-        "zero_phase", description="phase of that low-pass"
-    )
-    high_pass: quantity("Hz", gt=0) | None = Field(
-        None, description="corner of an AC-coupled sensor: 0.5 Hz"
-    )
-    average: quantity("s", gt=0) | None = Field(
-        None, description="gate time of a counter that reads means: 50 ms"
-    )
-    sign: Literal[1, -1] = Field(
-        1, description="-1: the sensor's axis is opposite to the definition of the channel"
-    )
-    jitter: quantity("s", gt=0) | None = Field(
-        None, description="of time: standard deviation of its stamps; null: estimated"
-    )
-    repeated: Literal["first", "last"] | None = Field(
-        None, description="of time: row to keep of rows with equal times"
-    )
-    reads_gravity: bool = Field(
-        False, description="whether an accelerometer's reading includes gravity"
-    )
-    bore: PositiveLength | None = Field(
-        None, description="of a pressure: diameter on which it acts"
-    )
-    ambient_pressure: quantity("Pa", ge=0) | None = Field(
-        None,
-        description=(
-            "of a pressure: on the slider's other side, 0 for gauge pressures; null: 101325 Pa"
-        ),
-    )
+    column: Name
+    """heading of the column in every run's file"""
+    unit: str
+    """pint name such as deg, g_n, N*m or rpm; not needed with counts_per_turn or rate"""
+    scale: Scale = None
+    """factor of a sensor's signal, such as 0.35 N*m/A for a column in A"""
+    counts_per_turn: quantity("", gt=0) | None = None
+    """of an angle in an encoder's counts"""
+    rate: quantity("Hz", gt=0) | None = None
+    """sampling rate, for time in sample numbers: 2 kHz"""
+    noise: Noise = None
+    """standard deviation in the column's unit, one or by run; null: estimated"""
+    resolution: Step = None
+    """step of an encoder in the column's unit; null: unknown"""
+    bandwidth: quantity("Hz", gt=0) | None = None
+    """corner of the samples' fourth-order low-pass"""
+    filter: Literal["zero_phase", "causal"] = "zero_phase"
+    """phase of that low-pass"""
+    high_pass: quantity("Hz", gt=0) | None = None
+    """corner of an AC-coupled sensor: 0.5 Hz"""
+    average: quantity("s", gt=0) | None = None
+    """gate time of a counter that reads means: 50 ms"""
+    sign: Literal[1, -1] = 1
+    """-1: the sensor's axis is opposite to the definition of the channel"""
+    jitter: quantity("s", gt=0) | None = None
+    """of time: standard deviation of its stamps; null: estimated"""
+    repeated: Literal["first", "last"] | None = None
+    """of time: row to keep of rows with equal times"""
+    reads_gravity: bool = False
+    """whether an accelerometer's reading includes gravity"""
+    bore: PositiveLength | None = None
+    """of a pressure: diameter on which it acts"""
+    ambient_pressure: quantity("Pa", ge=0) | None = None
+    """of a pressure: on the slider's other side, 0 for gauge pressures; null: 101325 Pa"""
 
     @model_validator(mode="before")
     @classmethod
@@ -235,48 +201,14 @@ def channel_factor(name: str, unit: str, scale: str | None = None) -> float:
         raise ValueError(f"{name}.{key} {error}{hint and f'; {hint}'}") from error
 
 
-_ANGLES = {name for name, unit in CHANNELS.items() if unit == "rad"}
-_NEEDS_CHANNEL = (
-    (
-        ("counts_per_turn", "resolution"),
-        _ANGLES,
-        "only crank_angle and rod_angle are encoder readings",
-    ),
-    (("rate", "repeated", "jitter"), {"time"}, "it applies to time only"),
-    (
-        ("noise", "bandwidth", "filter", "sign"),
-        CHANNELS.keys() - {"time", *PRESSURES},
-        (
-            "time is exact except for its jitter, and a pressure is a known load, averaged over the"
-            " cycles"
-        ),
-    ),
-    (
-        ("high_pass", "average"),
-        CHANNELS.keys() - {"time", "crank_angle", *PRESSURES},
-        "it applies to measured quantities only",
-    ),
-    (
-        ("bore", "ambient_pressure"),
-        PRESSURES.keys(),
-        f"it applies to {' and '.join(PRESSURES)} only",
-    ),
-    (
-        ("reads_gravity",),
-        {name for name, kind in CHANNEL_KINDS.items() if kind.gravity},
-        "only accelerations include gravity",
-    ),
-)
-"""Keys, the channels that accept them, and the reason why others do not."""
-
-
 def _errors_of_channels(channels: dict[str, Channel]) -> Iterator[str]:
     columns: dict[str, str] = {}
     for name, channel in channels.items():
-        for keys, allowed, why in _NEEDS_CHANNEL:
-            for key in keys if name not in allowed else ():
+        for rule in _TABLES["keys_of_channels"]:
+            allowed = rule.get("only") or CHANNELS.keys() - {*rule["except"]}
+            for key in rule["keys"] if name not in allowed else ():
                 if getattr(channel, key) != Channel.model_fields[key].default:
-                    yield f"{name}.{key} does not apply: {why}; remove it"
+                    yield f"{name}.{key} does not apply: {rule['why']}; remove it"
         if name in PRESSURES and channel.bore is None:
             yield (
                 f"{name} requires bore, the diameter on which it acts; add it, such as 'bore:"
@@ -298,11 +230,7 @@ def _errors_of_channels(channels: dict[str, Channel]) -> Iterator[str]:
         columns.setdefault(channel.column, name)
 
 
-_POSITIVE = {"gt": 0}
-_CLEARANCE = ("m", {"ge": LEAST_CLEARANCE})
-_TURN = ("rad", {"ge": -math.tau, "le": math.tau})
-
-SHARED = {"joint_friction": ("", {"ge": 0, "le": 0.6}), "restitution": ("", {"ge": 1e-3, "lt": 1})}
+SHARED = ("joint_friction", "restitution")
 """Quantities that both pins share unless they are listed per pin."""
 
 MOTOR_LINE = ("stall_torque", "no_load_speed")
@@ -315,41 +243,24 @@ PRESSURE_ZERO = "pressure_zero"
 PRESSURE_SENSOR = (PRESSURE_ZERO, "pressure_gain")
 """Zero and gain of the sensor of all pressures on the slider."""
 
-NEEDED_CHANNELS = {
-    "encoder_zero": ("crank_angle",),
-    "slider_position_zero": ("slider_position",),
-    "encoder_lag": ("time", "crank_angle"),
-}
+NEEDED_CHANNELS: dict[str, list[str]] = _TABLES["needed_channels"]
 """Nuisances of sensors (nominally 0 unless the bounds differ), and the channels that they act
 on."""
 
-_LIMITS: dict[str, tuple[str, dict[str, float]]] = {
-    "slider_mass": ("kg", _POSITIVE),
-    "rod_mass": ("kg", _POSITIVE),
-    "rod_inertia": ("kg*m^2", _POSITIVE),
-    "crank_length": ("m", _POSITIVE),
-    "rod_length": ("m", _POSITIVE),
-    "crank_pin_clearance": _CLEARANCE,
-    "piston_pin_clearance": _CLEARANCE,
-    **SHARED,
-    **{f"{key}_{pin}": limits for key, limits in SHARED.items() for pin in PINS},
-    "speed": ("rad/s", _POSITIVE),
-    "crank_inertia": ("kg*m^2", _POSITIVE),
-    PRESSURE_ZERO: ("Pa", {}),
-    "pressure_gain": ("", _POSITIVE),
-    "stall_torque": ("N*m", _POSITIVE),
-    "no_load_speed": ("rad/s", _POSITIVE),
-    "slider_offset": ("m", {}),
-    "encoder_zero": _TURN,
-    "encoder_lag": ("s", {}),
-    "slider_position_zero": ("m", {}),
+_LIMITS: dict[str, dict[str, float]] = {
+    "positive": {"gt": 0},
+    "clearance": {"ge": LEAST_CLEARANCE},
+    "friction": {"ge": 0, "le": 0.6},
+    "restitution": {"ge": 1e-3, "lt": 1},
+    "turn": {"ge": -math.tau, "le": math.tau},
+    "any": {},
 }
-"""Unit of a nuisance, and its physical limits."""
+"""Physical limits of nuisances, by their name in `campaign.yaml`."""
 
-NUISANCES = {key: unit for key, (unit, _) in _LIMITS.items()}
+NUISANCES: dict[str, str] = {key: unit for key, (unit, _) in _TABLES["nuisances"].items()}
 """SI unit of every quantity accepted under ``nuisance``; ``''`` for pure numbers."""
 
-_AMOUNT_EXAMPLES = {"m": "'1 mm'", "rad": "'5 deg'", "s": "'5 ms'", "Pa": "'0.2 bar'"}
+_AMOUNT_EXAMPLES: dict[str, str] = _TABLES["amount_examples"]
 """Example of a deviation from nominal, by unit."""
 
 
@@ -390,8 +301,8 @@ def _share_or_bounds(
 
 def _possible(key: str, value: Any) -> float:
     """The `value` [SI] of a nuisance; ValueError outside of its limits."""
-    unit, limits = _LIMITS[key]
-    return checked(quantity(unit, **limits), value)
+    unit, limits = _TABLES["nuisances"][key]
+    return checked(quantity(unit, **_LIMITS[limits]), value)
 
 
 def _as_written(value: float | tuple[float, float]) -> str | list[float]:
@@ -431,19 +342,18 @@ RESERVED_IDS = ("all", "look", "measured", "remarks", "contradictions", "config_
 """Reserved names of results: a sum over runs, and tables next to the figures of the runs."""
 
 
-class Start(ConfigModel):
+class Start(ConfigModel, use_attribute_docstrings=True):
     """Beginning of the motion before the first sample: a crank angle, and turns or time before it.
 
     The joint centres coincide and the velocities are those of the ideal mechanism, as in the paper.
     """
 
-    angle: Angle | None = Field(
-        None, description="crank angle; the passage nearest to turned or ran, else the last"
-    )
-    turned: quantity("rad", gt=0) | None = Field(
-        None, description="rotation of the crank before the first sample: 3 turn"
-    )
-    ran: quantity("s", gt=0) | None = Field(None, description="time before the first sample: 0.5 s")
+    angle: Angle | None = None
+    """crank angle; the passage nearest to turned or ran, else the last"""
+    turned: quantity("rad", gt=0) | None = None
+    """rotation of the crank before the first sample: 3 turn"""
+    ran: quantity("s", gt=0) | None = None
+    """time before the first sample: 0.5 s"""
 
     def errors(self) -> Iterator[str]:
         if self.turned is not None and self.ran is not None:
@@ -463,50 +373,43 @@ LOADS_OF_A_RUN = ("slider_force_table", "crank_brake")
 
 
 def _one_or_two(files: Any) -> Any:
-    names = [files] if isinstance(files, str) else files
-    is_list = isinstance(names, list | tuple) and all(isinstance(name, str) for name in names)
-    if not is_list or not all(names) or len({*names}) != len(names) or len(names) > 2:
-        names = []
-    if isinstance(files, str) and names:
+    if files and isinstance(files, str):
         return files
-    if len(names) == 2:
-        return tuple(names)
+    if isinstance(files, list | tuple) and all(isinstance(name, str) and name for name in files):
+        if len(files) == len({*files}) == 2:
+            return tuple(files)
     raise ValueError("must be the name of a file, or a list of two: [a.csv, b.csv] of two loggers")
 
 
 _FILE = {"type": "string", "minLength": 1}
 _PAIR = {"type": "array", "items": _FILE, "minItems": 2, "maxItems": 2}
 Files = Annotated[
-    str | tuple[str, str],
-    BeforeValidator(_one_or_two),
-    WithJsonSchema({"anyOf": [_FILE, _PAIR]}),
+    str | tuple[str, str], BeforeValidator(_one_or_two), WithJsonSchema({"anyOf": [_FILE, _PAIR]})
 ]
 
 
-class CampaignRun(ConfigModel):
+class CampaignRun(ConfigModel, use_attribute_docstrings=True):
     """The samples measured at one speed, from one file or from two loggers."""
 
-    id: Word = Field(description="name of the run: letters, digits, '_' and '-'")
+    id: Word
+    """name of the run: letters, digits, '_' and '-'"""
     file: Files = Field(
         description=(
             "table of samples, CSV or Parquet, from the campaign file's folder; two loggers:"
             " [a.csv, b.csv]"
         )
     )
-    speed: quantity("rad/s") = Field(description="nominal speed of the crank")
-    role: Literal["identify", "confirm", "split"] = Field(
-        description="split: the last third is held out for confirm"
-    )
-    start: Literal[_STARTS] | Start = Field(
-        "settled", description="beginning of the motion, or its angle, turns, time"
-    )
-    first_angle: Angle | None = Field(
-        None, description="crank angle at the first sample, without such a channel"
-    )
+    speed: quantity("rad/s")
+    """nominal speed of the crank"""
+    role: Literal["identify", "confirm", "split"]
+    """split: the last third is held out for confirm"""
+    start: Literal[_STARTS] | Start = "settled"
+    """beginning of the motion, or its angle, turns, time"""
+    first_angle: Angle | None = None
+    """crank angle at the first sample, without such a channel"""
     direction: Literal["counter_clockwise", "clockwise"] = "counter_clockwise"
-    effects: tuple[AnyEffect, ...] = Field(
-        (), description="known loads of this run: slider_force_table, crank_brake"
-    )
+    effects: tuple[AnyEffect, ...] = ()
+    """known loads of this run: slider_force_table, crank_brake"""
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -566,30 +469,31 @@ def _day(date: Any) -> Any:
 Day = Annotated[Date, BeforeValidator(_day)]
 
 
-class Campaign(ConfigModel):
+class Campaign(ConfigModel, use_attribute_docstrings=True):
     """A rig and its measurements, without the samples."""
 
-    name: Word = Field(description="name of the campaign, and of its folder of results")
-    date: Day | None = Field(None, description="day of the measurement, for trends: 2026-03-01")
-    mechanism: Mechanism = Field(description="the current model of the mechanism")
-    drive: Literal["constant_speed", "measured_angle", "motor"] = Field(
-        "constant_speed", description="of the crank"
-    )
-    motor: MotorDrive | None = Field(None, description="torque-speed line of the motor")
-    runs: tuple[CampaignRun, ...] = Field(min_length=1, description="the runs, one file each")
-    channels: dict[Literal[tuple(CHANNELS)], Channel] = Field(
-        min_length=1, description="the measured quantities"
-    )
-    nuisance: dict[str, float | tuple[float, float]] = Field(
-        {}, description="bounds of uncertain quantities"
-    )
-    candidates: dict[Word, OwnLaw] = Field(
-        {}, description="laws of your own that may be missing, by name"
-    )
-    csv: Csv = Field(Csv(), description="format of text files")
-    folder: Path = Field(
-        Path(), description="folder of the runs' files, relative to the campaign file's"
-    )
+    name: Word
+    """name of the campaign, and of its folder of results"""
+    date: Day | None = None
+    """day of the measurement, for trends: 2026-03-01"""
+    mechanism: Mechanism
+    """the current model of the mechanism"""
+    drive: Literal["constant_speed", "measured_angle", "motor"] = "constant_speed"
+    """of the crank"""
+    motor: MotorDrive | None = None
+    """torque-speed line of the motor"""
+    runs: tuple[CampaignRun, ...] = Field(min_length=1)
+    """the runs, one file each"""
+    channels: dict[Literal[tuple(CHANNELS)], Channel] = Field(min_length=1)
+    """the measured quantities"""
+    nuisance: dict[str, float | tuple[float, float]] = Field({})
+    """bounds of uncertain quantities"""
+    candidates: dict[Word, OwnLaw] = Field({})
+    """laws of your own that may be missing, by name"""
+    csv: Csv = Csv()
+    """format of text files"""
+    folder: Path = Path()
+    """folder of the runs' files, relative to the campaign file's"""
 
     @field_validator("runs")
     @classmethod
@@ -622,13 +526,10 @@ class Campaign(ConfigModel):
         channels = info.data.get("channels", {})
         loads = (*mechanism.effects, *(effect for run in runs for effect in run.effects))
         nominals = {
-            key: () if key in ("speed", *MOTOR_LINE) else _nominal_values(mechanism, key)
-            for key in nuisance
-        }
-        nominals |= {
             key: _pressure_sensor(key, loads, channels)
-            for key in PRESSURE_SENSOR
-            if key in nuisance
+            if key in PRESSURE_SENSOR
+            else _nominal_values(mechanism, key)
+            for key in nuisance
         }
         return {key: _share_or_bounds(key, value, nominals[key]) for key, value in nuisance.items()}
 
@@ -636,12 +537,7 @@ class Campaign(ConfigModel):
     @classmethod
     def _have_free_names(cls, candidates: dict[str, OwnLaw]) -> dict[str, OwnLaw]:
         for name in candidates:
-            if (
-                name in EFFECTS
-                or name in NUISANCES
-                or name in CHANNELS
-                or name.startswith(_OF_OTHERS)
-            ):
+            if name in {*EFFECTS, *NUISANCES, *CHANNELS} or name.startswith(_OF_OTHERS):
                 raise ValueError(
                     f"{name} is, or begins like, the name of another effect or quantity; rename it"
                 )

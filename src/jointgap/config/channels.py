@@ -1,8 +1,9 @@
-"""The quantities that a rig can measure: one record a channel."""
+"""The quantities that a rig can measure: one record a channel in `channels.yaml`."""
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
 
 
 @dataclass(frozen=True)
@@ -15,80 +16,13 @@ class ChannelKind:
     speed_power: int | None = None  # To which it scales in the ideal motion; 0: a position
     mirrored: bool = False  # Whether the mirror image of the mechanism changes its sign
     force: bool = False  # Whether loads and friction change it
-    gravity: Callable[[float], float] | None = None  # Share along an accelerometer, by direction
+    # Share of gravity along an accelerometer: cos or sin of the angle of `gravity_direction`
+    gravity: str = ""
     piston_side: str = ""  # On which a pressure acts; a pressure is a load and not compared
 
 
-_ACCELERATION = {"unit": "m/s^2", "speed_power": 2}
-_FORCE = {"unit": "N", "speed_power": 2, "force": True}
-
-CHANNEL_KINDS = {
-    "time": ChannelKind("s", "t time zeit clock stamp elapsed temps n nr no sample samples index"),
-    "crank_angle": ChannelKind(
-        "rad",
-        "crank angle theta th phi alpha θ φ encoder enc count counts pulses winkel rotation"
-        " position",
-        speed_power=0,
-        mirrored=True,
-    ),
-    "crank_speed": ChannelKind(
-        "rad/s",
-        "crank speed omega ω w n drehzahl angular velocity rotational",
-        mirrored=True,
-    ),
-    "slider_position": ChannelKind(
-        "m",
-        "slider piston position pos x s weg stroke hub displacement travel lvdt",
-        speed_power=0,
-    ),
-    "slider_velocity": ChannelKind(
-        "m/s",
-        "slider piston velocity vel v speed geschwindigkeit",
-        speed_power=1,
-    ),
-    "slider_acceleration": ChannelKind(
-        words="slider piston acceleration accel acc a g beschleunigung",
-        gravity=math.cos,
-        **_ACCELERATION,
-    ),
-    "rod_angle": ChannelKind("rad", "angle", "rod conrod pleuel", speed_power=0, mirrored=True),
-    "rod_angular_velocity": ChannelKind(
-        "rad/s", "angular velocity rate gyro", "rod conrod pleuel", speed_power=1, mirrored=True
-    ),
-    "rod_acceleration_x": ChannelKind(
-        words="acceleration acc x",
-        required_words="rod conrod pleuel",
-        gravity=math.cos,
-        **_ACCELERATION,
-    ),
-    "rod_acceleration_y": ChannelKind(
-        words="acceleration acc y",
-        required_words="rod conrod pleuel",
-        gravity=math.sin,
-        mirrored=True,
-        **_ACCELERATION,
-    ),
-    "crank_torque": ChannelKind(
-        "N*m",
-        "crank torque trq tq moment m drehmoment current curr i strom",
-        speed_power=2,
-        mirrored=True,
-        force=True,
-    ),
-    "guide_force": ChannelKind(
-        words="force f", required_words="guide normal side", mirrored=True, **_FORCE
-    ),
-    "frame_force_x": ChannelKind(
-        words="force f x", required_words="frame foundation base bearing", **_FORCE
-    ),
-    "frame_force_y": ChannelKind(
-        words="force f y", required_words="frame foundation base bearing", mirrored=True, **_FORCE
-    ),
-    "cylinder_pressure": ChannelKind("Pa", "cylinder pressure druck indicator", piston_side="head"),
-    "crank_side_pressure": ChannelKind(
-        "Pa", "pressure druck", "crankside rear rod", piston_side="crank"
-    ),
-}
+_KINDS = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))
+CHANNEL_KINDS = {name: ChannelKind(**keys) for name, keys in _KINDS.items()}
 """Every channel, in the order of files and figures."""
 
 CHANNELS = {name: kind.unit for name, kind in CHANNEL_KINDS.items()}

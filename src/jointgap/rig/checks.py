@@ -66,13 +66,12 @@ def stuck(values: np.ndarray, turned: np.ndarray) -> slice | None:
     """Consecutive samples at which a channel is constant while the crank turns; None if it recurs
     every revolution (due to the motion or clipping) or there are none.
     """
-    starts = np.flatnonzero(
-        np.diff(values, prepend=np.nan) != 0.0
-    )  # NaN differs from its neighbours
+    # NaN differs from its neighbours
+    starts = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
     lengths = np.diff(starts, append=values.size)
-    longest = int(np.argmax(lengths))
-    begin = int(starts[longest])
-    length = int(lengths[longest])
+    longest = np.argmax(lengths)
+    begin = starts[longest]
+    length = lengths[longest]
     recurring = values[starts] == values[begin]
     if length < max(10, 8.0 * lengths[~recurring].max(initial=0)):
         return None
@@ -87,7 +86,7 @@ def stuck(values: np.ndarray, turned: np.ndarray) -> slice | None:
 
 def _range(values: np.ndarray) -> float:
     finite = values[np.isfinite(values)]
-    return float(np.ptp(finite)) if finite.size else 0.0
+    return np.ptp(finite) if finite.size else 0.0
 
 
 def outliers(values: np.ndarray) -> np.ndarray:
@@ -104,7 +103,7 @@ def angle_outliers(time: np.ndarray, angle: np.ndarray, least: float = ANGLE_OUT
     finite = np.flatnonzero(np.isfinite(angle))
     places = finite[1:-1]
     away = off_the_line(time[finite], angle[finite])
-    usual = float(np.median(away)) if places.size else 0.0
+    usual = np.median(away) if places.size else 0.0
     return places[away > max(least, 15.0 * usual)]
 
 
@@ -114,15 +113,14 @@ def lasting_step(time: np.ndarray, angle: np.ndarray, speed: float) -> tuple[int
     finite = np.flatnonzero(np.isfinite(angle))
     t = time[finite]
     a = angle[finite]
-    apart = np.diff(
-        np.sort(np.mod(a, tau))
-    )  # at least the step of a coarse encoder, which is usual
-    least = max(LEAST_STEP, 1.5 * float(apart[apart > 1e-6].min(initial=ANGLE_OUTLIER)))
+    # at least the step of a coarse encoder, which is usual
+    apart = np.diff(np.sort(np.mod(a, tau)))
+    least = max(LEAST_STEP, 1.5 * apart[apart > 1e-6].min(initial=ANGLE_OUTLIER))
     odd = np.searchsorted(finite, angle_outliers(time, angle, least))
     if not odd.size or odd.size > (a[-1] - a[0]) / tau + 2:  # the motion
         return None
     speeds = np.diff(a) / np.diff(t)
-    usual = float(np.median(np.diff(t)))
+    usual = np.median(np.diff(t))
     low, high = (ratio * speed for ratio in SPEED_RATIOS["motor"])
     for group in np.split(odd, np.flatnonzero(np.diff(odd) > 1) + 1):
         # both sides of a step are outliers; so can be the neighbours of a wrong sample
@@ -131,12 +129,12 @@ def lasting_step(time: np.ndarray, angle: np.ndarray, speed: float) -> tuple[int
         left_side = group[0] - 1
         right = group[-1] + 1
         next_to = np.append(speeds[max(left_side - 4, 0) : left_side], speeds[right : right + 4])
-        mean = float(np.median(next_to))
+        mean = np.median(next_to)
         lapse = t[right] - t[left_side]
         step = a[right] - a[left_side] - mean * lapse
         steady = low < mean < high and lapse <= 5 * usual
-        if steady and abs(step) > 2.0 * max(least, float(np.ptp(next_to)) * lapse):
-            largest = left_side + int(np.argmax(np.abs(speeds[left_side:right] - mean)))
+        if steady and abs(step) > 2.0 * max(least, np.ptp(next_to) * lapse):
+            largest = left_side + np.argmax(np.abs(speeds[left_side:right] - mean))
             return int(finite[largest + 1]), float(step)
     return None
 
@@ -148,24 +146,24 @@ def late_stamps(time: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, int, f
     Their indices, n, that share [1], and the part of it [1] that the angle follows (0: it is even;
     NaN: unknown).
     """
-    period = float(np.median(np.diff(time)))
+    period = np.median(np.diff(time))
     offset = np.zeros(time.size)
     offset[1:-1] = (time[1:-1] - 0.5 * (time[:-2] + time[2:])) / period
     size = np.abs(offset)
     neighbours = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
-    is_odd = (size > max(0.1, 8.0 * float(np.median(size)))) & (size > 1.5 * neighbours)
+    is_odd = (size > max(0.1, 8.0 * np.median(size))) & (size > 1.5 * neighbours)
     rows = np.flatnonzero(is_odd)
     if rows.size < 5:
         return None
     distances = np.diff(rows)
     n = int(np.median(distances))
-    share = float(np.median(offset[rows]))
+    share = np.median(offset[rows])
     is_pattern = distances.min() >= 3 and np.mean(distances == n) >= 0.9
     if not is_pattern or np.abs(offset[rows] - share).max() > 0.3 * abs(share):
         return None
     rise = 0.5 * (angle[rows + 1] - angle[rows - 1])
     followed = (angle[rows] - 0.5 * (angle[rows - 1] + angle[rows + 1])) / (rise * share)
-    return rows, n, share, float(np.nanmedian(followed)) if np.isfinite(followed).any() else np.nan
+    return rows, n, share, np.nanmedian(followed) if np.isfinite(followed).any() else np.nan
 
 
 def clock_jump(time: np.ndarray, angle: np.ndarray) -> tuple[int, float] | None:
@@ -177,11 +175,10 @@ def clock_jump(time: np.ndarray, angle: np.ndarray) -> tuple[int, float] | None:
     record.
     """
     lapse = np.diff(time)
-    usual = float(np.median(lapse))
+    usual = np.median(lapse)
     for row in np.flatnonzero(lapse < 0.0)[:1]:
-        beside = slice(
-            max(row - 1, 0), row + 3
-        )  # a single wrong time leaves those beside it in order
+        # a single wrong time leaves those beside it in order
+        beside = slice(max(row - 1, 0), row + 3)
         is_single = (
             abs(time[beside][-1] - time[beside][0] - usual * (time[beside].size - 1)) < 0.5 * usual
         )
@@ -196,14 +193,14 @@ def clock_jump(time: np.ndarray, angle: np.ndarray) -> tuple[int, float] | None:
     speed, spread = np.nan, np.inf
     if near.sum() > 2 * MIN_SAMPLES:
         speeds = np.convolve(steps[near] / lapse[near], np.full(8, 1.0 / 8.0), "valid")
-        speed = float(np.median(speeds))
-        spread = max(float(np.ptp(np.percentile(speeds, (10.0, 90.0)))), 1e-3 * abs(speed))
+        speed = np.median(speeds)
+        spread = max(np.ptp(np.percentile(speeds, (10.0, 90.0))), 1e-3 * abs(speed))
     for row in np.flatnonzero(lapse > 5.0 * usual):
         off = abs(_nearest_turn(steps[row] - speed * lapse[row]))
         slack = 0.03 * tau + spread * lapse[row]
         remaining = time[-1] - time[0] - lapse[row]
         if off > slack if slack < pi / 2.0 else lapse[row] > remaining:
-            return int(row) + 1, float(lapse[row]) - usual
+            return row + 1, lapse[row] - usual
     return None
 
 
@@ -251,15 +248,15 @@ def speed_variation(time: np.ndarray, angle: np.ndarray) -> tuple[float, float, 
     phase = orders * angle[:, None]
     basis = np.column_stack([drift, np.cos(phase), np.sin(phase)])
     weights = np.linalg.lstsq(basis, angle, rcond=None)[0]
-    sd = float(np.sqrt(np.mean((angle - basis @ weights) ** 2)))
+    sd = np.sqrt(np.mean((angle - basis @ weights) ** 2))
     cosine, sine = weights[terms + 1 :].reshape(2, -1)
     places = np.linspace(0.0, period * tau, 120 * period)[:, None] * orders
     speed = (orders * (sine * np.cos(places) - cosine * np.sin(places))).sum(axis=1)
     passed = np.interp(np.arange(angle[0], angle[-1], tau), np.maximum.accumulate(angle), time)
     speeds = period * tau / (passed[period:] - passed[:-period])
-    over = 0.5 * float(np.ptp(speeds) / speeds.mean()) if speeds.size > 1 else np.nan
-    strongest = float(orders[np.argmax(orders * np.hypot(cosine, sine))])
-    return 0.5 * float(np.ptp(speed)), over, sd * sqrt(2.0) / tau, strongest
+    over = 0.5 * (np.ptp(speeds) / speeds.mean()) if speeds.size > 1 else np.nan
+    strongest = orders[np.argmax(orders * np.hypot(cosine, sine))]
+    return 0.5 * np.ptp(speed), over, sd * sqrt(2.0) / tau, strongest
 
 
 def unsteady(time: np.ndarray, angle: np.ndarray) -> str:
@@ -289,11 +286,10 @@ def cycle_scatter(angle: np.ndarray, values: np.ndarray) -> float:
         np.where(share < 1.0, (1.0 - share) * values[later_rows - 1], 0.0)
         + share * values[later_rows]
     )
-    squares = (values[rows] - later) ** 2 / (
-        1.0 + share**2 + (1.0 - share) ** 2
-    )  # interpolation reduces noise
+    # interpolation reduces noise
+    squares = (values[rows] - later) ** 2 / (1.0 + share**2 + (1.0 - share) ** 2)
     squares = squares[np.isfinite(squares)]
-    return float(np.sqrt(squares.mean())) if squares.size >= 8 else np.nan
+    return np.sqrt(squares.mean()) if squares.size >= 8 else np.nan
 
 
 def standstill(
@@ -314,8 +310,8 @@ def standstill(
     if not slow.any() or np.mean((ahead > low) & (ahead < high)) < 0.1:
         return None
     turning = np.flatnonzero(ahead > 0.1)
-    place = int(np.argmax(slow))
-    low_row = int(turning[turning < place].max(initial=-1)) + 1
-    high_row = int(turning[turning > place].min(initial=begins.size))
+    place = np.argmax(slow)
+    low_row = turning[turning < place].max(initial=-1) + 1
+    high_row = turning[turning > place].min(initial=begins.size)
     end = begins[high_row] + window if high_row < begins.size else time[-1]
-    return float(begins[low_row]), float(end), bool(ahead[low_row:high_row].min() < -0.1)
+    return begins[low_row], end, ahead[low_row:high_row].min() < -0.1

@@ -48,23 +48,24 @@ class Orders:
     @property
     def factor(self) -> float:
         """Norm of the measured over that of the expected orders."""
-        return float(np.linalg.norm(self.measured) / np.linalg.norm(self.expected))
+        return np.linalg.norm(self.measured) / np.linalg.norm(self.expected)
 
     @property
     def correlation(self) -> float:
         """Cosine between measured and expected orders; NaN if one is zero."""
         size = np.linalg.norm(self.measured) * np.linalg.norm(self.expected)
-        return float(np.real(np.vdot(self.expected, self.measured)) / size) if size else np.nan
+        return np.real(np.vdot(self.expected, self.measured)) / size if size else np.nan
 
     def shifted(self, phase: float) -> "Orders":
         """The same with the expected orders advanced by `phase` [rad]."""
         orders = np.arange(1, self.expected.size + 1)
         return replace(self, expected=self.expected * np.exp(1j * phase * orders))
 
-    def misfit(self, scale: float = 1.0) -> float:
-        """Relative distance of `scale` times the measured orders from the expected ones."""
-        distance = np.linalg.norm(scale * self.measured - self.expected)
-        return float(distance / np.linalg.norm(self.expected))
+    @property
+    def misfit(self) -> float:
+        """Relative distance of the measured from the expected orders."""
+        distance = np.linalg.norm(self.measured - self.expected)
+        return distance / np.linalg.norm(self.expected)
 
     def is_clear(self, share: float) -> bool:
         """Whether noise is below a `share` of the measured or expected orders."""
@@ -119,7 +120,7 @@ def _at_one_clock(
     """
     clear = [series for name, series in orders.items() if name in second and series.is_clear(0.3)]
     if not clear:
-        return {**orders}, []
+        return dict(orders), []
     agreement = np.mean(_correlations(clear), axis=1)
     phase = _PHASES[np.argmax(agreement)]
     apart = np.abs(np.remainder(_PHASES - phase + pi, tau) - pi) > pi / 4
@@ -206,7 +207,7 @@ def _timed(
         run.id, "time", kind, sentence, factor=abs(speed) / run.speed, doubtful=doubtful
     )
     if kind == "time":
-        speed = float(np.copysign(run.speed, speed))
+        speed = np.copysign(run.speed, speed)
     return angle, speed, [contradiction]
 
 
@@ -226,7 +227,7 @@ def _crank_without_encoder(
     if orders and agreement <= 0.6:
         values = [recording.channels[name][part] for name in orders]
         speed = speed_from_periodicity(elapsed[part], values, 0.53 * run.speed, 1.9 * run.speed)
-        speed = float(np.copysign(speed, nominal_speed))
+        speed = np.copysign(speed, nominal_speed)
         improved, angle = _agreement(_orders(campaign, recording, speed * elapsed, speed))
         if improved >= max(0.5, agreement / 0.6):
             return _timed(campaign, run, recording, speed * elapsed + angle, speed)
@@ -245,8 +246,8 @@ def _agreement(orders: Mapping[str, Orders]) -> tuple[float, float]:
         projected = np.real(turning @ (series.expected.conj() * series.measured))
         projected /= np.linalg.norm(series.expected)
         scores += np.maximum(projected, 0.0) ** 2 / (2.0 * series.variance) / len(channels)
-    best = int(np.argmax(scores))
-    return float(scores[best]), float(phases[best])
+    best = np.argmax(scores)
+    return scores[best], phases[best]
 
 
 def _orders(
@@ -262,7 +263,7 @@ def _orders(
     per_turn = read.size * tau / abs(read[-1] - read[0])
     count = int(np.clip(per_turn / 4, 1, MAX_ORDER))
     loads = [effect for effect in campaign.mechanism.effects if effect.name != "gravity"]
-    is_loaded = campaign.drive != "constant_speed" or bool(loads or campaign.own_loads)
+    is_loaded = campaign.drive != "constant_speed" or loads or campaign.own_loads
     expected = ideal_orders(campaign.mechanism, speed, count)
     orders = {}
     turning = np.exp(1j * angle)[:, None] ** np.arange(1, count + 1)
@@ -274,12 +275,12 @@ def _orders(
         x = columns[used]
         y = values[used]
         weights = np.linalg.lstsq(x.T @ x, x.T @ y, rcond=None)[0]
-        error = float(np.std(y - x @ weights) * sqrt(4.0 * count / min(per_turn, y.size)))
+        error = np.std(y - x @ weights) * sqrt(4.0 * count / min(per_turn, y.size))
         frequencies = speed * np.arange(1, count + 1)
         filtered = expected[name] * _response(campaign.channels[name], frequencies)
         if np.linalg.norm(filtered) > 0.0:
             measured = weights[1 : count + 1] - 1j * weights[count + 1 :]
-            orders[name] = Orders(measured, filtered, error, float(np.var(y)), speed)
+            orders[name] = Orders(measured, filtered, error, np.var(y), speed)
     return orders
 
 
@@ -296,7 +297,7 @@ def _period(campaign: Campaign, recording: Recording, angle: np.ndarray, speed: 
     parts = [values[part] for values in recording.channels.values()]
     parts = [values for values in parts if np.isfinite(values).sum() >= 50]
     elapsed = np.abs(angle[part] - read[0])
-    residual = aperiodic_share(1.0, elapsed, parts) if parts else 0.0
+    residual = aperiodic_share(1.0, elapsed, parts)
     if residual <= LEAST_APERIODIC * len(parts):
         return 1.0
     ratios = (speed_from_periodicity(elapsed, parts, 0.6, 2.05), 0.25, 4.0)
@@ -311,12 +312,12 @@ def _period(campaign: Campaign, recording: Recording, angle: np.ndarray, speed: 
 
 def _wrong_turns(campaign: Campaign, periods: Mapping[str, float]) -> list[Contradiction]:
     """A crank angle whose turn is no period of the other channels, alike in all runs."""
-    values = [*periods.values()]
-    if not values or any(abs(period - 1.0) <= LEAST_PERIOD_ERROR for period in values):
+    values = np.array([*periods.values()])
+    if not values.size or np.abs(values - 1.0).min() <= LEAST_PERIOD_ERROR:
         return []
-    if max(values) - min(values) > LEAST_PERIOD_ERROR * min(values):
+    if np.ptp(values) > LEAST_PERIOD_ERROR * values.min():
         return []
-    period = float(np.median(values))
+    period = np.median(values)
     unit = campaign.channels["crank_angle"].unit
     sentence = f"the other channels repeat every {period:.4g} turn of crank_angle, not every turn; "
     parts = split_share(unit)[1]
@@ -359,7 +360,7 @@ def _crank_speed(
         ends = np.flatnonzero(np.isfinite(recording.crank_angle))[[0, -1]]
         speed = np.ptp(recording.crank_angle[ends]) / np.ptp(recording.time[ends])
         source = "the rate of crank_angle"
-    factor = run.side * float(np.nanmean(recording.channels["crank_speed"])) / speed
+    factor = run.side * np.nanmean(recording.channels["crank_speed"]) / speed
     is_unknown = campaign.drive == "motor" and not recording.has_angle
     if not GAINS[0] < factor < GAINS[1] and (not is_unknown or factor < 0.0):
         yield _off_by(factor, campaign, run.id, "crank_speed", source)
@@ -377,26 +378,21 @@ def _held_speed(run: str, recording: Recording) -> Iterator[Contradiction]:
     lengths = np.diff(changes)
     if changes.size < MIN_HELD or lengths.min() < 2 or np.ptp(lengths) > 1 + 0.1 * lengths.max():
         return
-    gate = float(np.mean(np.diff(time[changes])))
-    delay = 0.0
-    best = 0.0
+    gate = np.mean(np.diff(time[changes]))
     has_angle = np.isfinite(recording.crank_angle)
-    times = recording.time[has_angle]
-    angles = recording.crank_angle[has_angle]
+    angle_over_time = recording.time[has_angle], recording.crank_angle[has_angle]
+    correlations = [0.0]
     for shift in np.linspace(0.0, 2.0, 81) * gate:
         ends = time[changes, None] - shift + gate * np.array([-0.5, 0.5])
-        rate = np.diff(np.interp(ends, times, angles), axis=1)[:, 0]
-        within = (ends[:, 0] > times[0]) & (ends[:, 1] < times[-1])
+        rate = np.diff(np.interp(ends, *angle_over_time, np.nan, np.nan), axis=1)[:, 0]
+        within = np.isfinite(rate)
         if np.count_nonzero(within) > MIN_HELD // 2 and np.ptp(rate[within]) > 0.0:
-            correlation = abs(float(np.corrcoef(rate[within], speed[changes][within])[0, 1]))
-            if correlation > best:
-                delay = float(shift)
-                best = correlation
-    if best > MIN_CORRELATION:
+            correlations.append(abs(np.corrcoef(rate[within], speed[changes][within])[0, 1]))
+    if max(correlations) > MIN_CORRELATION:
         sentence = (
-            f"crank_speed is not the rate of crank_angle: it is held for {1e3 * gate:.3g} ms and"
-            f" {1e3 * delay:.3g} ms late when it changes, as the mean of a counter; give it the key"
-            f" 'average: {1e3 * gate:.3g} ms', or remove the channel"
+            f"crank_speed is not the rate of crank_angle: it is held for {1e3 * gate:.3g} ms, as"
+            f" the mean of a counter; give it the key 'average: {1e3 * gate:.3g} ms', or remove the"
+            " channel"
         )
         yield Contradiction(run, "crank_speed", "held", sentence)
 
@@ -413,16 +409,16 @@ def _off_by(
             f"{name} has the opposite sign of {reference}; check the sensor direction, or {fix}"
         )
         return Contradiction(run, name, "sign", sentence, factor=factor)
-    fix = "the units of both"
-    if channel.scale is not None:
-        fix = f"channels.{name}.scale = '{channel.scale}'"
-    else:
+    fix = f"channels.{name}.scale = '{channel.scale}'"
+    if channel.scale is None:
+        fix = "the units of both"
         true_factor = campaign.factor(name) / factor
-        ratios = {unit: unit_factor(unit, base) / true_factor for unit in UNITS[base]}
-        if fitting := [unit for unit, ratio in ratios.items() if abs(ratio - 1.0) < 0.05]:
-            fix += (
-                f": did you mean '{fitting[0]}' instead of channels.{name}.unit = '{channel.unit}'?"
-            )
+        for unit in UNITS[base]:
+            if abs(unit_factor(unit, base) / true_factor - 1.0) < 0.05:
+                fix += (
+                    f": did you mean '{unit}' instead of channels.{name}.unit = '{channel.unit}'?"
+                )
+                break
     sentence = f"{name} is {factor:.4g} times {reference}; check {fix}"
     return Contradiction(run, name, "scale", sentence, factor=factor)
 
@@ -435,10 +431,11 @@ def _encoder_zeros(campaign: Campaign, all_orders: AllOrders) -> dict[str, float
     if common := _common_phase(all_orders):
         return dict.fromkeys(all_orders, common)
     least = 1 if "encoder_zero" in campaign.nuisance else 2
-    zeros = {}
-    for run, orders in all_orders.items():
-        if sum(name not in FORCES for name in orders) >= least:
-            zeros[run] = _common_phase({run: orders})
+    zeros = {
+        run: _common_phase({run: orders})
+        for run, orders in all_orders.items()
+        if sum(name not in FORCES for name in orders) >= least
+    }
     return {run: zero for run, zero in zeros.items() if zero}
 
 
@@ -465,16 +462,15 @@ def _common_phase(all_orders: AllOrders) -> float:
     if not channels or any(series.correlation > least for series in channels):
         return 0.0
     correlations = _correlations(channels)
-    best = int(np.argmax(correlations.sum(axis=1)))
-    phase = float(_PHASES[best])
+    best = np.argmax(correlations.sum(axis=1))
+    phase = _PHASES[best]
     # the analysis identifies a smaller offset
     if correlations[best].min() < least or abs(phase) < 0.5:
         return 0.0
     # a channel with a wrong sign is no evidence of an encoder offset
-    scales = [1.0 / series.factor for series in channels]
-    pairs = list(zip(channels, scales, strict=True))
-    flipped = np.mean([min(series.misfit(s), series.misfit(-s)) for series, s in pairs])
-    shifted = np.mean([series.shifted(-phase).misfit(s) for series, s in pairs])
+    scaled = [replace(s, measured=s.measured / s.factor) for s in channels]
+    flipped = np.mean([min(s.misfit, replace(s, measured=-s.measured).misfit) for s in scaled])
+    shifted = np.mean([series.shifted(-phase).misfit for series in scaled])
     return phase if shifted < 0.7 * flipped else 0.0
 
 
@@ -515,14 +511,15 @@ def _swapped(campaign: Campaign, all_orders: AllOrders) -> list[Contradiction]:
         if not shared:
             continue
 
-        def misfit(channel: str, column: str, scale: float, shared=shared) -> float:
-            exchanged = (
-                replace(orders[channel], measured=orders[column].measured) for orders in shared
-            )
-            return float(np.median([series.misfit(scale) for series in exchanged]))
+        def misfit(channel: str, column: str, scale: float = 1.0, shared=shared) -> float:
+            read = [
+                replace(orders[channel], measured=scale * orders[column].measured)
+                for orders in shared
+            ]
+            return np.median([series.misfit for series in read])
 
         scale = campaign.factor(b) / campaign.factor(a)  # each column is read in the other's unit
-        as_is = misfit(a, a, 1.0), misfit(b, b, 1.0)
+        as_is = misfit(a, a), misfit(b, b)
         exchanged = misfit(a, b, 1.0 / scale), misfit(b, a, scale)
         has_force = any(name in FORCES for name in pair)
         gain = sum(exchanged) / sum(as_is)
@@ -580,7 +577,7 @@ def _of_channel(
         return
     factors = [orders.factor for orders in clear.values()]
     is_alike = max(factors) < ALIKE * min(factors)
-    common = float(np.median(factors))
+    common = np.median(factors)
     least, gains = MIN_CORRELATION, GAINS
     if channel in FORCES:
         least, gains = MIN_CORRELATION_OF_FORCES, GAINS_OF_FORCES

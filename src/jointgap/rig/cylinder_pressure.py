@@ -27,14 +27,10 @@ from jointgap.effects.slider_force_table import (
 _FINEST = radians(1.0)  # [rad] Distance of the knots of an averaged pressure
 _LEAST_KNOTS = 16
 _LEVELS = np.linspace(-18.0, 18.0, 73)  # [1] Logarithms of the smoothing that are tried
-_FOUR_STROKE = (
-    1.5,
-    0.02,
-)  # [1] Residual of one turn over that of two, and over the deviation of the pressure
-_KEPT_ERRORS, _MOST_ERRORS = (
-    0.999,
-    100,
-)  # [1] Share of the variance in independent errors of the average
+# [1] Residual of one turn over that of two, and over the deviation of the pressure
+_FOUR_STROKE = (1.5, 0.02)
+# [1] Share of the variance in independent errors of the average
+_KEPT_ERRORS, _MOST_ERRORS = (0.999, 100)
 
 
 class PressureParameters(ConfigModel):
@@ -77,9 +73,8 @@ class Averaged:
 
     period: float  # [rad]
     pieces: np.ndarray  # (k, 5) as in `jointgap.effects.slider_force_table.Table`
-    errors: (
-        np.ndarray
-    )  # (m, k, 4) Changes of the polynomials by independent errors, of one standard deviation each
+    # (m, k, 4) Changes of the polynomials by independent errors, of one standard deviation each
+    errors: np.ndarray
     residual: float  # Standard deviation from the average
 
 
@@ -91,7 +86,7 @@ def averaged(angle: np.ndarray, values: np.ndarray, period: float) -> Averaged:
     (P. H. C. Eilers and B. D. Marx, Statistical Science 11 (1996) 89-121); the errors have its
     posterior covariance.
     """
-    step = float(np.ptp(angle)) / (angle.size - 1)
+    step = np.ptp(angle) / (angle.size - 1)
     count = max(round(period / max(step, _FINEST)), _LEAST_KNOTS)
     place = np.mod(angle, period) / period * count
     knot = np.minimum(place.astype(int), count - 1)
@@ -110,7 +105,7 @@ def averaged(angle: np.ndarray, values: np.ndarray, period: float) -> Averaged:
         np.eye(count) - 2.0 * np.roll(np.eye(count), 1, axis=1) + np.roll(np.eye(count), 2, axis=1)
     )
     roughness = bends.T @ bends
-    mean = float(np.mean(values))
+    mean = np.mean(values)
     least = 1e-9 * angle.size / count  # so that the matrix is regular where there is no sample
     rough, modes = eigh(roughness, (basis.T @ basis).toarray() + least * roughness)
     information = 1.0 - least * rough
@@ -118,11 +113,9 @@ def averaged(angle: np.ndarray, values: np.ndarray, period: float) -> Averaged:
     best = math.inf, 0.0, np.ones(count)
     for level in np.exp(_LEVELS) * angle.size / count:
         shrinkage = 1.0 / (1.0 + level * rough)
-        squares = float(
-            np.sum((values - mean) ** 2)
-            - np.sum((2.0 - shrinkage * information) * shrinkage * sizes**2)
-        )
-        free = angle.size - float(np.sum(shrinkage * information))
+        reduction = np.sum((2.0 - shrinkage * information) * shrinkage * sizes**2)
+        squares = np.sum((values - mean) ** 2) - reduction
+        free = angle.size - np.sum(shrinkage * information)
         if free > 0.5 and squares > 0.0 and squares / free**2 < best[0]:
             best = squares / free**2, math.sqrt(squares / free), shrinkage
     _, residual, shrinkage = best
@@ -144,25 +137,20 @@ def averaged(angle: np.ndarray, values: np.ndarray, period: float) -> Averaged:
     scaled = residual * np.sqrt(shrinkage) * modes
     order = np.argsort(-np.sum(scaled**2, axis=0))
     share = np.cumsum(np.sum(scaled**2, axis=0)[order])
-    modes_used = order[
-        : min(int(np.searchsorted(share, _KEPT_ERRORS * share[-1])) + 1, _MOST_ERRORS)
-    ]
+    modes_used = order[: min(np.searchsorted(share, _KEPT_ERRORS * share[-1]) + 1, _MOST_ERRORS)]
     errors = np.array([polynomials(scaled[:, i]) for i in modes_used])
     return Averaged(period, pieces, errors, residual)
 
 
 def average_cycle(angle: np.ndarray, values: np.ndarray) -> Averaged:
     """The average over one turn, or over two (four-stroke engines) if consecutive turns differ."""
-    turned = float(np.ptp(angle))
+    turned = np.ptp(angle)
     one_turn = averaged(angle, values, tau)
     if turned * angle.size / (angle.size - 1) < 1.9 * tau:
         return one_turn
     two_turns, (ratio, share) = averaged(angle, values, 2.0 * tau), _FOUR_STROKE
-    return (
-        two_turns
-        if one_turn.residual > max(ratio * two_turns.residual, share * float(np.std(values)))
-        else one_turn
-    )
+    least = max(ratio * two_turns.residual, share * np.std(values))
+    return two_turns if one_turn.residual > least else one_turn
 
 
 def loads_of_run(
@@ -188,13 +176,8 @@ def loads_of_run(
         }
         parameters = PressureParameters(pieces=None, deviations=None, period=cycle.period, **keys)
         area = piston_area(parameters)
-        pieces = cycle.pieces * [1.0, -area, -area, -area, -area] + [
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            channel.pressure_behind * area,
-        ]
+        pieces = cycle.pieces * [1.0, -area, -area, -area, -area]
+        pieces[:, 4] += channel.pressure_behind * area
         forces = {"pieces": pieces, "deviations": -area * cycle.errors}
         loads.append(RecordedPressure(parameters=parameters.model_copy(update=forces)))
     return tuple(loads)

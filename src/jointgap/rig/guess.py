@@ -102,11 +102,9 @@ class Column:
         """Number of words that fit a channel."""
         required = frozenset(CHANNEL_KINDS[channel].required_words.split())
         required_count = _matches(self.words, required)
-        return (
-            0.0
-            if required and not required_count
-            else required_count + _matches(self.words, _WORDS[channel])
-        )
+        if required and not required_count:
+            return 0.0
+        return required_count + _matches(self.words, _WORDS[channel])
 
     def may_be(self, channel: str) -> bool:
         """Whether the unit fits, or no other channel fits the heading better by more than a
@@ -206,7 +204,7 @@ def read_runs(files: Sequence[Path]) -> list[_Run]:
                 " headings, and the files of several loggers a common heading of the time and"
                 " names that begin alike, such as slow.csv and slow_2.csv"
             )
-        runs[int(np.argmax(alike))].add(part)
+        runs[np.argmax(alike)].add(part)
     if lacking := [run for run in runs if run.values.keys() != runs[0].values.keys()]:
         raise InputError(
             f"{lacking[0].files[0]}: its run lacks columns of others; give all files of each run"
@@ -225,14 +223,14 @@ def continued(values: np.ndarray) -> tuple[np.ndarray, float]:
     steps = np.diff(angle)
     back = np.abs(steps) > 0.5 * np.ptp(angle)
     if back.any() and not back.all():
-        jump = float(np.median(np.abs(steps[back] - np.median(steps[~back]))))
+        jump = np.median(np.abs(steps[back] - np.median(steps[~back])))
         angle = np.unwrap(angle, period=jump)
     return np.interp(np.arange(values.size), places, angle), jump
 
 
 def progress(values: np.ndarray) -> float:
     """Change over the record as a share of all steps: 1 or -1 if values rise or fall throughout."""
-    return float(values[-1] - values[0]) / max(float(np.abs(np.diff(values)).sum()), 1e-300)
+    return (values[-1] - values[0]) / max(np.abs(np.diff(values)).sum(), 1e-300)
 
 
 def evenness(values: np.ndarray) -> float:
@@ -240,7 +238,7 @@ def evenness(values: np.ndarray) -> float:
     steps = np.diff(values[np.isfinite(values)])
     if not steps.size or steps.min() <= 0:
         return 0.0
-    return max(0.0, 1.0 - float(np.std(steps) / np.mean(steps)))
+    return max(0.0, 1.0 - np.std(steps) / np.mean(steps))
 
 
 class Guesses:
@@ -362,12 +360,12 @@ class Guesses:
             return
         times = [continued(values)[0] for values in column.values]
         rates = [
-            float((turns[-1] - turns[0]) / np.ptp(time))
+            (turns[-1] - turns[0]) / np.ptp(time)
             for turns, time in zip(self.turned, times, strict=False)
         ]
         reasons = ["" if column.named("time") or unit else "rises evenly"]
         if not unit:
-            rpm = 60 * float(np.median(np.abs(rates or [0.0])))
+            rpm = 60 * np.median(np.abs(rates or [0.0]))
             usual = [
                 name
                 for name in ("s", "ms", "us")
@@ -466,7 +464,7 @@ class Guesses:
         if channel == "slider_position":
             ranges = [np.nanmax(values) - np.nanmin(values) for values in column.values]
             for unit in (base, *UNITS[base]):
-                stroke = float(np.median(ranges)) * unit_factor(unit, base)
+                stroke = np.median(ranges) * unit_factor(unit, base)
                 if STROKES[0] < stroke < STROKES[1]:
                     return unit, f"no unit; {unit} gives a stroke of {number(1e3 * stroke, 2)} mm"
         return base, f"no unit; {base} assumed"

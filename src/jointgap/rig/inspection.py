@@ -61,13 +61,13 @@ def _numbers(run: CampaignRun, recording: Recording) -> list[dict]:
         mean = total / (recording.time[-1] - recording.time[0])
         rising = np.maximum.accumulate(angle)  # noise of an encoder can decrease
         passed = np.interp(np.arange(angle[0], angle[-1] + 1e-9, tau), rising, recording.time)
-        spread = float(np.std(tau / np.diff(passed), ddof=1)) if passed.size > 2 else np.nan
+        spread = np.std(tau / np.diff(passed), ddof=1) if passed.size > 2 else np.nan
     rows = []
     for name, values in recording.all_channels.items():
         is_encoder = name == "crank_angle"
         side = run.side if is_encoder else 1.0
         noise = recording.noise[name]
-        low, high = sorted([side * float(np.nanmin(values)), side * float(np.nanmax(values))])
+        low, high = sorted([side * np.nanmin(values), side * np.nanmax(values)])
         rows.append(
             {
                 "run": run.id,
@@ -75,7 +75,7 @@ def _numbers(run: CampaignRun, recording: Recording) -> list[dict]:
                 "unit": CHANNELS[name],
                 "role": run.role,
                 "samples": samples,
-                "gaps": int(np.count_nonzero(~np.isfinite(values))),
+                "gaps": np.count_nonzero(~np.isfinite(values)),
                 "cycles": int(revolutions + 1e-6),
                 "samples_per_revolution": samples / revolutions,
                 "mean_speed": mean,

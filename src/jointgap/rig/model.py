@@ -84,9 +84,8 @@ FRICTION_SPEED_FACTOR = 4.0
 STEADY_CONTACT_DAMPING_FACTOR = 4.0
 OWN_LAW_ANGLES = 72  # Per revolution, for the size of a law that a campaign states
 SHAPES_TRIED = (1 / 6, 1 / 2, 5 / 6)  # [1, of the range] Start values of its shape parameters
-FIRST_ANGLE_REACH = (
-    math.pi / 6
-)  # [rad] Bounds of a searched first angle, as the current model may lack an effect
+# [rad] Bounds of a searched first angle, as the current model may lack an effect
+FIRST_ANGLE_REACH = math.pi / 6
 # Per revolution, if the first angle or clock offset is unknown; start of the fit
 FIRST_ANGLES_TRIED = 720
 SEARCHED_TURNS = 10  # For the offset of a second clock
@@ -162,21 +161,17 @@ def law_candidates(campaign: Campaign, scale: MotionScale) -> list[Candidate]:
                         f"{parameter} = {value:g}"
                         for parameter, value in {key: 1.0, **values}.items()
                     )
-                    fix = (
-                        "write |v|^n for v^n, or " * math.isnan(sizes[-1])
-                        + "correct it or the ranges"
-                    )
                     raise InputError(
                         f"campaign {campaign.name}, candidates.{name}: with {settings} the formula"
-                        f" '{law.formula}' is {sizes[-1]:g} over a turn; {fix}"
+                        f" '{law.formula}' is {sizes[-1]:g} over a turn; write |v|^n for v^n, or"
+                        " correct it or the ranges"
                     )
-            size = sizes[0]
-            low = spans[key].low
-            high = spans[key].high
-            coordinates.append(Parameter(key, 0.0, low, high, most / size, spans[key].unit))
-        for key, span in shapes.items():
-            step = STEP_SHARE_OF_BOUNDS * (span.high - span.low)
-            coordinates.append(Parameter(key, span.middle, span.low, span.high, step, span.unit))
+            span = spans[key]
+            coordinates.append(Parameter(key, 0.0, span.low, span.high, most / sizes[0], span.unit))
+        coordinates += [
+            _parameter(key, span.middle, span.low, span.high, span.unit)
+            for key, span in shapes.items()
+        ]
         candidates.append(
             Candidate(
                 name,
@@ -312,11 +307,7 @@ class SliderCrankModel:
             values = self.nominal(run)
             noise = noise_of(campaign, run)
             if channels := chaotic_channels(campaign, data.plan, values, noise):
-                is_fitted = ~data.held_out | data.held_out.all()
-                fitted = {
-                    channel: np.where(is_fitted, data.values[channel], np.nan)
-                    for channel in channels
-                }
+                fitted = _fitted(data.values, data.held_out)
                 self._chaotic[run] = chaotic_run(
                     campaign, data.plan, channels, values, fitted, noise
                 )
@@ -348,9 +339,7 @@ class SliderCrankModel:
         if jitter is None and not (samples.timed and CHANNEL_KINDS[channel].speed_power == 0):
             # cycle-to-cycle variation of velocities and accelerations is due to impacts
             jitter = 0.0
-        resolution = (self.campaign.channels[channel].resolution or 0.0) * self.campaign.factor(
-            channel
-        )
+        resolution = _resolution(self.campaign, channel)
         sd = None if noise is None else np.full(np.count_nonzero(rows), noise)
         columns = [
             column[rows]
@@ -574,15 +563,8 @@ def build_model(
         update={"runs": tuple(run for run in campaign.runs if run.id in runs)}
     )
     contradictions = measurements.contradictions if measurements else ()
-    offset = next(
-        (
-            item.phase
-            for item in contradictions
-            if (item.channel, item.kind) == ("crank_angle", "phase")
-        ),
-        None,
-    )
-    return SliderCrankModel(campaign, runs, left_out, offset)
+    phases = [item.phase for item in contradictions if item.is_encoder_zero]
+    return SliderCrankModel(campaign, runs, left_out, phases[0] if phases else None)
 
 
 def _plan(campaign: Campaign, run: CampaignRun, samples: SampleGrid) -> RunPlan:
@@ -591,15 +573,13 @@ def _plan(campaign: Campaign, run: CampaignRun, samples: SampleGrid) -> RunPlan:
     channels = [
         name for name in campaign.channels if name not in ("time", "crank_angle", *PRESSURES)
     ]
-    channels += (
-        ["crank_angle"] if encoder and samples.encoded and not (drives or samples.computed) else []
-    )
+    if encoder and samples.encoded and not (drives or samples.computed):
+        channels.append("crank_angle")
     drive = None
     if drives:
         back = 0 if starts_with_record(run) else SETTLING_REVOLUTIONS
-        drive = measured_drive(
-            samples, _resolution(campaign), noise_of(campaign, run.id).get("crank_angle"), back
-        )
+        noise = noise_of(campaign, run.id)["crank_angle"]
+        drive = measured_drive(samples, _resolution(campaign, "crank_angle"), noise, back)
     return RunPlan(run, samples, tuple(channels), drive, loads=loads_of_run(campaign, run))
 
 
@@ -630,7 +610,7 @@ def _planned(campaign: Campaign, run: CampaignRun, revolutions: float | None) ->
 def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> RunData:
     constant = campaign.drive == "constant_speed"
     searched = False
-    step = _resolution(campaign)
+    step = _resolution(campaign, "crank_angle") if "crank_angle" in campaign.channels else 0.0
     samples = sample_grid(
         recording.time, recording.crank_angle, run.speed, run.first_angle, step, constant
     )
@@ -640,8 +620,7 @@ def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> Run
     measured = {**recording.channels, "crank_angle": recording.crank_angle}
     values = {channel: measured[channel] for channel in plan.channels}
     # held-out samples of a split run must not influence its speed and first angle
-    hidden = recording.held_out & (not recording.held_out.all())
-    fitted = {channel: np.where(hidden, np.nan, value) for channel, value in values.items()}
+    fitted = _fitted(values, recording.held_out)
     if not any(np.isfinite(value).any() for value in fitted.values()):
         raise InputError(
             f"{campaign.folder / run.files[0]}: the first two thirds of run '{run.id}', which are"
@@ -669,13 +648,15 @@ def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> Run
     return RunData(plan, values, recording.held_out, searched)
 
 
-def _resolution(campaign: Campaign) -> float:
-    encoder = campaign.channels.get("crank_angle")
-    return (
-        encoder.resolution * campaign.factor("crank_angle")
-        if encoder and encoder.resolution
-        else 0.0
-    )
+def _resolution(campaign: Campaign, channel: str) -> float:
+    """Step [SI] of a channel; 0 if it is unknown."""
+    return (campaign.channels[channel].resolution or 0.0) * campaign.factor(channel)
+
+
+def _fitted(values: Mapping[str, np.ndarray], held_out: np.ndarray) -> dict[str, np.ndarray]:
+    """Channels of a run, NaN at held-out samples, except those of a run that is wholly held out."""
+    hidden = held_out & (not held_out.all())
+    return {channel: np.where(hidden, np.nan, value) for channel, value in values.items()}
 
 
 def _nominal(campaign: Campaign, plan: RunPlan) -> dict[str, float]:
@@ -701,19 +682,14 @@ def _with_first_angle(
     phase = np.round(grid.elapsed * grid.speed / tau * count).astype(int)
     for channel, value in measured.items():
         finite = np.isfinite(value)
-        spread = max(float(np.std(simulated[channel])), float(np.std(value[finite])), 1e-300)
+        spread = max(np.std(simulated[channel]), np.std(value[finite]), 1e-300)
         for shift in range(count):
             away = value[finite] - simulated[channel][(phase[finite] + shift) % count]
-            misfit[shift] += (
-                np.median(np.abs(away)) / spread
-            )  # the median tolerates shifted impact spikes
+            # the median tolerates shifted impact spikes
+            misfit[shift] += np.median(np.abs(away)) / spread
     first_angle = float(np.argmin(misfit)) * tau / count
-    return replace(
-        plan,
-        samples=replace(
-            grid, first_angle=first_angle, angle=grid.angle - grid.first_angle + first_angle
-        ),
-    )
+    angle = grid.angle - grid.first_angle + first_angle
+    return replace(plan, samples=replace(grid, first_angle=first_angle, angle=angle))
 
 
 def _with_clock_offset(
@@ -726,11 +702,7 @@ def _with_clock_offset(
     turn = tau / plan.samples.speed
     time = np.arange(grid.time[0], grid.time[-1], turn / FIRST_ANGLES_TRIED)
     read = np.isfinite(grid.read)
-    reading = (
-        np.interp(time, grid.time[read], grid.read[read])
-        if read.any()
-        else np.full(time.size, np.nan)
-    )
+    reading = np.interp(time, grid.time[read], grid.read[read]) if read.any() else time * np.nan
     dense = replace(grid, time=time, read=reading, angle=np.interp(time, grid.time, grid.angle))
     names = tuple(name for name in plan.channels if name in plan.second_clock)
     simulated = channels_read(
@@ -741,13 +713,10 @@ def _with_clock_offset(
     for name in names:
         value = measured[name][: grid.time.size]
         is_read = np.isfinite(value)
-        spread = max(float(np.std(simulated[name])), float(np.std(value[is_read])), 1e-300)
+        spread = max(np.std(simulated[name]), np.std(value[is_read]), 1e-300)
         for place, offset in enumerate(offsets):
-            at = np.interp(
-                grid.time[is_read] - offset, time, simulated[name], left=np.nan, right=np.nan
-            )
+            at = np.interp(grid.time[is_read] - offset, time, simulated[name], np.nan, np.nan)
             away = value[is_read] - at
-            misfit[place] += (
-                np.nanmedian(np.abs(away - np.nanmedian(away))) / spread
-            )  # friction changes the mean
+            # friction changes the mean
+            misfit[place] += np.nanmedian(np.abs(away - np.nanmedian(away))) / spread
     return replace(plan, clock_offset=float(offsets[np.argmin(misfit)]))

@@ -191,14 +191,13 @@ def _open(campaign: Campaign, run: CampaignRun) -> RunFile:
             "a pressure is averaged over the crank angle; record both by one logger, or give a"
             " slider_force_table",
         )
-    begins = [main.columns.began, second.columns.began]
-    if begins.count(None) == 1:
+    began, second_began = main.columns.began, second.columns.began
+    if (began is None) != (second_began is None):
         raise InputError(
-            f"{main.path} and {second.path}, column {clock}: one has dates and the other numbers;"
-            " write both alike"
+            f"{paths}, column {clock}: one has dates and the other numbers; write both alike"
         )
-    if None not in begins:
-        later = (begins[1] - begins[0]).total_seconds()
+    if began is not None:
+        later = (second_began - began).total_seconds()
         second.columns.values[clock] = second.columns.values[clock] + later
     second = replace(second, remarks=main.remarks, contradictions=main.contradictions)
     return replace(main, second=second)
@@ -238,9 +237,8 @@ def _recording(file: RunFile) -> Recording:
                 " misread it, leave the cell empty",
                 places[0],
             )
-        is_constant = campaign.drive == "constant_speed" and not any(
-            effect.name == "speed_fluctuation" for effect in campaign.mechanism.effects
-        )
+        fluctuates = campaign.mechanism.effect("speed_fluctuation") is not None
+        is_constant = campaign.drive == "constant_speed" and not fluctuates
         if is_constant and (varies := checks.unsteady(time, angle)):
             file.remarks.append(
                 f"{file.paths}: the drive is constant_speed, but the speed varies {varies}; if this"
@@ -445,7 +443,7 @@ def _in_si(file: RunFile) -> Samples:
             )
     axis = "time" if "time" in values else "crank_angle"
     is_used = np.isfinite(values[axis])
-    if count := int(np.count_nonzero(~is_used)):
+    if count := np.count_nonzero(~is_used):
         lack = "1 sample has" if count == 1 else f"{count} samples have"
         file.remark(axis, f"{lack} no {axis.replace('_', ' ')}, skipped")
     file.rows = file.rows[is_used]
@@ -457,7 +455,7 @@ def _without_overflow(file: RunFile, name: str, counts: np.ndarray) -> np.ndarra
     is_read = np.isfinite(counts)
     steps = np.abs(np.diff(counts[is_read]))
     for bits in (16, 24, 32):
-        if steps.size and abs(steps.max() - 2.0**bits) <= 4.0 * max(float(np.median(steps)), 1.0):
+        if steps.size and abs(steps.max() - 2.0**bits) <= 4.0 * max(np.median(steps), 1.0):
             file.remark(name, f"the {bits}-bit counter overflows; the counts are continued")
             counts = counts.copy()
             counts[is_read] = np.unwrap(counts[is_read], period=2.0**bits)
@@ -467,21 +465,15 @@ def _without_overflow(file: RunFile, name: str, counts: np.ndarray) -> np.ndarra
 
 def _without_repeated(file: RunFile, values: Samples) -> Samples:
     """Channels without repeated samples, as `channels.time.repeated` says."""
-    if "time" not in values or not file.rows.size:
+    if "time" not in values or np.diff(values["time"]).min(initial=0.0) < 0.0:
         return values
     kept_row = file.campaign.channels["time"].repeated
     samples = pd.DataFrame({"time": values["time"]} if kept_row else values)
-    previous = samples.shift()
-    equal = (samples == previous) | (samples.isna() & previous.isna())
-    is_repeated = equal.all(axis=1).to_numpy(copy=True)
-    is_repeated[0] = False
-    is_used = ~np.append(is_repeated[1:], False) if kept_row == "last" else ~is_repeated
+    is_used = ~samples.duplicated(keep=kept_row or "first").to_numpy()
     if count := np.count_nonzero(~is_used):
-        rule = (
-            f"of rows with equal time the {kept_row} is kept"
-            if kept_row
-            else ("rows repeat the previous row")
-        )
+        rule = "rows repeat the previous row"
+        if kept_row:
+            rule = f"of rows with equal time the {kept_row} is kept"
         file.remark("time", f"{rule}; {_samples(count)} skipped", np.argmin(is_used))
     file.rows = file.rows[is_used]
     return {name: samples[is_used] for name, samples in values.items()}
@@ -500,14 +492,13 @@ def _check_varies(file: RunFile, name: str, values: np.ndarray) -> None:
         return
     if name != "crank_torque" or readings[0] != 0.0:
         raise file.error(name, f"all values are equal; repair the sensor, {fix}")
-    missing = []
-    if file.campaign.drive != "measured_angle":
-        missing.append("'drive: measured_angle' (there is no drive for a free crank yet)")
-    if not file.campaign.channels[name].noise_of(file.run.id):
-        missing.append(f"channels.{name}.noise, such as 'noise: 0.01 N*m'")
-    if missing:
-        give = f"If the motor is off, give {' and '.join(missing)}: it is compared with 0"
-        raise file.error(name, f"all values are 0. {give}. Otherwise repair the sensor, {fix}")
+    campaign = file.campaign
+    if campaign.drive != "measured_angle" or not campaign.channels[name].noise_of(file.run.id):
+        raise file.error(
+            name,
+            f"all values are 0; if the motor is off, give channels.{name}.noise and 'drive:"
+            f" measured_angle' (it is then compared with 0); otherwise repair the sensor, {fix}",
+        )
 
 
 def _check_pressure(file: RunFile, name: str, values: np.ndarray) -> None:
@@ -517,7 +508,7 @@ def _check_pressure(file: RunFile, name: str, values: np.ndarray) -> None:
     if negative.size and channel.pressure_behind > 0.0:
         text = "negative absolute pressure; give 'ambient_pressure: 0 bar' for gauge pressures"
         raise file.error(name, text, negative[0])
-    if (largest := float(np.nanmax(np.abs(values)))) < LEAST_PRESSURE:
+    if (largest := np.nanmax(np.abs(values))) < LEAST_PRESSURE:
         file.remark(
             name,
             f"the largest pressure is only {largest:.3g} Pa; check channels.{name}.unit ="
@@ -559,8 +550,7 @@ def _rotation(
     """Times and angles of a run, each NaN if not measured, and the angle turned."""
     absent = np.full(file.rows.size, np.nan)
     speed = file.run.speed
-    time = values.get("time", absent)
-    read = values.get("crank_angle", absent)
+    time, read = (values.get(name, absent) for name in ("time", "crank_angle"))
     if "time" in values and not file.is_joined:
         _check_times(file, values)
     if "crank_angle" not in values:
@@ -618,7 +608,7 @@ def _with_even_stamps(file: RunFile, time: np.ndarray, angle: np.ndarray) -> np.
 
 def _mean_speed(time: np.ndarray, angle: np.ndarray) -> float:
     ends = np.flatnonzero(np.isfinite(angle))[[0, -1]]
-    return float(np.diff(angle[ends])[0] / np.diff(time[ends])[0])
+    return np.diff(angle[ends])[0] / np.diff(time[ends])[0]
 
 
 def _check_times(file: RunFile, values: Samples) -> None:
@@ -680,10 +670,10 @@ def _check_angle_alone(file: RunFile, read: np.ndarray, angle: np.ndarray) -> No
     """InputError for implausible angles without times: `read` from the file, `angle` continuous."""
     steps = np.diff(angle)
     jumps = np.abs(np.diff(read)) > tau / 2
-    usual = float(np.median(np.abs(steps)))
+    usual = np.median(np.abs(steps))
     odd = jumps & (np.abs(steps - np.median(steps)) > max(1.0, 5.0 * usual))
     if jumps.mean() > 0.2 or odd.any():
-        row = int(np.flatnonzero(jumps)[0]) + 1
+        row = np.flatnonzero(jumps)[0] + 1
         raise file.error(
             "crank_angle",
             f"the angle steps by {file.run.side * degrees(read[row] - read[row - 1]):.4g} deg,"
@@ -723,13 +713,12 @@ def _check_turns_on(file: RunFile, time: np.ndarray, angle: np.ndarray) -> None:
     part = "make two runs of it"
     if begin == time[0]:
         when = f"until {end:.6g} s"
-        part = "keep the later part"
-        part += ", and give the run 'start: unknown'" if file.run.start == "at_rest" else ""
+        part = "keep the later part, and give the run 'start: unknown' if it has 'at_rest'"
     elif end >= time[-1]:
         when = f"from {begin:.6g} s on"
         part = "keep the earlier part"
     kind, verb = ("turns_back", "reverses") if reverses else ("standstill", "stands still")
-    place = file.place("crank_angle", int(np.searchsorted(time, begin)))
+    place = file.place("crank_angle", np.searchsorted(time, begin))
     raise UnusableRun(kind, f"{place}: the crank {verb} {when}; cut the record there ({part})")
 
 
@@ -749,18 +738,17 @@ def _check_speed(file: RunFile, time: np.ndarray, read: np.ndarray, speed: float
     if low <= -ratio <= high:
         raise _falls(file, continuous_angle(time, read, nominal))
     parts = split_share(file.campaign.channels["crank_angle"].unit)[1]
-    folds = [fold for fold in (4.0, 2.0, 0.5, 0.25) if abs(ratio / fold - 1.0) < 0.1]
-    if parts > 1.0 and folds:
-        fix = (
-            f"counts_per_turn is {parts:g}: did you mean {folds[0] * parts:g} (edges of the"
-            " encoder's lines)?"
-        )
-    else:
-        fits = {}
-        for unit, factor in file.in_units("crank_angle").items():
-            in_unit = _mean_speed(time, continuous_angle(time, factor * read, nominal))
-            fits[unit] = abs(in_unit / nominal - 1.0) < 0.2
-        fix = file.proposal("crank_angle", fits)
+    fits = {}
+    for unit, factor in file.in_units("crank_angle").items():
+        in_unit = _mean_speed(time, continuous_angle(time, factor * read, nominal))
+        fits[unit] = abs(in_unit / nominal - 1.0) < 0.2
+    fix = file.proposal("crank_angle", fits)
+    for fold in (4.0, 2.0, 0.5, 0.25) if parts > 1.0 else ():
+        if abs(ratio / fold - 1.0) < 0.1:
+            fix = (
+                f"counts_per_turn is {parts:g}: did you mean {fold * parts:g} (edges of the"
+                " encoder's lines)?"
+            )
     raise file.error(
         "crank_angle",
         f"the mean speed with column {file.campaign.channels['time'].column} is {_rpm(speed)}, but"

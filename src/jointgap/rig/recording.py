@@ -30,10 +30,14 @@ class Contradiction:
     doubtful: bool = True  # Whether the channel's readings may be wrong
 
     @property
+    def is_encoder_zero(self) -> bool:
+        return (self.channel, self.kind) == ("crank_angle", "phase")
+
+    @property
     def stops(self) -> bool:
         """Whether it prevents an analysis; an encoder zero does not, as the analysis identifies
         it."""
-        return self.doubtful and (self.channel, self.kind) != ("crank_angle", "phase")
+        return self.doubtful and not self.is_encoder_zero
 
 
 def sentences(contradictions: Sequence[Contradiction]) -> list[str]:
@@ -63,11 +67,11 @@ class Recording:
 
     @property
     def has_time(self) -> bool:
-        return bool(np.isfinite(self.time).any())
+        return np.isfinite(self.time).any()
 
     @property
     def has_angle(self) -> bool:
-        return bool(np.isfinite(self.crank_angle).any())
+        return np.isfinite(self.crank_angle).any()
 
     @property
     def all_channels(self) -> dict[str, np.ndarray]:

@@ -1,7 +1,7 @@
 """Times and crank angles of the samples of a run, estimated from the record."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import tau
 
@@ -9,9 +9,8 @@ import numpy as np
 
 # [1, robust standard deviations] Distance of an outlier of the crank angle from its line
 OUTLIER = 5.0
-EVEN_ROWS = math.radians(
-    0.5
-)  # [rad] Angles without times that are nearer to a line over their rows are uniform in time
+# [rad] Angles without times that are nearer to a line over their rows are uniform in time
+EVEN_ROWS = math.radians(0.5)
 # [1] Bounds of estimated speed and phase: five standard errors, doubled as errors of an encoder
 # repeat
 REACH = 2.0 * 5.0
@@ -48,33 +47,29 @@ class SampleGrid:
         """Angle turned in the record [rad]."""
         return float(self.angle.max() - self.angle.min())
 
+    def _resampled(self, resample: Callable[[np.ndarray], np.ndarray]) -> "SampleGrid":
+        columns = {name: resample(getattr(self, name)) for name in ("time", "read", "angle")}
+        return replace(self, **columns)
+
     def first(self, turned: float) -> "SampleGrid":
         """The samples of the first `turned` [rad]."""
         is_used = self.angle < self.angle[0] + turned
-        return replace(
-            self, time=self.time[is_used], read=self.read[is_used], angle=self.angle[is_used]
-        )
+        return self._resampled(lambda values: values[is_used])
 
     def extended(self, turned: float) -> "SampleGrid":
         """The record, extended uniformly to `turned` [rad] if it is shorter."""
         count = self.time.size
         more = max(math.ceil((turned / self.turned - 1.0) * (count - 1)), 0)
-        time, read, angle = (
-            np.append(
-                values, values[-1] + (values[-1] - values[0]) / (count - 1) * np.arange(1, more + 1)
-            )
-            for values in (self.time, self.read, self.angle)
+        steps = np.arange(1, more + 1) / (count - 1)
+        return self._resampled(
+            lambda values: np.append(values, values[-1] + (values[-1] - values[0]) * steps)
         )
-        return replace(self, time=time, read=read, angle=angle)
 
     def refined(self, factor: int) -> "SampleGrid":
         """The record with `factor` times as many samples, which include its own."""
         count = self.time.size
         places = np.arange((count - 1) * factor + 1) / factor
-        time, read, angle = (
-            np.interp(places, np.arange(count), v) for v in (self.time, self.read, self.angle)
-        )
-        return replace(self, time=time, read=read, angle=angle)
+        return self._resampled(lambda values: np.interp(places, np.arange(count), values))
 
     def line(self, angle: np.ndarray) -> tuple[float, float]:
         """First value [rad] and slope [rad/s] of the line through `angle` (n,) [rad] at measured
@@ -108,17 +103,15 @@ def sample_grid(
 ) -> SampleGrid:
     """The samples of a recording whose encoder has the resolution `step` [rad]."""
     finite = np.isfinite(read)
-    timed = bool(np.isfinite(time).all())
+    timed = np.isfinite(time).all()
     if timed and finite.sum() >= 2:
         elapsed = time - time[0]
         slope, first_angle, sd = _robust_line(elapsed[finite], read[finite])
         error = REACH * sd / math.sqrt(finite.sum())
-        span = max(float(np.ptp(elapsed[finite])), 1e-300)
-        angle = (
-            first_angle + slope * elapsed
-            if constant
-            else np.interp(elapsed, elapsed[finite], read[finite])
-        )
+        span = max(np.ptp(elapsed[finite]), 1e-300)
+        angle = first_angle + slope * elapsed
+        if not constant:
+            angle = np.interp(elapsed, elapsed[finite], read[finite])
         # standard errors of a line: first value 2, slope sqrt(12) / span times that of the mean
         first_reach = 2.0 * error + 0.5 * step
         speed_reach = (math.sqrt(12.0) * error + 0.5 * step) / span
@@ -154,7 +147,7 @@ def _robust_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
     for _ in range(3):
         slope, start = np.polyfit(x[is_used], y[is_used], 1)
         away = np.abs(y - start - slope * x)
-        sd = 1.4826 * float(np.median(away[is_used]))
+        sd = 1.4826 * np.median(away[is_used])
         is_used = away <= OUTLIER * sd + 1e-9
     return float(slope), float(start), float(np.sqrt(np.mean(away[is_used] ** 2)))
 
@@ -170,7 +163,7 @@ def aperiodic_share(speed: float, elapsed: np.ndarray, values: Sequence[np.ndarr
         x = series[finite]
         centred = value[finite] - value[finite].mean()
         residual = centred - x @ np.linalg.lstsq(x.T @ x, x.T @ centred, rcond=None)[0]
-        total += float(residual @ residual) / max(float(centred @ centred), 1e-300)
+        total += residual @ residual / max(centred @ centred, 1e-300)
     return total
 
 
@@ -182,10 +175,10 @@ def speed_from_periodicity(
     The residual of a Fourier series over the crank angle is minimised over the speed and refined by
     a parabola.
     """
-    step = tau * SPEED_STEP / max(float(elapsed[-1]), 1e-300)
+    step = tau * SPEED_STEP / max(elapsed[-1], 1e-300)
     speeds = np.linspace(low, high, max(int(np.ceil((high - low) / step)), 2) + 1)
     misfit = np.array([aperiodic_share(speed, elapsed, values) for speed in speeds])
-    best = int(np.argmin(misfit))
+    best = np.argmin(misfit)
     if not 0 < best < speeds.size - 1:
         return float(speeds[best])
     low_side, lowest, right = misfit[best - 1 : best + 2]

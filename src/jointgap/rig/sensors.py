@@ -34,8 +34,8 @@ def at_sensor(campaign: Campaign, side: float, channel: str, values: np.ndarray)
     if kind.mirrored:
         values = side * values
     if campaign.channels[channel].reads_gravity:
-        direction = campaign.mechanism.gravity_direction
-        values = values - STANDARD_GRAVITY * kind.gravity(direction)
+        share = getattr(math, kind.gravity)(campaign.mechanism.gravity_direction)
+        values = values - STANDARD_GRAVITY * share
     return values
 
 
@@ -58,9 +58,8 @@ def low_pass(values: np.ndarray, interval: float, corner: float, causal: bool) -
     """Fourth-order Butterworth low-pass, forward and backward (no delay) unless causal."""
     sections = butter(FILTER_ORDER, corner, fs=1.0 / interval, output="sos")
     level = values[0]  # avoids a transient of the mean
-    return level + (
-        sosfilt(sections, values - level) if causal else sosfiltfilt(sections, values - level)
-    )
+    filtered = sosfilt if causal else sosfiltfilt
+    return level + filtered(sections, values - level)
 
 
 def lagged(values: np.ndarray, interval: float, lag: float) -> np.ndarray:
@@ -151,11 +150,9 @@ class SensorFault:
         """Parameters for the verdict, from the values of a fit's coordinates."""
         if self.phase:
             return size_and_angle(values, self.parameter, self.phase)
-        return (
-            {self.parameter: 1.0 / max(values[self.inverse], 1e-300)}
-            if self.inverse
-            else dict(values)
-        )
+        if self.inverse:
+            return {self.parameter: 1.0 / max(values[self.inverse], 1e-300)}
+        return dict(values)
 
     def candidate(
         self,
@@ -179,10 +176,18 @@ class SensorFault:
         guesses = tuple(
             {parameter.key: share * reading.turning / math.tau} for share in self.guesses
         ) or ({},)
-        attributes = {"replaces": replaces or {}, "has_site": has_site, "families": families}
-        attributes |= {"regress_with": f"{self.regress_with}:{site}"} if self.regress_with else {}
         return Candidate(
-            self.name, site, coordinates, keys, guesses, self.stated, sensor=True, **attributes
+            self.name,
+            site,
+            coordinates,
+            keys,
+            guesses,
+            self.stated,
+            sensor=True,
+            replaces=replaces or {},
+            has_site=has_site,
+            families=families,
+            regress_with=f"{self.regress_with}:{site}" if self.regress_with else "",
         )
 
 
@@ -213,7 +218,7 @@ DELAY_SHARES = {SENSOR_LAG: 0.0, SENSOR_DELAY: 1.0}
 
 def _side(torque: np.ndarray) -> np.ndarray:
     """Sign (n,) of a torque (n,), smooth at zero."""
-    return np.tanh(torque / max(SIDES_CHANGE * float(np.nanstd(torque)), 1e-300))
+    return np.tanh(torque / max(SIDES_CHANGE * np.nanstd(torque), 1e-300))
 
 
 def _late(reading: Reading) -> tuple[float, float, float]:
@@ -224,23 +229,12 @@ def _late(reading: Reading) -> tuple[float, float, float]:
 def _families_of(fault: SensorFault, site: str, late: Parameter) -> tuple[LawFamily]:
     """The family of the lag or delay `late` of the sensor at a `site`."""
     delay_share = DELAY_SHARES[fault.name]
-    coordinates = (
-        replace(late, name=FAULTS[LAG_AND_DELAY].parameter),
-        Parameter("delay_share", delay_share, 0.0, 1.0, 0.1),
-    )
-    law = Candidate(
-        LAG_AND_DELAY, site, coordinates, (coordinates[0].key,), sensor=True, has_site=True
-    )
+    name = FAULTS[LAG_AND_DELAY].parameter
+    coordinates = replace(late, name=name), Parameter("delay_share", delay_share, 0.0, 1.0, 0.1)
+    law = Candidate(LAG_AND_DELAY, site, coordinates, (name,), sensor=True, has_site=True)
     shares = tuple(DELAY_SHARES.values())
-    return (
-        LawFamily(
-            law,
-            "delay_share",
-            delay_share,
-            shares,
-            lambda values: {coordinates[0].key: values[late.key]},
-        ),
-    )
+    member = "delay_share", delay_share, shares
+    return (LawFamily(law, *member, lambda values: {name: values[late.key]}),)
 
 
 FAULTS = {
@@ -270,10 +264,8 @@ FAULTS = {
             "lag_s",
             "s",
             "a delay of the encoder relative to the other sensors",
-            bounds=lambda reading: (
-                DETECTABLE_SHARE / reading.turning,
-                -1.0 / reading.turning,
-                1.0 / reading.turning,
+            bounds=lambda reading: tuple(
+                share / reading.turning for share in (DETECTABLE_SHARE, -1.0, 1.0)
             ),
             law=(
                 "y(t) = u(t - lag_s), a pure delay relative to all other channels; negative: these"

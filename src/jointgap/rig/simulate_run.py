@@ -42,6 +42,11 @@ TRANSIENT_REVOLUTIONS = 1.5  # A record that begins earlier after the start is s
 # Earlier begin of the motion for another start: not at a symmetry of the slider-crank (golden
 # section)
 OTHER_START_REVOLUTIONS = 1.382
+_NUISANCES_OF_PARTS = {
+    "crank": ("inertia",),
+    "rod": ("mass", "inertia"),
+    "slider": ("mass", "offset"),
+}
 UNSTATED_NOISE_SHARE = 0.02  # [1, of a channel's standard deviation] Noise if it is not stated
 
 
@@ -63,10 +68,11 @@ def steady_contact_damping(mechanism: Mechanism) -> dict[str, str]:
     mechanism file, on which readings depend about linearly. It is not measured but determines the
     ringing after load reversals.
     """
-    fading = [
-        pin for pin in mechanism.loose if mechanism.joint(pin).contact.reference_speed is not None
-    ]
-    return {pin: f"lasting_damping_{pin}" for pin in fading}
+    return {
+        pin: f"lasting_damping_{pin}"
+        for pin in mechanism.loose
+        if mechanism.joint(pin).contact.reference_speed is not None
+    }
 
 
 def with_nuisances(mechanism: Mechanism, values: Values) -> Mechanism:
@@ -75,21 +81,18 @@ def with_nuisances(mechanism: Mechanism, values: Values) -> Mechanism:
         values.get(f"{body}_length", getattr(mechanism, body).length) for body in ("crank", "rod")
     )
     modified = mechanism.with_lengths(*lengths)
-    rod = {key: values[f"rod_{key}"] for key in ("mass", "inertia") if f"rod_{key}" in values}
-    slider = {
-        key: values[f"slider_{key}"] for key in ("mass", "offset") if f"slider_{key}" in values
+    changes = {
+        part: {key: values[f"{part}_{key}"] for key in keys if f"{part}_{key}" in values}
+        for part, keys in _NUISANCES_OF_PARTS.items()
     }
     joints = {}
     for pin in mechanism.loose:
         joint = mechanism.joint(pin)
         contact_data, contact = joint.contact, {}
-        if pin in PINS:
-            contact["friction"] = values.get(
-                f"joint_friction_{pin}", values.get("joint_friction", contact_data.friction)
-            )
-            if contact_data.restitution is not None:
-                shared = values.get("restitution", contact_data.restitution)
-                contact["restitution"] = values.get(f"restitution_{pin}", shared)
+        for key in ("joint_friction", "restitution") if pin in PINS else ():
+            name = key.removeprefix("joint_")
+            if (nominal := getattr(contact_data, name)) is not None:
+                contact[name] = values.get(f"{key}_{pin}", values.get(key, nominal))
         if "friction_speed" in values:
             contact["friction_speed"] = (
                 contact_data.friction_speed * values["friction_speed"] / friction_speed(mechanism)
@@ -102,8 +105,7 @@ def with_nuisances(mechanism: Mechanism, values: Values) -> Mechanism:
         if f"{pin}_clearance" in values:
             change["bearing_radius"] = joint.journal_radius + values[f"{pin}_clearance"]
         joints[pin] = joint.model_copy(update=change)
-    crank = {"inertia": values["crank_inertia"]} if "crank_inertia" in values else {}
-    changes = {"crank": crank, "rod": rod, "slider": slider, "joints": joints}
+    changes["joints"] = joints
     update = {
         part: getattr(modified, part).model_copy(update=change) for part, change in changes.items()
     }
@@ -298,9 +300,8 @@ def _threlfall(p: Parameters) -> None:
         joint = getattr(p, name)
         if joint.friction_law == coulomb.code:
             joint.friction_law = threlfall.code
-            joint.friction_speed *= (
-                threlfall.slope_at_zero / coulomb.slope_at_zero
-            )  # the same slope at zero speed
+            # the same slope at zero speed
+            joint.friction_speed *= threlfall.slope_at_zero / coulomb.slope_at_zero
 
 
 def _driven_run(
@@ -358,23 +359,21 @@ def read(
     corners = [channel.bandwidth for channel in channels.values() if channel.bandwidth]
     grid = np.empty(0)
     count = driven.angles.size
-    interval = 0.0
-    cycle = 0.0
+    interval = cycle = 0.0
     if corners or any(
         channel.remembers or faults.need_grid(name) for name, channel in channels.items()
     ):
         revolution = tau / samples.speed
         padding = sensors.remembered_time(channels.values(), revolution)
-        end = samples.elapsed[-1] + (
-            0.0 if plan.measured else padding
-        )  # a measured angle ends with the record
+        # a measured angle ends with the record
+        end = samples.elapsed[-1] + (0.0 if plan.measured else padding)
         grid = sensors.filter_times(-min(padding, driven.begin), end, revolution, corners)
         interval = grid[1] - grid[0]
         if not drives.starts_with_record(plan.run):
             turned = driven.at(grid)
             turns = math.floor((turned[-1] - turned[0]) / tau)
             turns -= turns % 2 if turns > 1 else 0  # half orders repeat every two turns
-            cycle = float(np.interp(turned[0] + turns * tau, turned, grid - grid[0]))
+            cycle = np.interp(turned[0] + turns * tau, turned, grid - grid[0])
     # a delay is simulated, not interpolated: impacts stay sharp
     delays = list(dict.fromkeys([0.0, *map(faults.delay, channels)]))
     earlier = [
@@ -401,11 +400,9 @@ def read(
             fine = sensors.low_pass(fine, interval, channel.bandwidth, channel.filter == "causal")
             read = CubicSpline(grid, fine)(times)
         if channel.remembers or faults.need_grid(name):
-            later = (
-                sensors.averaged(fine, interval, cycle, channel.average)
-                if channel.average
-                else fine
-            )
+            later = fine
+            if channel.average:
+                later = sensors.averaged(later, interval, cycle, channel.average)
             if channel.high_pass:
                 later = sensors.high_passed(later, interval, cycle, channel.high_pass)
             later = faults.act("over_time", name, later, interval, cycle)
@@ -428,12 +425,8 @@ def _change_over_noise(campaign: Campaign, plan: RunPlan, count: int) -> Callabl
     def change(channels_before: Columns, channels_after: Columns) -> float:
         squares = 0.0
         for name in channels:
-            sd = (
-                noise.get(name)
-                or UNSTATED_NOISE_SHARE * float(np.std(channels_after[name]))
-                or 1e-300
-            )
-            squares += float(np.mean(((channels_before[name] - channels_after[name]) / sd) ** 2))
+            sd = noise.get(name) or UNSTATED_NOISE_SHARE * np.std(channels_after[name]) or 1e-300
+            squares += np.mean(((channels_before[name] - channels_after[name]) / sd) ** 2)
         return math.sqrt(count * squares)
 
     return change
@@ -484,12 +477,8 @@ def channels_at(
         return motion
 
     back = (angles.min() - p.drive.start_angle) / tau
-    if (
-        change is None
-        or perturbation is not None
-        or not _may_repeat(p)
-        or back <= TRANSIENT_REVOLUTIONS
-    ):
+    is_settled = perturbation is None and back > TRANSIENT_REVOLUTIONS and _may_repeat(p)
+    if change is None or not is_settled:
         return _sampled(p, angles, integrate)
     # in a periodic steady state one revolution is simulated
     within = p.drive.start_angle + np.mod(angles - p.drive.start_angle, tau)
@@ -539,7 +528,7 @@ def _may_repeat(p: Parameters) -> bool:
         drive.kind == FLUCTUATING and drive.order == round(drive.order)
     )
     over_turns = e.table_over == 2 or (e.table_over == 1 and e.table_period > 1.5 * tau)
-    over_turns = over_turns or bool(e.crank_periodic and e.crank_periodic_order % 1)  # a half order
+    over_turns = over_turns or (e.crank_periodic and e.crank_periodic_order % 1)  # a half order
     formulas = p.slider_formula.length or p.crank_formula.length
     return bool(steady and not e.harmonic and not over_turns and not formulas)
 

@@ -56,9 +56,8 @@ class CycleStatistics:
     angles: np.ndarray  # Crank angles of the median curves, slightly more than a revolution [rad]
     median_curves: np.ndarray  # For each channel [SI]
     compression: np.ndarray  # k [SI]
-    weights: list[
-        tuple[np.ndarray, np.ndarray]
-    ]  # For each statistic: predicting statistics and weights
+    # For each statistic: predicting statistics and weights
+    weights: list[tuple[np.ndarray, np.ndarray]]
 
     @classmethod
     def of(
@@ -86,7 +85,7 @@ class CycleStatistics:
             for value, median in zip(values, learnt._medians(angle), strict=True)
         ]
         compression = np.array(
-            [max(COMPRESSION_MEAN_SIZES * float(np.mean(size)), 1e-300) for size in sizes]
+            [max(COMPRESSION_MEAN_SIZES * np.mean(size), 1e-300) for size in sizes]
         )
         learnt = replace(learnt, compression=compression)
         rows = learnt.cycles(angle[::finer], [value[::finer] for value in values])
@@ -102,7 +101,7 @@ class CycleStatistics:
         first_turn = np.floor(np.min(angle) / tau)
         bins = BINS
         place = np.floor((angle / tau - first_turn) * bins + EDGE_SHARE_OF_BIN).astype(int)
-        count = int(place.max()) // bins + 1
+        count = place.max() // bins + 1
         rows = np.full((count, len(self.channels), len(KINDS), bins), np.nan)
         for i, (value, median, k) in enumerate(
             zip(values, self._medians(angle), self.compression, strict=True)
@@ -141,18 +140,15 @@ class CycleStatistics:
         square = np.nan_to_num(cycle_mean(rows)) ** 2
         simulated_square = cycle_mean(clean) ** 2
         variance = simulated_square * cycle_variance(clean)
-        several, scatter = (
-            cycles >= MIN_SCATTER_CYCLES,
-            variance.copy(),
-        )  # few scatter as simulated ones
+        # few scatter as simulated ones
+        several, scatter = (cycles >= MIN_SCATTER_CYCLES, variance.copy())
         scatter[several] = square[several] * cycle_variance(rows[:, several])
         weight = (cycles > 0) / (variance / simulated_cycles + scatter / np.maximum(cycles, 1))
         excess = np.sum(weight * (square - simulated_square), axis=1) / np.maximum(
             np.sum(weight, axis=1), 1e-300
         )
-        return np.sqrt(
-            np.maximum(excess, 0.0) * (np.pi / 2.0)
-        )  # from mean absolute to standard deviation
+        # from mean absolute to standard deviation
+        return np.sqrt(np.maximum(excess, 0.0) * (np.pi / 2.0))
 
     def split(self, row: np.ndarray) -> dict[str, np.ndarray]:
         """Statistics `row` (m,) by the name of their series, (bins,) each."""
@@ -241,7 +237,7 @@ def chaotic_channels(
     )
 
     def is_chaotic(channel: str) -> bool:
-        sd = noise.get(channel) or UNSTATED_NOISE_SHARE * float(np.std(nominal[channel]))
+        sd = noise.get(channel) or UNSTATED_NOISE_SHARE * np.std(nominal[channel])
         departure = np.sqrt(np.mean((nominal[channel] - perturbed[channel]) ** 2))
         return channel != "crank_angle" and departure > MAX_DEPARTURE_SHARE_OF_NOISE * sd
 
@@ -283,16 +279,15 @@ def chaotic_run(
     angle, read = _ensemble(campaign, of_length(remembered), values, (), 0, many)
     clean = list(read.values())
     seen = [measured[channel] for channel in channels]
-    sds = {channel: noise.get(channel) for channel in channels}
+    excess = np.zeros(len(channels))
     if any(np.isfinite(value).any() for value in seen):
         excess = CycleStatistics.of(channels, angle, clean, finer).noise(
             plan.samples.angle, seen, angle, clean
         )
-        sds = {
-            channel: excess[i] if sds[channel] is None else sds[channel]
-            for i, channel in enumerate(channels)
-        }
-    sds = {channel: sd or 0.0 for channel, sd in sds.items()}
+    sds = {
+        channel: excess[i] if noise.get(channel) is None else noise[channel]
+        for i, channel in enumerate(channels)
+    }
     noisy = [_noisy(read[channel], sds[channel], place) for place, channel in enumerate(channels)]
     learnt = CycleStatistics.of(channels, angle, noisy, finer)
     rows = learnt.independent(learnt.cycles(angle[::finer], [values[::finer] for values in noisy]))
@@ -300,9 +295,8 @@ def chaotic_run(
     error = np.sqrt(persistence(dense, cycles) * cycle_variance(dense) / (members * cycles))
     persistent = persistence(rows, len(rows) // many)
     variance = cycle_variance(rows)
-    variance = np.where(
-        np.isfinite(variance), variance, cycle_variance(dense)
-    )  # bins that the samples hardly fill
+    # bins that the samples hardly fill
+    variance = np.where(np.isfinite(variance), variance, cycle_variance(dense))
     return ChaoticRun(of_length(cycles), learnt, variance, persistent, members, error, sds)
 
 
@@ -317,7 +311,7 @@ def measured_statistics(
     cycles = np.isfinite(rows).sum(axis=0)
     count = np.maximum(cycles, 1)
     if not len(rows):  # planned
-        count[:] = max(round(float(np.ptp(angle)) / tau), 1)
+        count[:] = max(round(np.ptp(angle) / tau), 1)
     simulated = chaotic.variance
     several = cycles >= MIN_SCATTER_CYCLES
     variance = simulated.copy()

@@ -17,11 +17,8 @@ from jointgap.rig.drives import RunPlan, Values
 from jointgap.rig.simulate_run import Columns, Prepared, prepared, read, simulated_effects
 
 TOLERANCE = 1e-11  # [m] Local error of a step: at 1e-10 some finite differences are half noise
-DIRECTIONS = {
-    1: 12,
-    2: 8,
-    3: 6,
-}  # Tried initial directions of each loose joint, by number of loose joints
+# Tried initial directions of each loose joint, by number of loose joints
+DIRECTIONS = {1: 12, 2: 8, 3: 6}
 MOTIONS_KEPT = 8  # Cached simulations
 LEAD = 1e-3  # [revolutions] Begin of the first window before the record
 
@@ -58,9 +55,8 @@ def _simulated(
     key = b"".join(np.ascontiguousarray(array).tobytes() for array in numbers) + bytes(
         repr(tolerance), "ascii"
     )
-    slow = np.require(
-        states.slow, requirements="W"
-    )  # for read-only arrays all would be compiled again
+    # for read-only arrays all would be compiled again
+    slow = np.require(states.slow, requirements="W")
     motion = _KEPT.pop(key, None)
     if motion is None:
         count_run(np.ptp(rows.angles) / tau)
@@ -83,13 +79,8 @@ class RunInWindows:
         rows: Mapping[str, np.ndarray],
         size: int,
     ):
-        self._campaign, self._plan, self._run, self._rows_of, self.size = (
-            campaign,
-            plan,
-            run,
-            rows,
-            size,
-        )
+        self._campaign, self._plan, self._run = campaign, plan, run
+        self._rows_of, self.size = rows, size
         self.turns = plan.samples.turned / tau
         self.channels = tuple(name for name in plan.channels if name != "crank_angle")
 
@@ -98,7 +89,7 @@ class RunInWindows:
         memory."""
         samples = self._plan.samples
         faults = self._run.faults
-        end = float(samples.elapsed[-1])
+        end = samples.elapsed[-1]
         turn = tau / samples.speed
         count = max(round(end / turn * per_turn), 1)
         edges = np.linspace(0.0, end, count + 1)
@@ -115,7 +106,7 @@ class RunInWindows:
             edges = np.concatenate(
                 [np.linspace(-lead * turn, -LEAD * turn, earlier + 1)[:-1], edges]
             )
-        return edges[: max(int(np.searchsorted(edges, min(turns, 1e9) * turn)), 1) + 1]
+        return edges[: max(np.searchsorted(edges, min(turns, 1e9) * turn), 1) + 1]
 
     def _rows(self, edges: np.ndarray, angles: np.ndarray) -> windows.Rows:
         at = self._run.driven.at(np.maximum(edges, -self._run.driven.begin))
@@ -139,7 +130,7 @@ class RunInWindows:
         """As of `WindowedRun.steady_states`: by the filter without readings."""
         edges = states.edges
         p = self._run.driven.numbers
-        length = float(np.median(np.diff(edges)))
+        length = np.median(np.diff(edges))
         earlier = np.arange(edges[0] - length, -self._run.driven.begin - length, -length)[::-1]
         rows = self._rows(np.concatenate([earlier, edges]), np.empty(0))
         n = earlier.size
@@ -196,6 +187,7 @@ class RunInWindows:
         edges = self._edges(per_turn, turns)
         count = edges.size - 1
         p = self._run.driven.numbers
+        tolerance = self._run.tolerance
         angles, places = np.unique(
             self._run.driven.at(self._plan.samples.elapsed), return_inverse=True
         )
@@ -210,28 +202,13 @@ class RunInWindows:
         starts = guesses
         if count > 2 * per_turn:
             two_turns, _ = windows.filtered(
-                p,
-                rows,
-                2 * per_turn,
-                readings,
-                settings,
-                guesses,
-                False,
-                prior,
-                self._run.tolerance,
+                p, rows, 2 * per_turn, readings, settings, guesses, False, prior, tolerance
             )
             starts = np.vstack([two_turns.slow[[per_turn, 0]], guesses])
             prior = two_turns.slow[per_turn + np.arange(count) % per_turn]
+        is_known = starts is not guesses
         filtered, sums = windows.filtered(
-            p,
-            rows,
-            count,
-            readings,
-            settings,
-            starts,
-            starts is not guesses,
-            prior,
-            self._run.tolerance,
+            p, rows, count, readings, settings, starts, is_known, prior, tolerance
         )
         return StateEstimate(
             windows.WindowStates(edges, filtered.slow, filtered.carried),
@@ -251,29 +228,21 @@ class RunInWindows:
         the samples."""
         n = rows.angles.size
         names = self.channels
-        data = np.zeros((n, len(names)))
-        weight = np.zeros((n, len(names)))
+        data, weight = np.zeros((2, n, len(names)))
         factor = np.ones(len(names))
         shift = np.zeros(len(names))
-        at_rows = rows.sample >= 0
+        row_of_sample = np.argsort(rows.sample, kind="stable")[n - places.max() - 1 :]
         elapsed = self._plan.samples.elapsed
         for c, name in enumerate(names):
             if name not in measured:  # no sample is used
                 continue
-            zero = self._reading(name, 0.0)
-            unit = self._reading(name, 1.0)
-            factor[c] = unit - zero
-            shift[c] = zero
+            shift[c] = self._reading(name, 0.0)
+            factor[c] = self._reading(name, 1.0) - shift[c]
             rows_of_channel = np.flatnonzero(self._rows_of[name])
             is_used = np.isfinite(measured[name]) & (elapsed[rows_of_channel] < end)
-            values = np.zeros(places.max() + 1)
-            weights = np.zeros(places.max() + 1)
-            values[places[rows_of_channel[is_used]]] = measured[name][is_used]
-            weights[places[rows_of_channel[is_used]]] = (
-                1.0 / np.broadcast_to(noise[name], is_used.shape)[is_used]
-            )
-            data[at_rows, c] = values[rows.sample[at_rows]]
-            weight[at_rows, c] = weights[rows.sample[at_rows]]
+            at = row_of_sample[places[rows_of_channel[is_used]]]
+            data[at, c] = measured[name][is_used]
+            weight[at, c] = 1.0 / np.broadcast_to(noise[name], is_used.shape)[is_used]
         columns = np.array([SAMPLE.names.index(name) for name in names])
         return windows.Readings(columns, factor, shift, data, weight)
 
