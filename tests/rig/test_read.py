@@ -131,7 +131,7 @@ def test_signals_counts_and_sample_numbers_become_si(tmp_path):
     np.testing.assert_allclose(np.diff(recording.time), step, rtol=1e-9)
     error = (
         (recording.crank_angle - true["crank_angle"]) * 4000 / math.tau
-    )  # half a turn beside the rounding
+    )  # half a turn, and the rounding
     assert error % 4000 == pytest.approx(
         2000, abs=0.501
     )  # the middle of each step, as a counter truncates

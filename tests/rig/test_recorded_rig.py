@@ -37,7 +37,7 @@ def model_of(folder, own: Rig, seed=0, **over):
 
 
 def off(model, run, **values) -> float:
-    """Root mean square of what a model's slider is away from what was read [m]."""
+    """Root mean square error of a model's slider position [m]."""
     series = next(s for s in model.series if s.run == run)
     return float(
         np.sqrt(np.nanmean((read(model, run=run, **values)["slider_position"] - series.value) ** 2))
@@ -46,7 +46,7 @@ def off(model, run, **values) -> float:
 
 @pytest.mark.parametrize(
     "gaps, bound", [(0, 2e-5), (40, 5e-5)]
-)  # what a smooth angle through 50 samples a second leaves
+)  # error of a smooth angle through 50 samples a second
 def test_the_model_agrees_with_closed_form_kinematics(tmp_path, gaps, bound):
     model = model_of(tmp_path, replace(QUIET, gaps=gaps), nuisance=LAGGING)
     assert np.isnan(model.series[0].value).sum() == gaps
@@ -131,7 +131,7 @@ def test_jitter_of_time_stamps_increases_noise_with_the_rate(stated, white, jitt
     noise, own, rate = scatter(stated, noise=white, jitter=jitter)
     floor = (
         1e-4 * own.crank / math.sqrt(2.0)
-    )  # a ten-thousandth of what the position varies by, a sine or nearly so
+    )  # a ten-thousandth of the variation of the position, nearly a sine
     assert noise.sd == pytest.approx(
         np.hypot(max(white, floor), jitter * rate), rel=0.25, abs=white
     )
@@ -168,7 +168,7 @@ def test_an_unsteady_crank_is_reported_and_a_coarse_encoder_is_not(
     )  # the first order and the second's crests
 
 
-@pytest.mark.slow  # a whole campaign, some 45 s
+@pytest.mark.slow  # a complete campaign, some 45 s
 @pytest.mark.parametrize("name", ["encoder_lag", "encoder_zeros"])
 def test_the_encoder_lag_or_zeros_of_six_runs_are_named(tmp_path, name):
     own = replace(Rig(), lag=0.0 if name == "encoder_zeros" else Rig.lag)
