@@ -62,12 +62,8 @@ def mechanism(
     """The paper's slider-crank with a crank pivot that may be loose too; `contact` holds further
     keys of the contact, `crank` of the crank.
     """
-    steel = {
-        "law": law,
-        "friction": friction,
-        **({} if law == "penalty" else {"restitution": restitution}),
-        **contact,
-    }
+    rebound = {} if law == "penalty" else {"restitution": restitution}
+    steel = {"law": law, "friction": friction} | rebound | contact
     carriers = dict(zip(ALL, ("frame", *journals), strict=True))
     radii = dict(zip(ALL, (0.010, 0.007, 0.007), strict=True))
     own = {
@@ -97,7 +93,7 @@ def integrated(
 
 
 def free_impact(made: Mechanism, mass: float, speed: float) -> tuple[Parameters, np.ndarray]:
-    """Impact and separation (2, 9) of a rod of `mass` [kg] that hits a standing crank head-on at
+    """Impact and separation (2, 9) of a rod of `mass` [kg] that hits a crank at rest head-on at
     `speed` [m/s], its mass centre in the pin.
     """
     rod = {"rod_centre": 0.0, "rod_mass": mass, "rod_inverse_mass": 1 / mass}

@@ -33,12 +33,8 @@ def test_before_the_first_impact_the_rod_flies_freely():
     np.testing.assert_allclose(free.rod_position_y, lift * free.time, atol=1e-15)
     np.testing.assert_allclose(free.rod_angle, rate * free.time, atol=1e-15)
     np.testing.assert_allclose(free.slider_position, CRANK + ROD, atol=1e-15)
-    forces = [
-        f"{pin}_{force}"
-        for pin in PINS
-        for force in ("normal_force", "friction_force", "force_x", "force_y")
-    ]
-    forces += ["guide_force", "guide_moment"]
+    kinds = ("normal_force", "friction_force", "force_x", "force_y")
+    forces = [f"{pin}_{kind}" for pin in PINS for kind in kinds] + ["guide_force", "guide_moment"]
     assert (free[forces] == 0).all(axis=None)
 
 
@@ -95,9 +91,7 @@ def test_with_vanishing_clearance_the_motion_becomes_ideal(loose, offset, worst)
         ([effect("speed_fluctuation", ratio=0.1, order=2, phase_rad=0.5)], {}, {}),
     ],
 )
-def test_a_start_one_turn_later_or_from_an_intermediate_state_gives_the_same_motion(
-    effects, keys, drive, worst
-):
+def test_the_motion_is_the_same_from_another_start(effects, keys, drive, worst):
     made, degrees = mechanism(*effects, **keys), np.arange(0, 45.5, 0.5)
     p, run = integrated(made, degrees, 1e-14, start_angle=0.3, **drive)
     _, later = integrated(made, degrees, 1e-14, start_angle=0.3 + 2 * np.pi, **drive)

@@ -15,9 +15,7 @@ TOLERANCE = 1e-10  # m
 SPEED, SETTLED, PER_TURN, TURNS, SAMPLES = 20.0, 6, 16, 2, 120
 
 
-def test_windows_reproduce_the_trajectory_of_a_loose_crank_pivot(
-    worst,
-):
+def test_windows_reproduce_the_trajectory_of_a_loose_crank_pivot(worst):
     loose = {name: {"loose": name == "crank_pivot"} for name in ALL}
     p = parameters(mechanism(joints=loose).applied(), options(speed=SPEED, tolerance=TOLERANCE))
     edges = math.tau * (SETTLED + np.arange(TURNS * PER_TURN + 1) / PER_TURN)
@@ -36,17 +34,10 @@ def test_windows_reproduce_the_trajectory_of_a_loose_crank_pivot(
             p, rows_of(p, edges, angles), slow, carried, TOLERANCE
         )
         assert done.all()
-        carried = Carried(
-            *(
-                np.concatenate([first[:1], then[:-1]])
-                for first, then in zip(carried, after, strict=True)
-            )
-        )
-    for channel, bound in {
-        "slider_position": 1e-6,
-        "crank_torque": 5e-3,
-        "frame_force_x": 5e-3,
-    }.items():
+        pairs = zip(carried, after, strict=True)
+        carried = Carried(*(np.concatenate([first[:1], then[:-1]]) for first, then in pairs))
+    bounds = {"slider_position": 1e-6, "crank_torque": 5e-3, "frame_force_x": 5e-3}
+    for channel, bound in bounds.items():
         off = np.sqrt(np.mean((found[channel] - true[channel]) ** 2)) / np.std(true[channel])
         worst(f"windows of a crank pivot: {channel}", off, bound)
     jumps = ends[:-1] - slow[1:]

@@ -85,10 +85,7 @@ def test_the_interval_of_the_exponent_covers_the_truth():
         low, high = profile(toy(hidden=drag(2.0, exponent), seed=3)).interval(RISE)
         assert low <= exponent <= high < low + 1.0
     profiles = [profile(toy(hidden=drag(0.1, 3.0), seed=seed)) for seed in range(50)]
-    for rise, lowest, most in (
-        (RISE_90, 37, 50),
-        (RISE, 46, 50),
-    ):  # what all but 0.1 % of 50 draws at these rates do
+    for rise, lowest, most in ((RISE_90, 37, 50), (RISE, 46, 50)):  # 99.9 % range of 50 draws
         ends = [one.interval(rise) for one in profiles]
         assert lowest <= sum(low <= 3.0 <= high for low, high in ends) <= most
 
@@ -112,9 +109,7 @@ def test_with_loose_joints_each_shape_starts_from_the_states_of_the_last():
     "size, is_linear, alone",
     [(1.0, True, True), (0.03, True, True), (0.018, False, True), (0.012, False, False)],
 )
-def test_the_interval_of_a_listed_law_is_linearised_or_profiled_near_another_listed_shape(
-    size, is_linear, alone, monkeypatch
-):
+def test_a_shape_interval_is_linear_or_profiled(size, is_linear, alone, monkeypatch):
     """Both agree. If the interval excludes the other shapes the law is named, else its family."""
     model = toy({"quadratic": {"drag_N_s2_m2": size}}, seed=3, candidates=["quadratic"])
     profiled = []
@@ -210,9 +205,7 @@ def test_equivalent_laws_of_one_family_are_named_as_the_family(monkeypatch):
 # Nothing asked
 
 
-def test_families_are_not_fitted_without_a_named_effect(
-    monkeypatch,
-):
+def test_families_are_not_fitted_without_a_named_effect(monkeypatch):
     stated = []
     monkeypatch.setattr(
         model_selection,

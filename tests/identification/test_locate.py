@@ -176,17 +176,17 @@ def test_the_ljung_box_p_value_is_uniform_for_white_noise_with_gaps(samples, kep
     assert ljung_box(coloured(300, 0.5, np.random.default_rng(0)), np.arange(300)) < 1e-6
 
 
-@pytest.mark.parametrize("memory, turns", [((), 2), ((0.8,), 4)])
+@pytest.mark.parametrize(
+    "memory, turns", [((), 2), pytest.param((0.8,), 4, marks=pytest.mark.integration)]
+)
 def test_p_values_of_noise_are_uniform(memory, turns):
     """Of runs, bins of the crank angle (two tests each, the smaller doubled) and orders."""
     random, angle = np.random.default_rng(turns), 2 * np.pi * np.arange(120 * turns) / 120.0
     problem = problem_of(*((run, angle, angle) for run in ("slow", "mid", "fast")))
     for part in problem.parts:
-        part.noise, part.series.key = (
-            Noise(np.ones(angle.size), memory),
-            (part.series.run, "torque"),
-        )
-    maps = [map_disagreement(problem, random.standard_normal(3 * angle.size)) for _ in range(40)]
+        part.noise = Noise(np.ones(angle.size), memory)
+        part.series.key = (part.series.run, "torque")
+    maps = [map_disagreement(problem, random.standard_normal(3 * angle.size)) for _ in range(25)]
     check_uniform([one.p for one in maps])
     check_uniform(np.concatenate([one.tests["p_chi2"] for one in maps]))
     check_rate(np.concatenate([one.bins["p"] for one in maps]) < 0.05, 0.03, 0.05)

@@ -22,7 +22,7 @@ from jointgap.core.candidates import Series
 
 @dataclass(frozen=True)
 class Rig:
-    """What is true of the rig; lengths [m], times [s]."""
+    """True values of the rig; lengths [m], times [s]."""
 
     crank: float = 0.0506
     rod: float = 0.1492
@@ -98,7 +98,7 @@ NUISANCE = {
 
 
 def write(folder: Path, rig: Rig, over: dict | None = None, seed: int = 0) -> Path:
-    """The campaign file of a rig, its runs beside it; `over` replaces keys of the file."""
+    """The campaign file of a rig and its runs; `over` replaces keys of the file."""
     runs = []
     for run, rpm in enumerate(rig.rpm):
         columns = rig.record(run, seed)

@@ -37,7 +37,7 @@ def model_of(folder, own: Rig, seed=0, **over):
 
 
 def off(model, run, **values) -> float:
-    """Root mean square of what a model's slider is away from what was read [m]."""
+    """Root mean square error of a model's slider position [m]."""
     series = next(s for s in model.series if s.run == run)
     return float(
         np.sqrt(np.nanmean((read(model, run=run, **values)["slider_position"] - series.value) ** 2))
@@ -163,7 +163,7 @@ def test_an_unsteady_crank_is_reported_and_a_coarse_encoder_is_not(tmp_path):
     assert reason == pytest.approx(100 * 0.12 * 1.3, rel=0.25)
 
 
-@pytest.mark.slow  # a whole campaign, some 45 s
+@pytest.mark.slow  # a complete campaign, some 45 s
 @pytest.mark.parametrize("name", ["encoder_lag", "encoder_zeros"])
 def test_the_encoder_lag_or_zeros_of_six_runs_are_named(tmp_path, name):
     own = replace(Rig(), lag=0.0 if name == "encoder_zeros" else Rig.lag)

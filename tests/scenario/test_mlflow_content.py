@@ -121,10 +121,8 @@ def test_a_thinned_curve_has_at_most_300_points(count):
 
 def _by_hand(frame, seed: int, angle: np.ndarray) -> np.ndarray:
     """Layer by layer, as the table's description says: the source -1 is the bias."""
-    rows, signal = (
-        frame[(frame["model"] == "network") & (frame["seed"] == seed)],
-        angle[None] / (2 * np.pi),
-    )
+    rows = frame[(frame["model"] == "network") & (frame["seed"] == seed)]
+    signal = angle[None] / (2 * np.pi)
     for layer in range(3):
         weights = rows[rows["layer"] == layer].pivot(
             index="neuron", columns="source", values="weight"
@@ -135,8 +133,7 @@ def _by_hand(frame, seed: int, angle: np.ndarray) -> np.ndarray:
 
 
 def loaded(folder: Path):
-    """A chain of layers of torch with published weights, loaded without pickle, and what is told of
-    it."""
+    """Layers of torch with published weights, loaded without pickle, and their description."""
     import torch
 
     about = json.loads((folder / "network.json").read_text())
@@ -152,9 +149,7 @@ def loaded(folder: Path):
     return lambda x: chain(torch.from_numpy(x)[:, None]).detach().numpy(), about
 
 
-def test_torch_loads_published_weights_and_their_description_says_how_to_use_them(
-    artifact, finished
-):
+def test_torch_loads_published_weights(artifact, finished):
     angle = np.linspace(0, 2 * np.pi, 9)
     chain, _ = loaded(artifact("surrogate/gamma2", "network"))
     values = 8.0 * chain(angle / (2 * np.pi))[:, 0] - 3.0
@@ -205,13 +200,9 @@ def write(frames, folder):
 
 def test_a_box_without_an_optimum_has_the_reason_and_no_lengths_or_gain(tmp_path):
     status = "no lengths within the bounds keep the pin force below 300 N"
-    point = {
-        "point": ["original", "least_force_paper"],
-        "box": [None, "paper"],
-        "status": [None, status],
-        "source": "simulation",
-        "method": ["original", "least_force"],
-    }
+    point = {"point": ["original", "least_force_paper"], "box": [None, "paper"]}
+    point |= {"method": ["original", "least_force"], "status": [None, status]}
+    point["source"] = "simulation"
     files = write({"optimise_optima": numbers(schema.OPTIMISE_OPTIMA, 2, **point)}, tmp_path)
     (record,) = scenario_records(scenario(), SECTIONS, files, tmp_path)
     assert (record.stage, record.output, record.notes["status"]) == ("optimise", "", status)
@@ -220,23 +211,13 @@ def test_a_box_without_an_optimum_has_the_reason_and_no_lengths_or_gain(tmp_path
 
 def test_without_networks_the_run_of_the_stage_has_the_chosen_lengths(tmp_path):
     point = ["simulation_paper_genetic", "simulation_paper_local"]
-    optima = {
-        "point": point,
-        "source": "simulation",
-        "box": "paper",
-        "method": ["genetic", "local"],
-    }
-    gains = {
-        "point": point * 2,
-        "stretch": ["settled"] * 2 + ["window"] * 2,
-        "measure": "rms",
-        "error": [2.0, 1.0] * 2,
-    }
+    optima = {"point": point, "source": "simulation", "box": "paper"}
+    optima |= {"method": ["genetic", "local"], "crank_length": [0.148, 0.149]}
+    gains = {"point": point * 2, "measure": "rms", "error": [2.0, 1.0] * 2}
+    gains["stretch"] = ["settled"] * 2 + ["window"] * 2
     loads = {"point": point, "joint": "crank_pin", "peak_force": 100.0}
     frames = {
-        "optimise_optima": numbers(
-            schema.OPTIMISE_OPTIMA, 2, crank_length=[0.148, 0.149], **optima
-        ),
+        "optimise_optima": numbers(schema.OPTIMISE_OPTIMA, 2, **optima),
         "optimise_resimulated": numbers(schema.OPTIMISE_RESIMULATED, 4, **gains),
         "optimise_loads": numbers(schema.OPTIMISE_LOADS, 2, **loads),
     }

@@ -16,10 +16,8 @@ JOINTS = {"none": IDEAL, "one": IDEAL | PIVOT, "two": {}, "three": PIVOT}
 
 def planned(tmp_path, *names):
     """Jobs by rule in a dry run of scenarios with these joints."""
-    configuration = yaml.safe_load((ROOT / "config/config.yaml").read_text()) | {
-        "run": list(names),
-        "campaigns": [],
-    }
+    configuration = yaml.safe_load((ROOT / "config/config.yaml").read_text())
+    configuration |= {"run": list(names), "campaigns": []}
     configuration["scenarios"] = {
         name: {"mechanism": {"base": configuration["mechanism"], "joints": JOINTS[name]}}
         for name in names
@@ -34,9 +32,7 @@ def planned(tmp_path, *names):
     }
 
 
-def test_each_output_of_each_loose_joint_has_a_network(
-    tmp_path,
-):
+def test_each_output_of_each_loose_joint_has_a_network(tmp_path):
     alone = planned(tmp_path, "none")
     assert alone["simulate"] == alone["animate"] == 1
     assert set(alone) <= {"simulate", "animate", "everything", "total"}
