@@ -111,8 +111,12 @@ def changes(facts: Iterable[Fact]) -> TableBlock:
     """The facts as a table of values before and after, with their changes."""
     rows = []
     for fact in facts:
+        before, after = fact._format(fact.before), fact._format(fact.value)
         difference = relative = "–"
         if fact.before is not None:
+            decimals = max(len(text.partition(".")[2]) for text in (before, after))
+            if "e" not in before + after:  # the same decimals in both
+                before, after = (f"{value:.{decimals}f}" for value in (fact.before, fact.value))
             difference = f"{fact.value - fact.before:{'+z.3f' if fact.unit == 'mm' else '+z.3g'}}"
         if fact.before and fact.unit not in ("deg", "%"):
             relative = f"{100 * (fact.value / fact.before - 1):+z.2f}"
@@ -120,8 +124,8 @@ def changes(facts: Iterable[Fact]) -> TableBlock:
             {
                 "": fact.words,
                 "unit": fact.unit,
-                "before": fact._format(fact.before),
-                "after": fact._format(fact.value),
+                "before": before,
+                "after": after,
                 "change": difference,
                 "change [%]": relative,
             }
