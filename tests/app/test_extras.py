@@ -13,7 +13,8 @@ class Missing:
         if name.partition(".")[0] in BLOCKED:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
-BLOCKED = "torch pymoo openturns mlflow requests snakemake plotly exudyn pysindy sympy sklearn IPython".split()
+BLOCKED = "torch pymoo openturns mlflow requests snakemake plotly".split()
+BLOCKED += "exudyn pysindy sympy sklearn IPython".split()
 sys.meta_path.insert(0, Missing())
 
 import jointgap
@@ -31,7 +32,7 @@ assert not any(name.partition(".")[0] in BLOCKED for name in sys.modules)
 """
 
 
-def test_without_the_extras_all_can_be_imported_but_training_and_optimising_which_say_what_they_need():
+def test_without_the_extras_only_training_and_optimising_fail():
     done = subprocess.run(
         [sys.executable, "-c", _WITHOUT], cwd=ROOT, capture_output=True, text=True, check=False
     )

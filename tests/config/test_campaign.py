@@ -187,11 +187,11 @@ motor: {stall_torque: 3, no_load_speed: 3} => drive is constant_speed ~ set 'dri
 channels: {crank_torq: {column: q, unit: N*m}} => 'crank_torq' ~ did you mean 'crank_torque'
 channels: null => key 'channels' is missing
 channels: {time: null, crank_angle: null} => neither time nor crank_angle ~ add one
-{channels: {slider_acceleration: null, crank_torque: null}, drive: measured_angle} => no measured quantity to compare
-{channels: {crank_angle: null}, drive: measured_angle} => measured_angle requires ~ crank_angle; add it
+{channels: {slider_acceleration: null, crank_torque: null}, drive: measured_angle} => no measured
+{channels: {crank_angle: null}, drive: measured_angle} => requires ~ crank_angle; add it
 channels: {crank_torque: {unit: N}} => crank_torque.unit = 'N' ~ requires N*m
 channels: {crank_torque: {unit: A}} => crank_torque.unit = 'A' ~ such as scale: 1 N*m/A
-channels: {crank_torque: {unit: A, scale: 0.35 N*m/V}} => crank_torque.scale = '0.35 N*m/V' of a column in A ~ N*m/A
+channels: {crank_torque: {unit: A, scale: 0.35 N*m/V}} => scale = '0.35 N*m/V' of a column ~ N*m/A
 channels: {crank_torque: {counts_per_turn: 9, unit: count}} => counts_per_turn does not apply
 channels: {crank_angle: {counts_per_turn: 4000}} => unit = 'deg' and counts_per_turn ~ remove one
 channels: {crank_angle: {unit: count}} => crank_angle.unit = 'count' ~ counts_per_turn of an angle
@@ -201,13 +201,13 @@ channels: {slider_acceleration: {unit: g}} => slider_acceleration.unit = 'g' ~ d
 channels: {slider_acceleration: {unit: G}} => slider_acceleration.unit = 'G' ~ did you mean 'g_n'?
 channels: {crank_torque: {unit: ft-lb, noise: null}} => crank_torque.unit = 'ft-lb' ~ did you mean
 channels: {crank_angle: {unit: CAD}} => crank_angle.unit = 'CAD' ~ did you mean 'deg'?
-channels: {crank_torque: {unit: A, scale: 0.35 N-m/A}} => crank_torque.scale = '0.35 N-m/A' ~ '0.35 N*m/A'?
+channels: {crank_torque: {unit: A, scale: 0.35 N-m/A}} => scale = '0.35 N-m/A' ~ '0.35 N*m/A'?
 nuisance: {encoder_zero: 0.1 rev} => encoder_zero = '0.1 rev' ~ did you mean '0.1 turn'?
 nuisance: {crank_length: [0.1, "0,2 m"]} => crank_length ~ has a decimal comma; write '0.2 m'
 channels: {crank_speed: {column: w, unit: Hz}} => crank_speed.unit = 'Hz' ~ rpm, turn/s or rad/s
 channels: {crank_angle: {unit: ""}} => crank_angle.unit = '' ~ write one such as s, deg
 channels: {crank_torque: {unit: 1 000 N*m}} => crank_torque.unit = '1 000 N*m' ~ is not a unit
-channels: {crank_torque: {noise: 0.1.5 N*m}} => noise = '0.1.5 N*m' ~ one number, with a decimal point, and one unit
+channels: {crank_torque: {noise: 0.1.5 N*m}} => noise = '0.1.5 N*m' ~ one number
 channels: {crank_torque: {column: acc}} => both read column 'acc' ~ give two columns
 channels: {crank_torque: {noise: 0}} => crank_torque.noise = 0 ~ greater than 0 ~ remove the key
 channels: {crank_torque: {noise: {slo: 1}}} => there is no run 'slo' ~ did you mean 'slow'
@@ -225,8 +225,8 @@ nuisance: {slider_mas: 5%} => nuisance.slider_mas ~ did you mean 'slider_mass'
 nuisance: {slider_mass: 0.05} => slider_mass = 0.05 ~ '5 %' or bounds
 nuisance: {slider_offset: "5"} => slider_offset = '5' ~ '5 %' or an amount such as '1 mm' or bounds
 nuisance: {encoder_zero: -3 deg} => encoder_zero = '-3 deg': must be greater than 0
-nuisance: {encoder_zero: 5 kg} => encoder_zero = '5 kg' ~ requires rad or a unit that converts to it ~ such as '5 deg'
-nuisance: {encoder_zero: 5 dge} => encoder_zero = '5 dge' ~ no unit 'dge'; give an amount such as '5 deg'
+nuisance: {encoder_zero: 5 kg} => encoder_zero = '5 kg' ~ requires rad or ~ such as '5 deg'
+nuisance: {encoder_zero: 5 dge} => encoder_zero = '5 dge' ~ no unit 'dge'; give ~ such as '5 deg'
 nuisance: {slider_mass: "0,5 %"} => has a decimal comma; write '0.5 %'
 nuisance: {slider_mass: 120 %} => less than 100 %
 nuisance: {slider_mass: [0.5, 0.4]} => wrong order ~ lower bound first
@@ -242,7 +242,7 @@ fast: null => none is for validation ~ confirm (or split
 mid: {id: slow} => two have the id 'slow' ~ give each its own
 mid: {file: slow.csv} => 'slow' and 'mid' both read slow.csv ~ role split
 mid: {speed: 400 Hz} => runs.mid.speed = '400 Hz' ~ rpm, turn/s or rad/s
-mid: {speed: -150 rpm} => runs.mid: speed -15.708 rad/s must be greater than 0 ~ 'direction: clockwise'
+mid: {speed: -150 rpm} => speed -15.708 rad/s must be greater than 0 ~ 'direction: clockwise'
 mid: {start: warm} => runs.mid.start ~ 'warm' ~ settled, at_rest ~ {angle: 40 deg
 mid: {start: {}} => runs.mid.start ~ is empty; give angle, turned or ran
 mid: {start: {turned: 6.3, ran: 1 s}} => runs.mid.start ~ turned and ran ~ remove one

@@ -87,7 +87,8 @@ from tests.rig.rigs import campaign, mechanism, recorded
 true = {"stiffness_N_m_rad": 2.0, "rest_angle_rad": 2.5}
 spring = {"name": "crank_return_spring", "parameters": true}
 few = {"channels": ("time", "crank_angle", "crank_torque"), "speeds": (30.0, 31.0)}
-measurements = recorded(campaign(mechanism(effects=[spring]), **few), dropped=0, kept=1, per_turn=24)
+true_campaign = campaign(mechanism(effects=[spring]), **few)
+measurements = recorded(true_campaign, dropped=0, kept=1, per_turn=24)
 model = build_model(campaign(mechanism(), **few), measurements)
 labels = {candidate.label: candidate for candidate in model.candidates}
 candidate = labels["crank_return_spring"]
@@ -98,19 +99,22 @@ def torque(*effects):
 
 base, steps = torque(), [p.step for p in candidate.coordinates]
 names = [p.name for p in candidate.coordinates]
-slopes = [torque((candidate, dict.fromkeys(names, 0.0) | {name: step})) - base for name, step in zip(names, steps)]
+zero = dict.fromkeys(names, 0.0)
+slopes = [torque((candidate, zero | {name: step})) - base for name, step in zip(names, steps)]
 fitted = np.linalg.lstsq(np.column_stack(slopes), series.value - base, rcond=None)[0] * steps
 found = candidate.parameters(dict(zip(names, fitted)))
 assert math.isclose(found["stiffness_N_m_rad"], 2.0, rel_tol=1e-6), found
 assert math.isclose(found["rest_angle_rad"], 2.5, rel_tol=1e-6), found
 mirrored = spring | {"parameters": true | {"rest_angle_rad": -2.5}}
 clockwise = campaign(mechanism(effects=[mirrored]), run={"direction": "clockwise"}, **few)
-for recording in measurements.runs.values():  # the same motion read from behind; angles are mirrored already
+for recording in measurements.runs.values():  # seen from behind; angles are mirrored already
     recording.channels["crank_torque"] *= -1.0
 behind = build_model(clockwise, measurements)
 values = next(one for one in behind.series if one.key == ("slow", "crank_torque")).value
-assert np.allclose(behind.simulate("slow", behind.nominal("slow"))["crank_torque"], values, atol=1e-6)
-assert format_effect({"name": "crank_return_spring", "site": "crank_pivot"}) == "a return spring on the crank"
+read = behind.simulate("slow", behind.nominal("slow"))["crank_torque"]
+assert np.allclose(read, values, atol=1e-6)
+label = format_effect({"name": "crank_return_spring", "site": "crank_pivot"})
+assert label == "a return spring on the crank"
 fault = labels["sensor_asymmetry:crank_torque"]
 wrong = torque((fault, {"gain_error_below_0": 0.1}))
 assert np.allclose(wrong, np.where(base < 0.0, 1.1 * base, base))

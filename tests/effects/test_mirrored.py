@@ -1,4 +1,4 @@
-"""The mirrored mechanism, turning counter-clockwise, moves as the mirror image of a clockwise one."""
+"""The mirrored mechanism turning counter-clockwise moves as the mirror image of a clockwise one."""
 
 import numpy as np
 import pytest

@@ -82,7 +82,7 @@ def test_an_active_limit_is_reported_with_its_value_and_a_fixed_property_is_no_l
     [
         (
             {"stroke": "304 mm", "length_across": "300 mm"},
-            "no lengths satisfy stroke 304 mm .* and length_across 300 mm at most .*; nearest: crank",
+            "satisfy stroke 304 mm .* and length_across 300 mm at most .*; nearest: crank",
         ),
         (
             {"inner_dead_centre_angle": "190 deg"},
