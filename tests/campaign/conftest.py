@@ -19,7 +19,7 @@ TRUTH = 3.0  # N
 
 @dataclass(frozen=True)
 class Chain:
-    """What the stages found."""
+    """Results of the stages."""
 
     model: Model
     noise: dict[tuple[str, str], NoiseEstimate]

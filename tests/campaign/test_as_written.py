@@ -1,4 +1,4 @@
-"""A mechanism with what was found is written as its user writes one."""
+"""A mechanism with the found effects is written in the style of its user."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ def heavier(mass: float) -> Mechanism:
     )
 
 
-def test_what_did_not_change_is_as_the_user_wrote_it_and_what_did_keeps_its_unit():
+def test_unchanged_values_and_units_stay_as_written():
     text = read_yaml(FILE)
     content = written(heavier(0.45294869418420297), text)
     assert content == text | {"slider": {"mass": "0.4529487 kg", "offset": "0 mm"}}
@@ -39,7 +39,7 @@ def test_what_did_not_change_is_as_the_user_wrote_it_and_what_did_keeps_its_unit
     assert found == heavier(0.4529487)
 
 
-def test_an_effect_that_was_found_is_added_beside_those_that_the_user_wrote():
+def test_a_found_effect_is_added_to_those_of_the_user():
     weight = {"name": "gravity", "parameters": {"acceleration_m_s2": "9.81 m/s^2"}}
     friction = {"name": "slider_coulomb_friction", "parameters": {"force_N": 5.934212578413444}}
     text = read_yaml(FILE) | {"effects": [weight]}

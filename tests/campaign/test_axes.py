@@ -1,4 +1,4 @@
-"""A crank that turns clockwise: what a user reads has the axes and signs of the files."""
+"""Results of a clockwise crank have the axes and signs of its files."""
 
 import numpy as np
 import pandas as pd

@@ -1,5 +1,4 @@
-"""An encoder whose zero is far off and an effect beside it: both are named, from closed-form
-data."""
+"""A large encoder offset and an effect are both named, from closed-form data."""
 
 import math
 

@@ -17,7 +17,7 @@ ANGLE = np.linspace(0.0, 6.0 * np.pi, 541)
 
 
 def residuals():
-    """The base lacks a square wave of four standard deviations in the torque."""
+    """A square wave of four standard deviations in the torque is missing from the base."""
     random, parts = np.random.default_rng(1), []
     for run, held_out in RUNS.items():
         for channel in CHANNELS:

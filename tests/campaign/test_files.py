@@ -1,5 +1,4 @@
-"""Campaigns on files: what a configuration asks for, and the demonstrations from their CSV to their
-verdict."""
+"""Campaigns on files, and the demonstrations from their CSV files to their verdicts."""
 
 import json
 from dataclasses import replace
@@ -58,9 +57,7 @@ def stand_in(monkeypatch, function, *stages) -> None:
         )
 
 
-def test_the_files_of_a_campaign_are_its_plan_and_its_data_and_loose_joints_are_worth_a_second_process(
-    tmp_path,
-):
+def test_a_campaign_has_plan_and_data_files_and_two_parts_if_joints_are_loose(tmp_path):
     loose = written(
         tmp_path / "loose.yaml",
         name="loose",
@@ -125,9 +122,7 @@ def test_settings_of_an_analysis_reach_its_stages(tmp_path, monkeypatch):
         analyse(ROOT / DEMONSTRATION, tmp_path, settings=given)
 
 
-def test_a_campaign_whose_files_would_be_written_over_is_refused_and_they_stay(
-    tmp_path, monkeypatch
-):
+def test_input_files_are_never_overwritten(tmp_path, monkeypatch):
     content = (ROOT / "config/mechanisms/ideal_joints.yaml").read_text()
     results = tmp_path / "results/campaigns/demonstration"
     for place in (tmp_path, results):
@@ -191,14 +186,11 @@ def test_the_demonstration_names_what_its_data_hide(tmp_path):
 def test_the_demonstration_of_a_loose_joint_names_it_and_holds_its_clearance(tmp_path):
     found = analyse(ROOT / "config/campaigns/demonstration_clearance.yaml", tmp_path)
     (effect,) = found["effects"]
-    # samples of motion that hardly repeats may be met by chance; the held-out ones then leave a
-    # misfit
+    # a fit to non-periodic samples may be good by chance; the held-out ones then have a misfit
     assert found["verdict"] in ("named", "named_with_remaining_misfit")
-    assert (effect["name"], found["basis"], found["held_out_test"]) == (
-        "crank_pin_clearance",
-        "statistics",
-        "falls",
-    )
+    assert effect["name"] == "crank_pin_clearance"
+    assert found["basis"] == "statistics"
+    assert found["held_out_test"] == "falls"
     low, high = effect["parameters"]["clearance_m"]["interval_90"]
     assert low <= 5e-4 <= high < 1.3 * low
     validate(json.loads((tmp_path / "verdict.json").read_text()), json.loads(SCHEMA.read_text()))
@@ -280,8 +272,7 @@ def test_another_order_of_the_runs_or_another_name_is_no_change(changed):
 
 @pytest.fixture
 def used_before(tmp_path):
-    """A results folder with what an earlier analysis concluded, and with a file of the user's
-    own."""
+    """A results folder with an earlier conclusion and with a file of the user."""
     names = [
         VERDICT,
         MECHANISM,
@@ -298,18 +289,14 @@ def used_before(tmp_path):
     return tmp_path
 
 
-def test_results_of_another_campaign_file_are_kept_and_the_error_says_which_file_they_are_of(
-    tmp_path, monkeypatch
-):
+def test_results_of_another_campaign_file_are_kept(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     first, moved = written(tmp_path / "a/plan.yaml"), tmp_path / "moved/plan.yaml"
     results = Path("results/campaigns/demonstration")
     CliRunner().invoke(cli, ["measure", str(first)], catch_exceptions=False)
     (results / "verdict.json").write_text("of the first file")
-    second, damaged = (
-        written(tmp_path / "b/plan.yaml", date="2026-01-05"),
-        written(tmp_path / "damaged.yaml"),
-    )
+    second = written(tmp_path / "b/plan.yaml", date="2026-01-05")
+    damaged = written(tmp_path / "damaged.yaml")
     damaged.write_text(
         damaged.read_text().replace("unit: ms", "unit: s").replace("t_ms", "no_such_column")
     )
@@ -352,9 +339,7 @@ def test_results_that_moved_with_their_campaign_file_are_still_of_it(tmp_path, m
     asked("measure", tmp_path / "there/plan.yaml", "--folder", tmp_path / "there/results")
 
 
-def test_an_analysis_that_fails_leaves_no_older_conclusion_and_one_that_cannot_begin_all(
-    used_before, monkeypatch
-):
+def test_a_failed_analysis_leaves_no_older_conclusion(used_before, monkeypatch):
     (used_before / "fit").write_text("a file where a folder should be")
     with pytest.raises(InputError, match="cannot be written"):
         analyse(ROOT / DEMONSTRATION, used_before)

@@ -1,4 +1,4 @@
-"""The missing force is what the law of the effect says along the motion."""
+"""The missing force follows the law of the effect along the motion."""
 
 import numpy as np
 
@@ -23,7 +23,7 @@ def test_a_force_follows_its_law_along_each_run():
     assert np.allclose(found["slider_force"], -21.0 * np.tanh(found["slider_velocity"] / 0.01))
 
 
-def test_what_the_base_has_already_is_not_missing_a_torque_stands_beside_and_what_is_no_force_leaves_both_at_zero():
+def test_only_missing_forces_and_torques_are_shown():
     before, after = (effect("slider_viscous_friction", damping_N_s_m=size) for size in (5.0, 8.0))
     found = missing([after], [before])
     assert np.allclose(found["slider_force"], -3.0 * found["slider_velocity"])

@@ -1,4 +1,4 @@
-"""What docs/identification.md shows can be used as it stands."""
+"""docs/identification.md has every figure and verdict."""
 
 from pathlib import Path
 

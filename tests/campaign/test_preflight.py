@@ -1,4 +1,4 @@
-"""What a preflight found, as its tables hold it and as it is printed."""
+"""Tables and printed summary of a preflight."""
 
 import numpy as np
 import pandas as pd
@@ -29,9 +29,7 @@ FOUND = Preflight(
 CAMPAIGN = load_campaign(ROOT / "config/campaigns/demonstration.yaml")
 
 
-def test_sizes_stand_with_their_unit_and_what_could_not_be_simulated_is_not_called_undetectable(
-    tmp_path, monkeypatch
-):
+def test_sizes_have_units_and_failures_are_reported(tmp_path, monkeypatch):
     monkeypatch.setattr(plan, "preflight", lambda *given: FOUND)
     frames = plan.preflight_tables(CAMPAIGN, 0.01)
     for name, table in (("detectable", schema.DETECTABLE), ("confusability", schema.CONFUSABILITY)):

@@ -1,4 +1,4 @@
-"""What MLflow is told of a verdict."""
+"""MLflow metrics of a verdict."""
 
 import json
 
@@ -12,7 +12,7 @@ from jointgap.core.results_folder import ResultsFolder
 from tests.campaign.verdicts import NAMED
 
 
-def told(folder, *effects: tuple, explanation: str) -> dict:
+def effect_metrics(folder, *effects: tuple, explanation: str) -> dict:
     """Metrics of the effects of a campaign whose verdict names these: name, site, parameter,
     value."""
     found = [
@@ -30,10 +30,10 @@ def told(folder, *effects: tuple, explanation: str) -> dict:
         "explanation": explanation
     }
     ResultsFolder(folder).write("ranking", pd.DataFrame([row]))
-    whole, _ = records(folder)
-    for name in whole.metrics:
+    record, _ = records(folder)
+    for name in record.metrics:
         _validate_metric_name(name)
-    return {name: value for name, value in whole.metrics.items() if name.startswith("effect/")}
+    return {name: value for name, value in record.metrics.items() if name.startswith("effect/")}
 
 
 def test_effects_have_metrics_each_with_their_site_where_a_name_has_two(tmp_path):
@@ -41,7 +41,7 @@ def test_effects_have_metrics_each_with_their_site_where_a_name_has_two(tmp_path
         ("pin_friction", "crank_pin", "coefficient", 1.0),
         ("pin_friction", "piston_pin", "coefficient", 2.0),
     ]
-    assert told(
+    assert effect_metrics(
         tmp_path, *pins, explanation="pin_friction:crank_pin + pin_friction:piston_pin"
     ) == {
         "effect/pin_friction_crank_pin_coefficient": 1.0,
@@ -49,7 +49,7 @@ def test_effects_have_metrics_each_with_their_site_where_a_name_has_two(tmp_path
         "effect/pin_friction_piston_pin_coefficient": 2.0,
         "effect/pin_friction_piston_pin_delta_bic": 20.0,
     }
-    spring = told(
+    spring = effect_metrics(
         tmp_path, ("slider_spring", "slider", "stiffness_N_m", 5.0), explanation="slider_spring"
     )
     assert spring["effect/slider_spring_stiffness_N_m"] == 5.0

@@ -1,5 +1,4 @@
-"""The base of the verdict, if it is better than the recalibrated one: every later result refers to
-it."""
+"""Later results refer to the base of the verdict if it is better than the recalibrated one."""
 
 from dataclasses import replace
 

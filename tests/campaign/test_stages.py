@@ -1,5 +1,4 @@
-"""Stages of a campaign on a model in closed form: what they find, and that files hand it on
-unchanged."""
+"""Stages of a campaign on a model in closed form, and their results in files."""
 
 import json
 from dataclasses import replace
@@ -61,14 +60,12 @@ def test_the_hidden_effect_is_named_with_its_size_within_its_interval(chain):
     )
 
 
-def test_the_gap_on_held_out_runs_falls_to_that_of_noise_and_is_that_of_the_residuals(
-    chain, confirmed
-):
+def test_the_held_out_gap_falls_to_noise_level(chain, confirmed):
     gap = gap_of(confirmed.gaps, "confirm")
     assert gap["before"] > 2.0 and gap["after"] == pytest.approx(1.0, abs=0.1)
-    whole = confirmed.gaps[confirmed.gaps["role"] == "confirm"].query("run == 'all'").iloc[0]
-    assert whole["after_low"] < whole["after"] < whole["after_high"]
-    assert whole["closed"] == pytest.approx(1.0, abs=0.05)
+    total = confirmed.gaps[confirmed.gaps["role"] == "confirm"].query("run == 'all'").iloc[0]
+    assert total["after_low"] < total["after"] < total["after_high"]
+    assert total["closed"] == pytest.approx(1.0, abs=0.05)
     squares = confirmed.residuals.assign(square=confirmed.residuals["whitened_augmented"] ** 2)
     own = squares[squares["held_out"]].groupby(["run", "channel"])["square"].mean()
     assert gap["after"] == pytest.approx(np.sqrt(own.mean()))
@@ -90,17 +87,13 @@ def test_without_an_effect_the_gap_stays_and_the_part_that_is_held_out_is_report
     assert held_out(gaps, roles | {"fast": "confirm"})[0]["part"] == "whole"
 
 
-def test_a_held_out_run_that_cannot_be_simulated_with_the_effect_has_no_gap_after_and_the_reason(
-    tmp_path, monkeypatch
-):
-    model, folder = (
-        toy({"coulomb": {"force_N": TRUTH}}, held_out=("mid", "fast")),
-        ResultsFolder(tmp_path),
-    )
+def test_a_failed_held_out_run_has_a_reason_and_no_gap(tmp_path, monkeypatch):
+    model = toy({"coulomb": {"force_N": TRUTH}}, held_out=("mid", "fast"))
+    folder = ResultsFolder(tmp_path)
     noise, simulate = stated_noise(model), type(model).simulate
     problem = Problem(model, noise)
     base, named = fit_hypothesis(problem), fit_hypothesis(problem, (candidate_of("coulomb"),))
-    whole = confirm(model, noise, base, named).gaps
+    complete = confirm(model, noise, base, named).gaps
 
     def breaks(self, run, values, effects=(), numerics=0):
         if run == "fast" and effects:
@@ -113,24 +106,19 @@ def test_a_held_out_run_that_cannot_be_simulated_with_the_effect_has_no_gap_afte
     folder.write("gaps", found.gaps)
     gaps = folder.read("gaps")
     listed = {one["run"]: one for one in held_out(gaps, dict.fromkeys(SPEEDS, "confirm"))}
-    before = gap_of(whole, "confirm", "fast")["before"]
+    before = gap_of(complete, "confirm", "fast")["before"]
     assert listed["fast"]["gap"] == {"before": pytest.approx(before), "after": None}
     assert "does not reach the slide" in listed["fast"]["not_simulated"]
-    assert (
-        listed["mid"]["gap"]["after"] == pytest.approx(1.0, abs=0.1)
-        and "not_simulated" not in listed["mid"]
-    )
-    assert gap_of(gaps, "confirm")["after"] is None and gap_of(gaps, "identify") == gap_of(
-        whole, "identify"
-    )
+    assert listed["mid"]["gap"]["after"] == pytest.approx(1.0, abs=0.1)
+    assert "not_simulated" not in listed["mid"]
+    assert gap_of(gaps, "confirm")["after"] is None
+    assert gap_of(gaps, "identify") == gap_of(complete, "identify")
 
 
 def test_fits_come_back_from_files_with_all_that_intervals_need(chain, tmp_path):
-    folder, chosen, problem = (
-        ResultsFolder(tmp_path),
-        chain.outcome.chosen,
-        chain.recalibrated.problem,
-    )
+    folder = ResultsFolder(tmp_path)
+    chosen = chain.outcome.chosen
+    problem = chain.recalibrated.problem
     folder.write_all(fits_to_frames(chain.fits, range(len(chain.fits))), "fit/0")
     again = fits_from_frames(folder.read_all(FIT_TABLES, "fit/0"), problem)
     found, wanted = (
@@ -154,10 +142,8 @@ def test_fits_come_back_from_files_with_all_that_intervals_need(chain, tmp_path)
 
 
 def test_fits_in_windows_come_back_from_files_with_their_states(tmp_path):
-    problem, folder = (
-        linear(hidden={"spring": {"size": 0.3, "damping": 0.0}}, candidates=(SPRING,)),
-        ResultsFolder(tmp_path),
-    )
+    problem = linear(hidden={"spring": {"size": 0.3, "damping": 0.0}}, candidates=(SPRING,))
+    folder = ResultsFolder(tmp_path)
     fits = fitted(problem, (SPRING,), {"spring.size": 0.28}), fitted(problem)
     folder.write_all(fits_to_frames(fits), "fit/0")
     one, base = fits_from_frames(folder.read_all(FIT_TABLES, "fit/0"), problem)
@@ -184,9 +170,7 @@ def test_noise_comes_back_from_files(chain, tmp_path):
         same(one, chain.noise[key], "spread", "autocorrelation", "remarks")
 
 
-def test_the_stage_recalibrate_writes_the_noise_of_all_runs_with_the_error_of_the_solver(
-    chain, tmp_path, monkeypatch
-):
+def test_recalibrate_adds_solver_error_to_the_noise(chain, tmp_path, monkeypatch):
     simulate = type(chain.model).simulate
 
     def off(self, run, values, effects=(), numerics=0):
@@ -197,10 +181,8 @@ def test_the_stage_recalibrate_writes_the_noise_of_all_runs_with_the_error_of_th
     state = CampaignState(ROOT / "config/campaigns/demonstration.yaml", tmp_path)
     state.model = chain.model
     stages.recalibrate(state, anyway=True)
-    again, noise = (
-        noise_from_frames(state.folder.read_all(NOISE_TABLES)),
-        noise_of_model(chain.model),
-    )
+    again = noise_from_frames(state.folder.read_all(NOISE_TABLES))
+    noise = noise_of_model(chain.model)
     assert again.keys() == {series.key for series in chain.model.series}
     for (run, channel), one in again.items():
         added = 0.5 if channel == "torque" else 0.0
@@ -212,16 +194,12 @@ def test_an_explanation_of_another_model_is_refused(chain):
         hypothesis_of("coulomb + ghost", chain.model.candidates)
 
 
-def test_parts_of_the_fits_together_are_all_of_them_and_one_that_fails_is_a_row_with_its_reason(
-    chain, monkeypatch
-):
-    of, residual = (
-        (chain.recalibrated, chain.screening.sensitivities, chain.screening.limits),
-        Problem.residual,
-    )
-    whole = [one.label for one in hypothesis_fits.fit_singles(*of)[0]]
+def test_parts_contain_all_fits_and_failed_ones_have_a_reason(chain, monkeypatch):
+    of = (chain.recalibrated, chain.screening.sensitivities, chain.screening.limits)
+    residual = Problem.residual
+    labels = [one.label for one in hypothesis_fits.fit_singles(*of)[0]]
     parts = [hypothesis_fits.fit_singles(*of, part, 2)[0] for part in (0, 1)]
-    assert all(parts) and sorted(one.label for part in parts for one in part) == sorted(whole)
+    assert all(parts) and sorted(one.label for part in parts for one in part) == sorted(labels)
 
     def fails(problem, values, hypothesis=(), *others):
         if any(one.label == "viscous" for one in hypothesis):
@@ -235,9 +213,7 @@ def test_parts_of_the_fits_together_are_all_of_them_and_one_that_fails_is_a_row_
     assert (rows["status"] != FAILED).sum() == len(rows) - 1
 
 
-def test_a_verdict_follows_its_schema_and_leaves_no_number_that_json_lacks(
-    chain, confirmed, tmp_path
-):
+def test_a_verdict_follows_its_schema(chain, confirmed, tmp_path):
     with recorded_costs(ResultsFolder(tmp_path), "fit", 1, 2):
         pass
     tables = {name: pd.DataFrame(columns=TABLES[name].names) for name in verdict_json.TABLES}
@@ -267,13 +243,13 @@ def test_look_alikes_survive_as_groups_and_advice_names_what_separates_them():
     advice = pd.DataFrame(
         {"change": ["channel x", "run y"], "separated": ["b | c", "a | c, a | b"]}
     )
-    for explanations, merged, told in (
+    for explanations, merged, advised in (
         ([{"a"}, {"c"}], [["a", "c"]], "A further run y would separate them."),
         ([{"a", "d"}, {"a", "e"}], [["d", "e"]], "No single"),
-        ([{"a"}, {"d"}], [["b", "c"]], "a longer record"),  # the plan could tell them apart
+        ([{"a"}, {"d"}], [["b", "c"]], "a longer record"),  # the plan distinguishes them
         ([{"a"}, {"a", "b"}], [["b", "c"]], "a longer record"),
     ):
-        assert told in plan.separated_by(advice, explanations, merged)
+        assert advised in plan.separated_by(advice, explanations, merged)
 
 
 def test_every_table_of_a_stage_has_a_place_of_its_own():

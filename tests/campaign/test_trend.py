@@ -1,5 +1,4 @@
-"""Clearances by date: the rate of growth and its interval, and which campaigns may stand in one
-trend."""
+"""Clearances by date: the rate of growth with its interval, and campaigns that form a trend."""
 
 import json
 from contextlib import nullcontext
@@ -33,7 +32,7 @@ LABEL = "crank_pin_clearance"
 
 
 def clearance(value, sd=2e-6):
-    """The effect as a verdict names it."""
+    """The effect in a verdict."""
     size = {"clearance_m": estimate_with_interval(value, sd, -np.inf, np.inf)}
     return {"name": LABEL, "site": "crank_pin", "delta_bic": 300.0, "parameters": size}
 
@@ -179,8 +178,8 @@ def test_what_is_not_sure_does_not_count_and_says_why(rig):
     rig.grows(days=DAYS[1:])
     rig.trend()
     assert list(rig.sizes["counts"]) == [False] * 6 + [True] * 3
-    for (_, reason), told in zip(doubtful, rig.sizes["reason"], strict=False):
-        assert reason in told
+    for (_, reason), shown in zip(doubtful, rig.sizes["reason"], strict=False):
+        assert reason in shown
     assert rig.sizes["smallest_detectable"][5] == 7e-5 and np.isnan(rig.sizes["value"][5])
     assert (
         "| 2026-01-01 | rig-5 | – | – | – | – | 70 | not found; the verdict is no disagreement |"
@@ -189,9 +188,7 @@ def test_what_is_not_sure_does_not_count_and_says_why(rig):
     assert (rig.growth["dates"][0], rig.growth["rate"][0]) == (3, pytest.approx(2e-7))
 
 
-def test_certain_sizes_and_fitted_nuisances_count_and_are_followed_into_the_effect_of_their_name(
-    rig,
-):
+def test_certain_sizes_and_fitted_nuisances_count(rig):
     fitted = {LABEL: estimate_with_interval(1e-4, 2e-6, 0.0, 1.0)}
     rig.add(0, unnamed("parameters_only", nuisances=fitted))
     rig.add(31, unnamed("ambiguous", certain=[clearance(1e-4 + 2e-7 * 31)]))
@@ -222,9 +219,7 @@ def test_sizes_weigh_as_their_errors_say_and_more_evenly_where_they_scatter_more
 @pytest.mark.parametrize(
     "dates, scatter, of_a_day", [(3, 0.0, 1), (3, 100.0, 1), (3, 100.0, 2), (6, 100.0, 1)]
 )
-def test_growth_without_growth_is_reported_once_in_a_hundred_and_nine_of_ten_intervals_hold_the_rate(
-    dates, scatter, of_a_day
-):
+def test_false_alarms_and_coverage_of_the_growth_rate(dates, scatter, of_a_day):
     """However much sizes `scatter` from day to day beyond their errors, which are all stated twice
     too large."""
     random, draws = np.random.default_rng(dates), 2000
@@ -259,9 +254,7 @@ def test_campaigns_that_make_no_trend_are_refused_and_nothing_is_written(rig, ch
     assert not (rig.place / "trend").exists() or not any((rig.place / "trend").rglob("*.*"))
 
 
-def test_campaigns_without_a_verdict_or_a_size_or_with_a_changed_file_are_refused_but_a_date_may_be_added(
-    rig,
-):
+def test_campaigns_without_sizes_or_with_changed_files_are_refused(rig):
     folder = rig.add(0, UNNAMED, date=None)
     with pytest.raises(InputError, match=r"rig-0\.yaml: has no `date`"):
         rig.trend()

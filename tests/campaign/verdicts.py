@@ -1,18 +1,16 @@
 """Verdicts of every kind, as ``verdict.json`` has them."""
 
-COULOMB = {
-    "name": "slider_coulomb_friction",
-    "site": "slider",
-    "delta_bic": 812.4,
-    "parameters": {"force_N": {"value": 21.3, "sd": 0.4, "interval_90": [20.6, 22.0]}},
-}
-BIAS = {
-    "name": "sensor_bias",
-    "site": "crank_torque",
-    "delta_bic": 40.0,
-    "parameters": {"bias": {"value": 0.5, "sd": 0.002, "interval_90": [0.497, 0.503]}},
-}
-WEIGHT = {"name": "gravity", "site": "all bodies", "delta_bic": 30.0, "parameters": {}}
+
+def effect(name: str, site: str, delta_bic: float, **parameters: tuple) -> dict:
+    """An effect with value, standard error and 90 % interval of its parameters."""
+    keys = ("value", "sd", "interval_90")
+    stated = {key: dict(zip(keys, numbers, strict=True)) for key, numbers in parameters.items()}
+    return {"name": name, "site": site, "delta_bic": delta_bic, "parameters": stated}
+
+
+COULOMB = effect("slider_coulomb_friction", "slider", 812.4, force_N=(21.3, 0.4, [20.6, 22.0]))
+BIAS = effect("sensor_bias", "crank_torque", 40.0, bias=(0.5, 0.002, [0.497, 0.503]))
+WEIGHT = effect("gravity", "all bodies", 30.0)
 NAMED = {
     "schema_version": 3,
     "campaign": "rig-a",
@@ -38,21 +36,14 @@ NAMED = {
     "false_alarm_rate": 0.01,
 }
 UNNAMED = NAMED | {"effects": [], "where": [], "held_out_test": None}
-MET = UNNAMED | {
-    "gap": {"identify": {"before": 1.01, "after": 1.01}, "confirm": {"before": 1.02, "after": 1.02}}
-}
+SMALL = {"identify": {"before": 1.01, "after": 1.01}, "confirm": {"before": 1.02, "after": 1.02}}
+AT_NOISE = UNNAMED | {"gap": SMALL}
+EQUIVALENT = {"equivalent": [[COULOMB], [BIAS]], "held_out_test": "falls"}
 VERDICTS = {
     "named": NAMED,
     "named_with_remaining_misfit": NAMED | {"verdict": "named_with_remaining_misfit"},
-    "no_disagreement": MET | {"verdict": "no_disagreement"},
-    "parameters_only": MET | {"verdict": "parameters_only"},
-    "ambiguous": (
-        UNNAMED
-        | {
-            "verdict": "ambiguous",
-            "equivalent": [[COULOMB], [BIAS]],
-            "held_out_test": "falls",
-        }
-    ),
+    "no_disagreement": AT_NOISE | {"verdict": "no_disagreement"},
+    "parameters_only": AT_NOISE | {"verdict": "parameters_only"},
+    "ambiguous": UNNAMED | {"verdict": "ambiguous"} | EQUIVALENT,
     "unexplained": UNNAMED | {"verdict": "unexplained"},
 }

@@ -97,7 +97,7 @@ def integrated(
 
 
 def free_impact(made: Mechanism, mass: float, speed: float) -> tuple[Parameters, np.ndarray]:
-    """Impact and separation (2, 9) of a rod of `mass` [kg] that hits a standing crank head-on at
+    """Impact and separation (2, 9) of a rod of `mass` [kg] that hits a crank at rest head-on at
     `speed` [m/s], its mass centre in the pin.
     """
     rod = {"rod_centre": 0.0, "rod_mass": mass, "rod_inverse_mass": 1 / mass}

@@ -84,8 +84,8 @@ def motion(
         if not rough.any():
             break
         divided = []
-        for panel, is_rough in zip(panels, rough, strict=True):
-            edges = np.linspace(panel[2], panel[3], 5 if is_rough else 2)
+        for panel, is_nonsmooth in zip(panels, rough, strict=True):
+            edges = np.linspace(panel[2], panel[3], 5 if is_nonsmooth else 2)
             divided += [(*panel[:2], u0, u1) for u0, u1 in pairwise(edges)]
         panels = divided
     return moved

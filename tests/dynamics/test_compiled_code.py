@@ -17,9 +17,7 @@ HOLD = (
 )
 
 
-def test_old_compiled_code_is_removed_except_recent_folders(
-    tmp_path,
-):
+def test_old_compiled_code_is_removed_except_recent_folders(tmp_path):
     now, day = time.time(), 24 * 3600
     ages = {
         f"{i:016x}": age for i, age in enumerate([60, 3600, *(days * day for days in range(2, 9))])

@@ -91,9 +91,7 @@ def solved(mechanism, loose, t, motor):
 
 
 @pytest.mark.parametrize("loose, effects, crank, drive", MIXES)
-def test_accelerations_and_reactions_solve_the_constrained_equations_of_motion(
-    loose, effects, crank, drive, worst
-):
+def test_the_motion_solves_the_constrained_equations(loose, effects, crank, drive, worst):
     made = mechanism(*effects, loose=loose, offset=0.03, gravity=True, crank=crank)
     t = simulate(made, options(samples_per_revolution=90, tolerance=1e-10, **drive)).samples
     a, forces = solved(made.applied(), loose, t, bool(drive))

@@ -94,9 +94,7 @@ def test_a_rotating_journal_has_ocvirks_load_and_attitude(eccentricity):
 
 
 @pytest.mark.parametrize("eccentricity", (0.0, *ECCENTRICITIES))
-def test_squeezing_in_and_out_sums_to_the_full_film(
-    eccentricity,
-):
+def test_squeezing_in_and_out_sums_to_the_full_film(eccentricity):
     speed, e = 0.02, eccentricity * CLEARANCE
     inwards, outwards = (
         film_force(oiled(), e, 0.0, sign * speed, 0.0, 0.0, 0.0)[0] for sign in (1, -1)
@@ -116,9 +114,8 @@ def test_shear_is_petroffs_couple(eccentricity):
         oiled(), eccentricity * CLEARANCE, 0.0, 0.0, 0.0, 40.0, -40.0
     )
     assert (fx, fy) == (0, 0)
-    assert on_body == pytest.approx(-couple, rel=1e-9) and on_partner == pytest.approx(
-        couple, rel=1e-9
-    )
+    assert on_body == pytest.approx(-couple, rel=1e-9)
+    assert on_partner == pytest.approx(couple, rel=1e-9)
 
 
 @pytest.mark.parametrize("side, widest", [(-1.0, 0.98), (1.0, 1.3)])

@@ -82,9 +82,7 @@ def test_pressure_times_area_is_a_force_and_an_angle_may_be_reversed(table):
     assert away(torque(table(degrees, force[::-1], reversed=True)), by_force) < 1e-9
 
 
-def test_loads_repeat_after_their_period(
-    table,
-):
+def test_loads_repeat_after_their_period(table):
     degrees = np.arange(-180.0, 540.0, 1.0)
     expected = torque(effect("discovered_slider_force", formula=FOUR_STROKE), revolutions=3)
     assert away(torque(table(degrees, four_stroke(degrees)), revolutions=3), expected) < 1e-6
@@ -124,9 +122,7 @@ def test_several_tables_act_together(table):
         listed(slow, odd)
 
 
-def test_pressure_on_the_crank_side_pushes_outwards_and_sensors_have_zero_and_gain(
-    table,
-):
+def test_pressure_on_the_crank_side_pushes_outwards_and_sensors_have_zero_and_gain(table):
     degrees, area = np.arange(0.0, 361.0, 1.0), math.pi * 0.07**2 / 4
     bar = 2.0 + np.sin(np.radians(degrees))
     keys = {"kind": "pressure", "load_unit": "bar", "bore": "70 mm", "ambient_pressure": "1 bar"}

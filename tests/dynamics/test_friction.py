@@ -75,9 +75,8 @@ def test_ambrosio_has_dead_band_ramp_and_plateau():
 def test_bengisu_akay_peaks_at_the_static_coefficient():
     law = "bengisu_akay"
     assert coefficients(law, SPEED) == STATIC
-    assert (np.diff(coefficients(law, 0, SPEED)) > 0).all() and (
-        np.diff(coefficients(law, SPEED, 1)) < 0
-    ).all()
+    assert (np.diff(coefficients(law, 0, SPEED)) > 0).all()
+    assert (np.diff(coefficients(law, SPEED, 1)) < 0).all()
     decayed = coefficients(law, SPEED + 2 * STRIBECK) - MU
     assert decayed == pytest.approx((STATIC - MU) * math.exp(-2), rel=1e-13)
 

@@ -56,9 +56,7 @@ def in_steps(angle):
         ("1e-3 rad noise", lambda angle: angle + NOISE, {}, (1e-3, 1e-2, np.inf)),
     ],
 )
-def test_angle_and_derivatives_are_recovered_within_steps_or_noise(
-    tmp_path, worst, name, angle_of, keys, bounds
-):
+def test_angle_speed_and_acceleration_are_recovered(tmp_path, worst, name, angle_of, keys, bounds):
     samples = simulate(IDEAL, measured(tmp_path, angle_of, **keys)).samples
     fine = np.linspace(0.0, 0.01, 100001)
     exact = known(samples.time.to_numpy() + np.interp(0.5, known(fine)[0], fine))

@@ -81,7 +81,7 @@ STARTS, SAMPLES = 12, 360
 
 
 def settled(**contact) -> np.ndarray:
-    """Slider acceleration and crank torque in a settled revolution, by start angle: (12, 2, 360)."""
+    """Slider acceleration and crank torque of a settled revolution by start angle, (12, 2, 360)."""
     made, found = mechanism(friction=0.15, gravity=True, **contact), []
     chosen = {"speed": 10 * np.pi, "revolutions": 12, "tolerance": 1e-10}
     chosen["samples_per_revolution"] = SAMPLES

@@ -15,9 +15,7 @@ TOLERANCE = 1e-10  # m
 SPEED, SETTLED, PER_TURN, TURNS, SAMPLES = 20.0, 6, 16, 2, 120
 
 
-def test_windows_reproduce_the_trajectory_of_a_loose_crank_pivot(
-    worst,
-):
+def test_windows_reproduce_the_trajectory_of_a_loose_crank_pivot(worst):
     loose = {name: {"loose": name == "crank_pivot"} for name in ALL}
     p = parameters(mechanism(joints=loose).applied(), options(speed=SPEED, tolerance=TOLERANCE))
     edges = math.tau * (SETTLED + np.arange(TURNS * PER_TURN + 1) / PER_TURN)

@@ -48,9 +48,7 @@ def force(model: Emps, **sizes):
     )
 
 
-def test_at_constant_speed_the_drive_balances_the_resistance(
-    ramp,
-):
+def test_at_constant_speed_the_drive_balances_the_resistance(ramp):
 
     cases = [
         ("slider_coulomb_friction", {"force_N": 20.0}, 20.0),

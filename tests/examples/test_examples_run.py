@@ -14,7 +14,7 @@ pytestmark = pytest.mark.integration
 
 @pytest.fixture
 def run(monkeypatch, capsys):
-    """What ``python -m NAME FOLDER`` prints."""
+    """Output of ``python -m NAME FOLDER``."""
 
     def printed(name, folder) -> str:
         monkeypatch.setattr(sys, "argv", [name, str(folder)])

@@ -36,10 +36,9 @@ def outcome(tmp_path, monkeypatch):
 def test_friction_is_named_with_least_squares_intervals(outcome):
     names = outcome(lambda speed: -2.0 * np.sign(speed))
     verdict, gaps = names["verdict"], names["gaps"]
-    assert (verdict.verdict, verdict.chosen.label) == (
-        "named",
-        "slider_coulomb_friction",
-    ), verdict.because
+    assert (verdict.verdict, verdict.chosen.label) == ("named", "slider_coulomb_friction"), (
+        verdict.because
+    )
     row = gaps[(gaps["role"] == "confirm") & (gaps["run"] == "all")].iloc[0]
     assert row["before"] > 5.0 and row["after"] == pytest.approx(1.0, abs=0.1)
     measured = next(series for series in names["model"].series if series.run == "slow")
@@ -60,9 +59,8 @@ def test_friction_is_named_with_least_squares_intervals(outcome):
     doubted = names["final_verdict"](
         names["decision"], names["prediction"], inconsistent_channels=["force"]
     )
-    assert doubted.verdict == "unexplained" and doubted.because.startswith(
-        "force is inconsistent with other channels"
-    )
+    assert doubted.verdict == "unexplained"
+    assert doubted.because.startswith("force is inconsistent with other channels")
     assert names["disagreement"].remark == ""
 
 

@@ -59,17 +59,14 @@ def test_a_fit_to_sums_finds_the_effect_and_counts_its_simulations(problem):
 
 
 @pytest.mark.parametrize("start", [0.2, 0.5, 0.8])
-def test_fits_to_ever_shorter_sums_reach_the_optimum_where_a_sample_fit_does_not(
-    start,
-):
+def test_fits_to_ever_shorter_sums_reach_the_optimum_where_a_sample_fit_does_not(start):
     model = toy(noise=0.05, samples=360, hidden=lambda x, v, angle, time: knocking(1.0, angle))
     problem, at = Problem(model, stated_noise(model)), {"knocking.size": start}
     differences = probed_differences(problem, {p.key: p.nominal for p in problem.nuisances})
     assert fit_hypothesis(problem, (KNOCKING,), at).chi2 > 2.0 * problem.size
     fit = fit_from_sums(problem, fit_hypothesis(first_sums(problem), (KNOCKING,), at), differences)
-    assert fit.chi2 < 1.05 * problem.size and fit.mapping["knocking.size"] == pytest.approx(
-        1.0, abs=0.005
-    )
+    assert fit.chi2 < 1.05 * problem.size
+    assert fit.mapping["knocking.size"] == pytest.approx(1.0, abs=0.005)
 
 
 def test_a_fit_whose_sums_exceed_noise_is_not_continued_on_samples():

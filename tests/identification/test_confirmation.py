@@ -123,13 +123,10 @@ def test_run_parameters_are_refitted_on_the_held_out_run(case):
     assert values["own@held"] == pytest.approx(5.0, abs=1e-3) and values["shared"] == 2.0
 
 
-def test_gap_intervals_contain_the_gap_are_seeded_and_match_the_scatter_of_stretches(
-    case,
-):
+def test_gap_intervals_contain_the_gap_are_seeded_and_match_the_scatter_of_stretches(case):
     gaps = case.found.gaps
-    assert (gaps["before_low"] <= gaps["before"]).all() and (
-        gaps["before"] <= gaps["before_high"]
-    ).all()
+    assert (gaps["before_low"] <= gaps["before"]).all()
+    assert (gaps["before"] <= gaps["before_high"]).all()
     assert (gaps["before_low"] < gaps["before_high"]).all()
     assert gaps[["after_low", "after_high"]].to_numpy() == pytest.approx(
         np.ones((len(gaps), 2)), rel=1e-3
@@ -157,9 +154,7 @@ def test_90_percent_intervals_of_the_gap_of_noise_cover_90_percent():
     check_rate(inside, 0.88, 0.92)
 
 
-def test_the_held_out_gap_rises_without_the_effect_and_stays_with_half_of_it(
-    case,
-):
+def test_the_held_out_gap_rises_without_the_effect_and_stays_with_half_of_it(case):
     tests = [confirmed(held_out(rise), 3.0).test for rise in (3.0, 0.0, 1.5)]
     assert [test.outcome for test in tests] == ["falls", "rises", "stays"]
     # the misfit only changes its sign

@@ -17,9 +17,7 @@ from tests.identification.oscillator import SWING, WOBBLE, linear, noise_of
 from tests.identification.toy import stated_noise, toy
 
 
-def test_a_base_with_remaining_misfit_is_refitted_until_a_minimum_recurs(
-    monkeypatch,
-):
+def test_a_base_with_remaining_misfit_is_refitted_until_a_minimum_recurs(monkeypatch):
     model = toy(hidden=lambda x, v, angle, time: -0.3 * v**3, seed=1)
     problem = Problem(model, stated_noise(model))
     differences = FiniteDifferences(problem)

@@ -73,9 +73,7 @@ SHAPED = effect("drag", Parameter("exponent", 2.0, 1.0, 3.0))  # shapes may end 
         ((SHAPED,), [1.0, 3.0], 1e6, True),
     ],
 )
-def test_an_effect_is_absent_if_its_interval_contains_zero_or_its_size_is_at_a_bound(
-    effects, values, slope, is_present
-):
+def test_an_effect_is_absent_at_zero_or_at_a_bound(effects, values, slope, is_present):
     remark = objection(*effects, values=values, slope=slope)
     assert (remark == "") == is_present
     assert is_present or effects[-1].label in remark
@@ -84,9 +82,7 @@ def test_an_effect_is_absent_if_its_interval_contains_zero_or_its_size_is_at_a_b
 @pytest.mark.parametrize(
     "values, is_present", [([1.0, 1.0], True), ([1.0, 0.0], False), ([0.0, 1.0], False)]
 )
-def test_an_effect_is_absent_if_the_stated_size_is_at_a_bound_because_one_part_is(
-    values, is_present
-):
+def test_an_effect_with_one_part_at_its_bound_is_absent(values, is_present):
     """Example: a spring given as two springs at the outermost rest positions."""
     parts = Parameter("out", 0.0, 0.0, step=0.1), Parameter("in", 0.0, 0.0, step=0.1)
 
@@ -133,9 +129,7 @@ ERRORS = [1.0, 100.0, 4.0]  # a further size counts from two standard errors of 
         ((PIN, MASS), [0.05, 0.1, 0.05], PINS, ["mass is equivalent to slider_mass"], 1e6),
     ],
 )
-def test_an_effect_on_an_uncertain_parameter_must_exceed_the_parameters_range(
-    effects, values, bounds, names, slope
-):
+def test_an_effect_must_exceed_the_range_of_its_parameter(effects, values, bounds, names, slope):
     remark = objection(*effects, values=values, slope=slope, bounds=bounds)
     assert (remark == "") == (not names) and all(name in remark for name in names)
 

@@ -112,9 +112,7 @@ def test_with_loose_joints_each_shape_starts_from_the_states_of_the_last():
     "size, is_linear, alone",
     [(1.0, True, True), (0.03, True, True), (0.018, False, True), (0.012, False, False)],
 )
-def test_the_interval_of_a_listed_law_is_linearised_or_profiled_near_another_listed_shape(
-    size, is_linear, alone, monkeypatch
-):
+def test_a_shape_interval_is_linear_or_profiled(size, is_linear, alone, monkeypatch):
     """Both agree. If the interval excludes the other shapes the law is named, else its family."""
     model = toy({"quadratic": {"drag_N_s2_m2": size}}, seed=3, candidates=["quadratic"])
     profiled = []
@@ -210,9 +208,7 @@ def test_equivalent_laws_of_one_family_are_named_as_the_family(monkeypatch):
 # Nothing asked
 
 
-def test_families_are_not_fitted_without_a_named_effect(
-    monkeypatch,
-):
+def test_families_are_not_fitted_without_a_named_effect(monkeypatch):
     stated = []
     monkeypatch.setattr(
         model_selection,

@@ -270,9 +270,7 @@ def test_angle_differences_are_wrapped_and_rates_are_not():
 # Rivals
 
 
-def test_a_dominated_rival_stops_early_and_equal_ones_continue(
-    hidden,
-):
+def test_a_dominated_rival_stops_early_and_equal_ones_continue(hidden):
     problem, *_ = hidden
     last = problem.settings.windows.jumps[-1]
     best, other = compete([Estimate(problem, (WOBBLE,)), Estimate(problem, (SWING,))])

@@ -176,7 +176,9 @@ def test_the_ljung_box_p_value_is_uniform_for_white_noise_with_gaps(samples, kep
     assert ljung_box(coloured(300, 0.5, np.random.default_rng(0)), np.arange(300)) < 1e-6
 
 
-@pytest.mark.parametrize("memory, turns", [((), 2), ((0.8,), 4)])
+@pytest.mark.parametrize(
+    "memory, turns", [((), 2), pytest.param((0.8,), 4, marks=pytest.mark.integration)]
+)
 def test_p_values_of_noise_are_uniform(memory, turns):
     """Of runs, bins of the crank angle (two tests each, the smaller doubled) and orders."""
     random, angle = np.random.default_rng(turns), 2 * np.pi * np.arange(120 * turns) / 120.0

@@ -161,9 +161,7 @@ def heavier():
     return base, fit_hypothesis(base.problem, pair, differences=base.differences), *found
 
 
-def test_an_effect_that_exceeds_a_nuisance_bound_replaces_each_other_effect(
-    heavier,
-):
+def test_an_effect_that_exceeds_a_nuisance_bound_replaces_each_other_effect(heavier):
     base, pair, sensitivities, limits = heavier
     mass = next(p for p in pair.parameters if p.name == "slider_mass")
     assert pair.mapping["slider_mass"] == mass.high
@@ -311,9 +309,7 @@ LESSER = SWINGING | {"wobble": {"size": 0.02}}
         (LESSER, 4.9, True, "", LESSER),
     ],
 )
-def test_a_likely_clearance_is_fitted_before_pairs(
-    hidden, lowest_deviance, inconsistent, clearances, best
-):
+def test_clearances_come_before_pairs(hidden, lowest_deviance, inconsistent, clearances, best):
     def deviance(effects):
         return lowest_deviance + 10.0 * max(abs(effects["spring"]["size"] - 0.3) - 0.05, 0.0)
 

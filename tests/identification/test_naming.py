@@ -44,28 +44,39 @@ def labels(decision):
 # Named
 
 
-def test_each_effect_is_named():
+HIDDEN = {
+    "coulomb": {"force_N": 0.2},
+    "viscous": {"damping_N_s_m": 0.15},
+    "quadratic": {"drag_N_s2_m2": 0.1},
+    "constant_force": {"force_N": 0.2},
+    "spring": {"stiffness_N_m": 3.0},
+    "added_mass": {"mass_kg": 0.1},
+    "centrifugal": {"mass_kg": 0.02},
+    "harmonic_force": {"cosine_N": 0.15, "sine_N": 0.1, "frequency_Hz": 4.7},
+    "sensor_bias:torque": {"bias": 0.02},
+    # another crank's length would read so, too
+    "sensor_gain:acceleration": {"gain_error": 0.05},
+    "sensor_lag:torque": {"lag_s": 2e-3},
+}
+QUICK = ("quadratic", "added_mass", "harmonic_force", "sensor_lag:torque")
 
-    for label, values in [
-        ("coulomb", {"force_N": 0.2}),
-        ("viscous", {"damping_N_s_m": 0.15}),
-        ("quadratic", {"drag_N_s2_m2": 0.1}),
-        ("constant_force", {"force_N": 0.2}),
-        ("spring", {"stiffness_N_m": 3.0}),
-        ("added_mass", {"mass_kg": 0.1}),
-        ("centrifugal", {"mass_kg": 0.02}),
-        ("harmonic_force", {"cosine_N": 0.15, "sine_N": 0.1, "frequency_Hz": 4.7}),
-        ("sensor_bias:torque", {"bias": 0.02}),
-        # another crank's length would read so, too
-        ("sensor_gain:acceleration", {"gain_error": 0.05}),
-        ("sensor_lag:torque", {"lag_s": 2e-3}),
-    ]:
-        decision, gap = named({label: values}, seed=11)
-        assert gap > 1.05
-        assert (decision.verdict, decision.chosen.label) == ("named", label)
-        if label == "added_mass":  # beyond its range
-            assert decision.chosen.mapping["added_mass.mass_kg"] == pytest.approx(0.1, rel=0.05)
-    # which no slope leads to
+
+def integration_unless(quick, cases):
+    """Parameters of which only the quick ones are in the fast suite."""
+    marks = [pytest.mark.integration]
+    return [case if case in quick else pytest.param(case, marks=marks) for case in cases]
+
+
+@pytest.mark.parametrize("label", integration_unless(QUICK, HIDDEN))
+def test_each_effect_is_named(label):
+    decision, gap = named({label: HIDDEN[label]}, seed=11)
+    assert gap > 1.05
+    assert (decision.verdict, decision.chosen.label) == ("named", label)
+    if label == "added_mass":  # beyond its range
+        assert decision.chosen.mapping["added_mass.mass_kg"] == pytest.approx(0.1, rel=0.05)
+
+
+def test_an_effect_is_named_next_to_a_nonsmooth_candidate():
     decision, _ = named({"coulomb": {"force_N": 0.3}}, more=[RINGING], seed=4)
     assert (decision.verdict, decision.chosen.label) == ("named", "coulomb")
 
@@ -108,15 +119,16 @@ def test_forces_are_named_from_whole_runs_and_a_clearance_from_windows(hidden, c
 # Not named
 
 
-def test_nothing_is_found_in_null_campaigns():
-    assert [named(seed=seed)[0].verdict for seed in range(4)] == ["no_disagreement"] * 4
+@pytest.mark.parametrize("seed", integration_unless([0], range(4)))
+def test_nothing_is_found_in_null_campaigns(seed):
+    assert named(seed=seed)[0].verdict == "no_disagreement"
 
 
-def test_parameters_within_their_ranges_are_no_effect():
-    for seed in range(3):
-        decision, _ = named(nuisances={"slider_mass": 0.515}, seed=seed)
-        assert decision.verdict == "parameters_only"
-        assert decision.chosen.mapping["slider_mass"] == pytest.approx(0.515, abs=0.01)
+@pytest.mark.parametrize("seed", integration_unless([0], range(3)))
+def test_parameters_within_their_ranges_are_no_effect(seed):
+    decision, _ = named(nuisances={"slider_mass": 0.515}, seed=seed)
+    assert decision.verdict == "parameters_only"
+    assert decision.chosen.mapping["slider_mass"] == pytest.approx(0.515, abs=0.01)
 
 
 def test_at_one_speed_a_spring_and_a_centrifugal_force_are_ambiguous():
@@ -128,18 +140,21 @@ def test_at_one_speed_a_spring_and_a_centrifugal_force_are_ambiguous():
     assert {"spring", "centrifugal"} <= {fit.label for fit in decision.equivalent}
 
 
-def test_an_unlisted_effect_is_not_named():
+def cubic(x, v, angle, time):
+    return -0.3 * v**3
 
-    def cubic(x, v, angle, time):
-        return -0.3 * v**3
 
-    def stribeck(x, v, angle, time):
-        return -2.5 * np.tanh(v / 0.01) * np.exp(-((v / 0.5) ** 2))
+def stribeck(x, v, angle, time):
+    return -2.5 * np.tanh(v / 0.01) * np.exp(-((v / 0.5) ** 2))
 
-    for law, seed in [(cubic, 0), (stribeck, 1)]:
-        decision, gap = named(hidden=law, seed=seed)
-        assert gap > 1.5
-        assert decision.verdict == "unexplained" and decision.because
+
+@pytest.mark.parametrize(
+    "law, seed", [(cubic, 0), pytest.param(stribeck, 1, marks=pytest.mark.integration)]
+)
+def test_an_unlisted_effect_is_not_named(law, seed):
+    decision, gap = named(hidden=law, seed=seed)
+    assert gap > 1.5
+    assert decision.verdict == "unexplained" and decision.because
 
 
 def test_thresholds_have_their_rate_and_include_numerical_differences():
@@ -191,9 +206,7 @@ def test_a_fit_from_a_finite_size_starts_at_the_secant_estimate(label, key, gues
         (("a",), {}, (), (-1.0,), "finite bounds"),
     ],
 )
-def test_a_finite_start_or_search_range_needs_a_single_amplitude_within_bounds(
-    amplitudes, start, searched, bounds, message
-):
+def test_a_search_range_needs_one_amplitude(amplitudes, start, searched, bounds, message):
     with pytest.raises(ValueError, match=message):
         searched_effect(amplitudes, start, searched, *bounds)
 

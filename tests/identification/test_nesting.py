@@ -54,9 +54,7 @@ def test_with_absent_effects_a_hypothesis_predicts_the_base(label, amplitude):
 
 
 @pytest.mark.parametrize("other", ["spring", "added_mass"])
-def test_one_effect_of_a_pair_without_the_other_keeps_everything_else(
-    other,
-):
+def test_one_effect_of_a_pair_without_the_other_keeps_everything_else(other):
     problem = problem_of(DRAG | {"constant_force": {"force_N": 0.2}})
     pair = fit_hypothesis(problem, (candidate_of(other), VISCOUS), refresh=True)
     found = without_other_effects(problem, pair, (VISCOUS,))
@@ -95,9 +93,7 @@ def test_a_fit_above_its_part_continues_from_the_part(dragging):
     assert refit_from_part(base.problem, base.differences, refitted, [base.base, part]) is refitted
 
 
-def test_a_searched_effect_starts_where_it_is_absent_only_for_statistics(
-    dragging,
-):
+def test_a_searched_effect_starts_where_it_is_absent_only_for_statistics(dragging):
     """There is no slope from there and simulations take longest. Statistics over cycles are
     smooth."""
     high = stuck(dragging, (RINGING,), {"ringing.size": 0.6})

@@ -81,9 +81,8 @@ def test_harmonic_forces_are_tried_at_residual_frequencies_off_the_crank_orders(
         )
         assert (min(abs(tried - frequency)) < 0.1) == off_order
         assert not off_order or singles(sensitivities)[0].label == "harmonic_force"
-        assert tried.size and not any(
-            map(crank_orders(problem.parts, problem.settings.screening), tried)
-        )
+        assert tried.size
+        assert not any(map(crank_orders(problem.parts, problem.settings.screening), tried))
     model = toy(speeds={"slow": 2 * np.pi * 5.0, "fast": 2 * np.pi * 14.0}, held_out=())
     problem = Problem(model, stated_noise(model))
     order = crank_orders(problem.parts, problem.settings.screening)

@@ -193,7 +193,7 @@ def test_effects_common_to_all_good_explanations_are_certain():
         == ()
         == certain(left(0.06, "coulomb", "offset"), left(0.061, "coulomb", "torque"))
     )
-    # at noise level the BIC decides
+    # at noise level by BIC
     noise = row(NOISE, "coulomb", "offset"), row(NOISE + 1.0, "coulomb", "torque")
     assert certain(*noise, base=GREAT) == ("coulomb",)
     assert certain(*noise, row(NOISE + 13.9, "torque", "offset"), base=GREAT) == ()

@@ -110,9 +110,8 @@ def test_sizes_that_cannot_be_simulated_are_no_starts():
         )
         problem.model.filtered.clear()
         found = likely_clearances(baseline_of(problem))
-        assert {damping for _, damping in tried(problem)} == dampings and bool(found) == bool(
-            dampings
-        )
+        assert {damping for _, damping in tried(problem)} == dampings
+        assert bool(found) == bool(dampings)
     assert search(problem) == [] and problem.model.filtered == []
 
 

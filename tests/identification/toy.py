@@ -8,6 +8,7 @@ the sum F of the effects: force = m a - F, of which the sensors read ``torque`` 
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -133,7 +134,7 @@ class Toy:
     def simulate(
         self, run: str, values: Mapping[str, float], effects: Effects = (), numerics: int = 0
     ) -> Mapping[str, np.ndarray]:
-        """What the sensors read."""
+        """Readings of the sensors."""
         here = next(series for series in self.series if series.run == run)
         angle, r, w = here.angle, values["crank_length"], values["speed"]
         if r <= 0.0:
@@ -142,13 +143,14 @@ class Toy:
         x = r * (np.cos(angle) + ROD_RATIO / 4 * np.cos(2 * angle))
         slope = -r * (np.sin(angle) + ROD_RATIO / 2 * np.sin(2 * angle))
         v, a = slope * w, -r * w**2 * (np.cos(angle) + ROD_RATIO * np.cos(2 * angle))
+        sign = np.tanh(v / (0.02 if numerics > 0 else 0.01))
+        state = SimpleNamespace(x=x, v=v, w=w, time=time, angle=angle, sign=sign)
         mass, force = values["slider_mass"], np.zeros(angle.size)
-        width = 0.02 if numerics > 0 else 0.01  # m/s
         for candidate, at in effects:
             if candidate.name == "added_mass":
                 mass = mass + at["mass_kg"]
             elif not candidate.sensor:
-                force = force + _force(candidate.name, at, x, v, w, time, width, angle)
+                force = force + FORCES[candidate.name](at, state)
         if self.hidden is not None:
             force = force + self.hidden(x, v, angle, time)
         drive = mass * a - force
@@ -159,52 +161,36 @@ class Toy:
         }
         for candidate, at in effects:
             if candidate.sensor and candidate.site in read:
-                read[candidate.site] = _read(candidate.name, at, read[candidate.site], angle, w)
+                read[candidate.site] = READINGS[candidate.name](at, read[candidate.site], state)
         return {series.channel: read[series.channel] for series in self.series if series.run == run}
 
 
-def _force(
-    name: str, at: Mapping[str, float], x, v, w: float, time, width: float, angle
-) -> np.ndarray:
-    match name:
-        case "ringing":
-            return ringing(at["size"], angle)
-        case "knocking":
-            return knocking(at["size"], angle)
-        case "coulomb":
-            return -at["force_N"] * np.tanh(v / width)
-        case "viscous":
-            return -at["damping_N_s_m"] * v
-        case "quadratic":
-            return -at["drag_N_s2_m2"] * v * np.abs(v)
-        case "power_drag":
-            return -at["force_N"] * np.abs(v) ** at["exponent"] * np.tanh(v / width)
-        case "falling_friction":
-            falling = at["falling_share"] * np.exp(-np.abs(v) / FALLING_SPEED)
-            return -at["force_N"] * (1.0 - at["falling_share"] + falling) * np.tanh(v / width)
-        case "constant_force":
-            return np.full(x.shape, at["force_N"])
-        case "spring":
-            return -at["stiffness_N_m"] * x
-        case "centrifugal":
-            return -at["mass_kg"] * w**2 * x
-        case "harmonic_force":
-            phase = 2 * np.pi * at["frequency_Hz"] * time
-            return at["cosine_N"] * np.cos(phase) + at["sine_N"] * np.sin(phase)
-    raise KeyError(name)
+FORCES = {
+    "ringing": lambda at, s: ringing(at["size"], s.angle),
+    "knocking": lambda at, s: knocking(at["size"], s.angle),
+    "coulomb": lambda at, s: -at["force_N"] * s.sign,
+    "viscous": lambda at, s: -at["damping_N_s_m"] * s.v,
+    "quadratic": lambda at, s: -at["drag_N_s2_m2"] * s.v * np.abs(s.v),
+    "power_drag": lambda at, s: -at["force_N"] * np.abs(s.v) ** at["exponent"] * s.sign,
+    "falling_friction": lambda at, s: -at["force_N"] * falling(at["falling_share"], s.v) * s.sign,
+    "constant_force": lambda at, s: np.full(s.x.shape, at["force_N"]),
+    "spring": lambda at, s: -at["stiffness_N_m"] * s.x,
+    "centrifugal": lambda at, s: -at["mass_kg"] * s.w**2 * s.x,
+    "harmonic_force": lambda at, s: (
+        at["cosine_N"] * np.cos(2 * np.pi * at["frequency_Hz"] * s.time)
+        + at["sine_N"] * np.sin(2 * np.pi * at["frequency_Hz"] * s.time)
+    ),
+}
+"""Force [N] on the slide by the coordinates of an effect and the state."""
+READINGS = {
+    "sensor_bias": lambda at, value, s: value + at["bias"],
+    "sensor_gain": lambda at, value, s: value * (1.0 + at["gain_error"]),
+    "sensor_lag": lambda at, value, s: value - at["lag_s"] * s.w * np.gradient(value, s.angle),
+}
 
 
-def _read(
-    name: str, at: Mapping[str, float], value: np.ndarray, angle: np.ndarray, w: float
-) -> np.ndarray:
-    match name:
-        case "sensor_bias":
-            return value + at["bias"]
-        case "sensor_gain":
-            return value * (1.0 + at["gain_error"])
-        case "sensor_lag":
-            return value - at["lag_s"] * w * np.gradient(value, angle)
-    raise KeyError(name)
+def falling(share: float, v: np.ndarray) -> np.ndarray:
+    return 1.0 - share + share * np.exp(-np.abs(v) / FALLING_SPEED)
 
 
 def toy(
@@ -224,14 +210,12 @@ def toy(
     planned: bool = False,
     hidden: Law | None = None,
 ) -> Toy:
-    """A toy and data measured on it, in which `effects` act (by label and coordinate), the
-    `nuisances` named (as slider_mass, speed@slow) are off nominal, and a force `hidden` acts that
-    is on nobody's list.
+    """A toy and data measured on it, with `effects` by label and coordinate.
 
-    `noise` is a share of a channel's own standard deviation and remembers `autocorrelation` of its
-    last sample; it may be `stated`. Each of the `cycles` of a run has so many `samples`. The
-    analyst knows `candidates` by label, all by default. What is `planned` has not been measured
-    yet: all values are NaN.
+    `nuisances` (such as slider_mass or speed@slow) are off nominal; the force `hidden` is not a
+    candidate. `noise` is a share of the standard deviation of a channel, with `autocorrelation`
+    from sample to sample; it may be `stated`. A run has `cycles` of `samples` each. `candidates`
+    are labels, all by default. A `planned` campaign is not measured: all values are NaN.
     """
     mass, length = 0.5, 0.15
     uncertain = [

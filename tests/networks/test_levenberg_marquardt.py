@@ -68,9 +68,7 @@ PRECISE = Settings(iterations=500, minimum_gradient=0.0)
         (decay, 40, 4, [1.0, 0.5, 1.0, 3.0], [2.0, 0.3, 1.5, 4.0], 1e-10),
     ],
 )
-def test_the_exact_solution_of_a_problem_without_residual_is_found(
-    function, points, size, start, truth, within
-):
+def test_an_exact_solution_is_found(function, points, size, start, truth, within):
     model = FunctionModel(function, points, size)
     targets = function(torch.tensor(truth, dtype=torch.float64)).numpy()
     result = minimise(model, targets, np.array(start), PRECISE)

@@ -15,8 +15,8 @@ pytestmark = pytest.mark.slow
 
 def scenario(root, name):
     folder = root / "config"
-    whole = merge(read_yaml(folder / "config.yaml"), read_yaml(folder / "variants.yaml"))
-    return resolve(whole, (root, folder))[name]
+    configuration = merge(read_yaml(folder / "config.yaml"), read_yaml(folder / "variants.yaml"))
+    return resolve(configuration, (root, folder))[name]
 
 
 def motion(pytestconfig, name, samples):

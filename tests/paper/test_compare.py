@@ -47,7 +47,7 @@ def _revolution(**columns):
     return pd.DataFrame({"turned": turned, **values})
 
 
-def test_the_angle_at_which_contact_is_last_lost_decides_on_contact(scenarios):
+def test_contact_is_judged_by_the_angle_of_its_last_loss(scenarios):
     motion = _revolution(
         r2=lambda angle: np.where(angle < np.radians(20.05), 0.5e-3, 1.001e-3),
         r3=lambda angle: np.where(abs(np.degrees(angle) - 100.0) < 0.05, 0.9e-3, 1.001e-3),
@@ -95,9 +95,7 @@ def _errors(training, held_out):
 
 
 @pytest.mark.parametrize("held_out, verdict, reached", [(1e-8, HOLDS, 8), (1e-2, FAILS, 0)])
-def test_held_out_errors_of_the_networks_are_judged_by_the_papers_training_errors(
-    held_out, verdict, reached
-):
+def test_held_out_errors_are_judged_by_the_papers_errors(held_out, verdict, reached):
     row = networks_claim(_errors(1e-8, held_out))
     assert row["verdict"] == verdict and f"{reached} of 8 networks" in row["sentence"]
 
@@ -117,17 +115,15 @@ def test_an_optimiser_has_to_lead_by_more_than_rounding(lead, verdict):
 @pytest.mark.parametrize(
     "low, high, verdict", [(0.01, 0.03, HOLDS), (-0.01, 0.03, UNDECIDED), (-0.03, -0.01, FAILS)]
 )
-def test_a_gain_is_real_where_the_whole_interval_of_perturbed_starts_is_positive(
-    low, high, verdict
-):
+def test_a_gain_is_real_if_its_interval_is_positive(low, high, verdict):
     gain = {"point": "networks_paper_genetic", "measure": "rms", "members": 3, "share_better": 0.5}
     gain |= {"reduction": (low + high) / 2, "reduction_low": low, "reduction_high": high}
     gain |= {"frozen_reduction": 0.03}
     gain |= {"original_error": np.radians(0.05), "error": np.radians(0.049)}
-    worth = {"point": gain["point"], "cycle": "simulated", "stroke_change": -1e-3}
-    worth["smallest_transmission_angle_change"] = np.radians(0.034)
+    gained = {"point": gain["point"], "cycle": "simulated", "stroke_change": -1e-3}
+    gained["smallest_transmission_angle_change"] = np.radians(0.034)
     resimulated = pd.DataFrame([gain | {"stretch": name} for name in ("window", "settled")])
-    for row in gain_claims(resimulated, pd.DataFrame([worth]), "paper"):
+    for row in gain_claims(resimulated, pd.DataFrame([gained]), "paper"):
         assert row["verdict"] == verdict and "0.0500 -> 0.0490 deg" in row["sentence"]
 
 
@@ -147,9 +143,7 @@ def test_variants_of_looseness_differ_in_their_loose_joints_only(scenarios):
         (0.19, 0.30, UNDECIDED, "Undecided: the spreads"),
     ],
 )
-def test_more_loose_joints_are_better_only_if_every_scenario_with_more_gains_more(
-    low, high, verdict, text
-):
+def test_more_loose_joints_must_gain_more_in_each_scenario(low, high, verdict, text):
     columns = ["scenario", "loose_joints", "found_low", "found_high"]
     rows = [("c", 3, low, high), ("a", 1, 0.05, 0.1), ("b", 2, 0.19, 0.2)]
     variants = pd.DataFrame(rows, columns=columns)
@@ -168,9 +162,7 @@ def test_more_loose_joints_are_better_only_if_every_scenario_with_more_gains_mor
         ("motor", "the crank's speed is not constant"),
     ],
 )
-def test_the_page_of_another_mechanism_has_its_differences_and_no_printed_numbers(
-    scenarios, name, difference
-):
+def test_the_page_of_another_mechanism_has_its_differences(scenarios, name, difference):
     scenario = scenarios[name]
     assert any(difference in text for text in departures(scenario.mechanism, scenario.simulate))
     optimum = OPTIMA[0]

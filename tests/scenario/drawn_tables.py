@@ -1,5 +1,7 @@
 """Small tables for the figures to draw: of a coarse simulation, and made up of what takes long."""
 
+from itertools import product
+
 import numpy as np
 import pandas as pd
 
@@ -43,10 +45,8 @@ def fits(samples: pd.DataFrame, learned: tuple[str, ...]) -> dict:
 
     def fit(output: str):
         known = samples[output].notna()
-        angle, value = (
-            samples.loc[known, "crank_angle"].to_numpy(),
-            1.01 * samples.loc[known, output].to_numpy(),
-        )
+        angle = samples.loc[known, "crank_angle"].to_numpy()
+        value = 1.01 * samples.loc[known, output].to_numpy()
         slope = np.gradient(value, angle)
         return lambda x: (np.interp(x, angle, value), np.interp(x, angle, slope))
 
@@ -54,80 +54,63 @@ def fits(samples: pd.DataFrame, learned: tuple[str, ...]) -> dict:
 
 
 def fit_history(learned: tuple[str, ...]) -> pd.DataFrame:
-    """Errors that fall from two starts, outputs below each other."""
+    """Errors that fall from two starts."""
     step = np.arange(401)
-    own = [
-        {"output": output, "seed": seed, "mse": (1.0 + seed) / (1.0 + step) ** 2}
-        for output in learned
-        for seed in (0, 1)
+    starts = [(output, seed) for output in learned for seed in (0, 1)]
+    frames = [
+        pd.DataFrame({"iteration": step, "mse": (1.0 + seed) / (1.0 + step) ** 2}).assign(
+            output=output, seed=seed
+        )
+        for output, seed in starts
     ]
-    frames = [pd.DataFrame(one | {"iteration": step}) for one in own]
     return pd.concat(frames, ignore_index=True).assign(held_out_mse=np.nan, model="network")
 
 
+def constants(table, number: float) -> dict:
+    """A row with this number in all columns of numbers and none in the others."""
+    return {column.name: number if column.kind == "float" else None for column in table.columns}
+
+
 def fit_errors(learned: tuple[str, ...]) -> pd.DataFrame:
-    """Two networks and a regularised one, for both regions; the paper has no error for the crank
+    """Two networks and a regularised one, in both regions; the paper has no error for the crank
     pivot."""
     rows = []
-    numbers = {column.name: 1e-5 for column in schema.FIT_ERRORS.columns if column.kind == "float"}
+    numbers = constants(schema.FIT_ERRORS, 1e-5)
     numbers |= {column.name: 10 for column in schema.FIT_ERRORS.columns if column.kind == "int"}
+    models = (("network", 0), ("network", 1), ("regularised", 0))
     for place, output in enumerate(learned):
-        for region in ("all", "past_60_deg"):
-            for model, seed in (("network", 0), ("network", 1), ("regularised", 0)):
-                errors = {
-                    "training_mse": 1e-8 * (place + 1),
-                    "held_out_mse": 10.0 ** -(5 + seed),
-                }
-                words = {
-                    "output": output,
-                    "unit": "1",
-                    "model": model,
-                    "region": region,
-                    "stop": "done",
-                }
-                paper = {"paper_mse": np.nan if joints.number_of(output) == 1 else 1e-5}
-                rows.append(numbers | errors | words | paper | {"seed": seed})
+        words = {"output": output, "unit": "1", "stop": "done"}
+        words["paper_mse"] = np.nan if joints.number_of(output) == 1 else 1e-5
+        for region, (model, seed) in product(("all", "past_60_deg"), models):
+            errors = {"training_mse": 1e-8 * (place + 1), "held_out_mse": 10.0 ** -(5 + seed)}
+            key = {"model": model, "seed": seed, "region": region}
+            rows.append(numbers | errors | words | key)
     return pd.DataFrame(rows)
 
 
 def optimisation() -> dict[str, pd.DataFrame]:
-    """A straight valley along one ratio, and what optimisers might have done on it."""
+    """A straight line of equal ratio with low objective, and made-up results of optimisers."""
     cranks, rods = np.meshgrid(np.linspace(0.147, 0.153, 9), np.linspace(0.555, 0.564, 7))
-    off_ratio = np.abs(cranks / rods - 0.2655)
-    size = (1e-3 + off_ratio).ravel()
+    size = (1e-3 + np.abs(cranks / rods - 0.2655)).ravel()
     point = {"source": "networks", "box": "paper"}
-    valley = pd.DataFrame(
-        {"crank_length": cranks.ravel(), "rod_length": rods.ravel(), "allowed": True}
-    )
-    valley = valley.assign(**point, rms=size, objective=size**2)
+    grid = pd.DataFrame({"crank_length": cranks.ravel(), "rod_length": rods.ravel()})
+    grid = grid.assign(**point, rms=size, objective=size**2, allowed=True)
     rod = np.linspace(0.555, 0.564, 5)
+    lengths = pd.DataFrame({"crank_length": 0.2655 * rod, "rod_length": rod, "ratio": 0.2655})
+    measures = ("rms", "mean_absolute", "peak", "sum_of_squares")
     floor = pd.concat(
-        pd.DataFrame(
-            point
-            | {
-                "measure": measure,
-                "crank_length": 0.2655 * rod,
-                "rod_length": rod,
-                "ratio": 0.2655,
-                "value": 1e-3,
-            }
-            | {"reduction": factor * (rod - 0.55)}
-        )
-        for factor, measure in enumerate(("rms", "mean_absolute", "peak", "sum_of_squares"), 1)
+        lengths.assign(**point, measure=measure, value=1e-3, reduction=factor * (rod - 0.55))
+        for factor, measure in enumerate(measures, 1)
     )
-    steps = pd.DataFrame(
-        {
-            "crank_length": [0.1485, 0.1497],
-            "rod_length": [0.556, 0.564],
-            "objective": [2.0, 1.0],
-        }
-    )
-    paths = pd.concat(steps.assign(**point, start=start, iteration=[0, 1]) for start in range(6))
+    steps = pd.DataFrame({"crank_length": [0.1485, 0.1497], "rod_length": [0.556, 0.564]})
+    steps = steps.assign(**point, objective=[2.0, 1.0])
+    paths = pd.concat(steps.assign(start=start, iteration=[0, 1]) for start in range(6))
     population = pd.concat(
-        steps.assign(**point, generation=generation, individual=[0, 1], origin="first")
+        steps.assign(generation=generation, individual=[0, 1], origin="first")
         for generation in range(3)
     )
     optima, resimulated = [], []
+    lengths = {"crank_length": 0.1497, "rod_length": 0.563}
     for source in ("networks", "simulation"):
         for name, box, method in (
             ("original", None, "original"),
@@ -135,35 +118,18 @@ def optimisation() -> dict[str, pd.DataFrame]:
             (f"{source}_paper_genetic", "paper", "genetic"),
             (f"{source}_paper_local", "paper", "local"),
         ):
-            numbers = {
-                column.name: 0.1
-                for column in schema.OPTIMISE_OPTIMA.columns
-                if column.kind == "float"
-            }
-            numbers |= {
-                column.name: None
-                for column in schema.OPTIMISE_OPTIMA.columns
-                if column.kind != "float"
-            }
-            lengths = {"crank_length": 0.1497, "rod_length": 0.563}
-            optima.append(
-                numbers | lengths | {"source": source, "point": name, "box": box, "method": method}
-            )
+            key = {"source": source, "point": name, "box": box, "method": method}
+            optima.append(constants(schema.OPTIMISE_OPTIMA, 0.1) | lengths | key)
             if source == "simulation" and box is None:
                 continue  # named once
-            for stretch in ("window", "settled"):
-                for measure in ("rms", "mean_absolute", "peak", "sum_of_squares"):
-                    numbers = {
-                        column.name: 0.05
-                        for column in schema.OPTIMISE_RESIMULATED.columns
-                        if column.kind == "float"
-                    }
-                    spread = {"reduction_low": -0.02, "reduction_high": 0.09}
-                    words = {"point": name, "stretch": stretch, "measure": measure, "members": 3}
-                    resimulated.append(numbers | spread | words | lengths)
+            for stretch, measure in product(("window", "settled"), measures):
+                spread = {"reduction_low": -0.02, "reduction_high": 0.09}
+                words = {"point": name, "stretch": stretch, "measure": measure, "members": 3}
+                numbers = constants(schema.OPTIMISE_RESIMULATED, 0.05)
+                resimulated.append(numbers | spread | words | lengths)
     counts = [column.name for column in schema.OPTIMISE_OPTIMA.columns if column.kind == "int"]
     return {
-        "optimise_valley": valley,
+        "optimise_valley": grid,
         "optimise_floor": floor.reset_index(drop=True),
         "optimise_paths": paths.reset_index(drop=True),
         "optimise_population": population.reset_index(drop=True),
@@ -174,10 +140,8 @@ def optimisation() -> dict[str, pd.DataFrame]:
 
 def tables_of(options: Scenario) -> dict[str, pd.DataFrame]:
     """Every table that a figure needs, by name."""
-    done, learned = (
-        simulate(options.mechanism, options.simulate),
-        joints.outputs(options.mechanism.loose),
-    )
+    done = simulate(options.mechanism, options.simulate)
+    learned = joints.outputs(options.mechanism.loose)
     first = done.samples.iloc[: SAMPLES + 1]
     surrogates = {"networks": fits(first, learned)}
     found = kinematics(options.mechanism, options.simulate, TRAINING, done.samples, surrogates)

@@ -1,4 +1,4 @@
-"""Scenarios published into an MLflow store, and what the store then holds."""
+"""Scenarios published into an MLflow store, and its runs."""
 
 from collections.abc import Mapping
 from pathlib import Path

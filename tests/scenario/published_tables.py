@@ -27,7 +27,7 @@ BOXES = {
 
 
 SECTIONS = {stage.name: stage.sections for stage in SCENARIO_STAGES.values()}
-"""What each stage reads of a scenario."""
+"""Sections of a scenario that each stage reads."""
 
 
 def scenario(**more) -> Scenario:

@@ -116,9 +116,7 @@ def test_the_headline_has_lengths_and_change_of_the_objective():
         ({"outer_dead_centre": "121 mm"}, 0.025),
     ],
 )
-def test_without_boxes_constraints_on_the_stroke_set_the_crank_or_it_keeps_its_length(
-    constraints, crank
-):
+def test_without_boxes_the_stroke_sets_the_crank_length(constraints, crank):
     options = scenario(**KEEPS_CRANK, constraints=constraints).optimise
     (region,) = regions(scenario().mechanism.applied(), options).values()
     projected = region.project([[0.024, 0.09], [0.026, 0.099]])
@@ -179,8 +177,8 @@ def test_where_no_lengths_keep_the_force_limit_the_smallest_force_comes_first():
         assert word not in text
     content = document_of(infeasible)
     assert (content["status"], content["headline"]) == ("infeasible", title)
-    least = {"limit_N": 450.0, "force_N": 500.0, "crank_length_mm": 26.0, "rod_length_mm": 98.7}
-    assert content["smallest_force"] == pytest.approx(least)
+    smallest = {"limit_N": 450.0, "force_N": 500.0, "crank_length_mm": 26.0, "rod_length_mm": 98.7}
+    assert content["smallest_force"] == pytest.approx(smallest)
     assert content["crank_length_mm"] == {"before": 25.0, "after": None}
     assert set(content["reduction_percent"].values()) == {None}
     assert content["largest_force_N"]["crank_pin"]["after_at_deg"] is None
@@ -200,11 +198,11 @@ def test_lengths_with_the_smallest_force_are_no_optimum(force, status, is_conver
     optima.loc[optima["point"] == "least_force_within", "method"] = "least_force"
     frames["optimise_optima"] = optima
     frames["optimise_floor"] = frames["optimise_floor"].iloc[:0]
-    least = choose_lengths(frames, scenario(constraints={"largest_pin_force": "450 N"}))
-    content = document_of(least)
+    infeasible = choose_lengths(frames, scenario(constraints={"largest_pin_force": "450 N"}))
+    content = document_of(infeasible)
     assert (content["status"], content["found_on"]) == (status, None)
-    assert ("did not converge" not in " ".join(remarks(least))) == is_converged
-    text = text_of(least)
+    assert ("did not converge" not in " ".join(remarks(infeasible))) == is_converged
+    text = text_of(infeasible)
     assert "Motion used by the search: simulation" not in text
     assert "No bound is active" not in text
     is_met = "no" if is_converged else "yes"

@@ -74,8 +74,8 @@ def error_of(result, source, quantity, region="first_revolution"):
 
 
 def contradiction_of(result, quantity):
-    contradictions = result["kinematics_contradictions"].set_index(["quantity", "region"])
-    return contradictions.loc[(quantity, "first_revolution")]
+    differences = result["kinematics_contradictions"].set_index(["quantity", "region"])
+    return differences.loc[(quantity, "first_revolution")]
 
 
 def test_perfect_fits_agree_with_the_simulation_and_with_each_other(trajectory):

@@ -121,10 +121,8 @@ def test_a_thinned_curve_has_at_most_300_points(count):
 
 def _by_hand(frame, seed: int, angle: np.ndarray) -> np.ndarray:
     """Layer by layer, as the table's description says: the source -1 is the bias."""
-    rows, signal = (
-        frame[(frame["model"] == "network") & (frame["seed"] == seed)],
-        angle[None] / (2 * np.pi),
-    )
+    rows = frame[(frame["model"] == "network") & (frame["seed"] == seed)]
+    signal = angle[None] / (2 * np.pi)
     for layer in range(3):
         weights = rows[rows["layer"] == layer].pivot(
             index="neuron", columns="source", values="weight"
@@ -135,8 +133,7 @@ def _by_hand(frame, seed: int, angle: np.ndarray) -> np.ndarray:
 
 
 def loaded(folder: Path):
-    """A chain of layers of torch with published weights, loaded without pickle, and what is told of
-    it."""
+    """Layers of torch with published weights, loaded without pickle, and their description."""
     import torch
 
     about = json.loads((folder / "network.json").read_text())
@@ -152,9 +149,7 @@ def loaded(folder: Path):
     return lambda x: chain(torch.from_numpy(x)[:, None]).detach().numpy(), about
 
 
-def test_torch_loads_published_weights_and_their_description_says_how_to_use_them(
-    artifact, finished
-):
+def test_torch_loads_published_weights(artifact, finished):
     angle = np.linspace(0, 2 * np.pi, 9)
     chain, _ = loaded(artifact("surrogate/gamma2", "network"))
     values = 8.0 * chain(angle / (2 * np.pi))[:, 0] - 3.0

@@ -1,5 +1,4 @@
-"""Publishing: nothing twice, what changed is replaced, what was interrupted is made again, one
-error for a store."""
+"""Publishing is idempotent, replaces changed or interrupted runs, and reports invalid stores."""
 
 import os
 import socket
@@ -45,9 +44,7 @@ def number_of_runs(client) -> int:
     return len(client.search_runs(experiments, run_view_type=ViewType.ALL))
 
 
-def test_a_run_says_what_it_is_and_publishing_it_twice_or_beside_another_changes_nothing(
-    published, simulated, client
-):
+def test_publishing_a_run_twice_changes_nothing(published, simulated, client):
     states, _, ids = published(simulated)
     assert states == {"simulate": "written", "figures": "written"}
     run = runs_of(client)["jointgap-simulate/made_up"]
@@ -61,17 +58,13 @@ def test_a_run_says_what_it_is_and_publishing_it_twice_or_beside_another_changes
     assert set(states.values()) == {"written"} and deleted == 0 and len(runs_of(client)) == 4
 
 
-def test_a_changed_option_or_table_or_an_interruption_replaces_the_runs_that_it_concerns(
-    published, simulated, client
-):
+def test_changed_or_interrupted_runs_are_replaced(published, simulated, client):
     _, _, old = published(simulated)
     other = scenario(optimise={"ratio_limit": 0.28})
     states, deleted, new = published(simulated, options=other)
     assert states == {"simulate": "kept", "figures": "written"} and deleted == 1
-    assert (
-        client.get_run(old["figures"]).info.lifecycle_stage == "deleted"
-        and len(runs_of(client)) == 2
-    )
+    assert client.get_run(old["figures"]).info.lifecycle_stage == "deleted"
+    assert len(runs_of(client)) == 2
     again = {"simulate": "written", "figures": "kept"}
     parquet.write(
         schema.TRAJECTORY, numbers(schema.TRAJECTORY, 50, salt=3), simulated["trajectory"]
@@ -87,9 +80,7 @@ def test_a_changed_option_or_table_or_an_interruption_replaces_the_runs_that_it_
     assert len(runs_of(client)) == 2  # the experiment comes back
 
 
-def test_nested_runs_follow_a_new_parent_and_an_output_that_is_no_longer_there_leaves(
-    results, published, client
-):
+def test_nested_runs_follow_their_parent_and_outputs(results, published, client):
     files = synthetic.learned(results / "made_up")
     client.delete_run(published(files)[2]["surrogate"])
     states, _, ids = published(files)
@@ -140,7 +131,7 @@ def test_a_store_that_does_not_answer_is_one_error_without_its_password(tmp_path
     assert not list(tmp_path.iterdir())
 
 
-def test_the_environment_names_the_store_and_publishing_needs_no_network(
+def test_publishing_to_a_file_needs_no_network(
     new_results, results, simulated, monkeypatch, tmp_path
 ):
     def refuse(*given):
@@ -152,6 +143,5 @@ def test_the_environment_names_the_store_and_publishing_needs_no_network(
     monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{os.path.relpath(tmp_path)}/shared.db")
     assert store_address(results) == f"sqlite:///{tmp_path}/shared.db"
     publish(results, simulated)
-    assert (
-        len(runs_of(client_of(results))) == 2 and (tmp_path / "mlflow-artifacts/simulate").is_dir()
-    )
+    assert len(runs_of(client_of(results))) == 2
+    assert (tmp_path / "mlflow-artifacts/simulate").is_dir()

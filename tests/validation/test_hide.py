@@ -281,9 +281,7 @@ def test_an_added_mass_counts_from_the_nominal_mass(ideal):
     )
 
 
-def test_loose_joints_start_anywhere_with_individual_steady_damping(
-    loose,
-):
+def test_loose_joints_start_anywhere_with_individual_steady_damping(loose):
     assert len({run.start_angle for run in loose.runs.values()}) == 3
     assert all(12 <= run.settling <= 16 for run in loose.runs.values())
     values = {joint: loose.values[f"lasting_damping_{joint}"] for joint in loose.nominal.loose}

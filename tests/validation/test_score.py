@@ -468,8 +468,8 @@ def test_data_faults_are_right_if_the_channel_is_reported():
     ]
     assert rows[0]["hidden"] == "sign: crank_torque"
     shares = counted(pd.DataFrame(rows))
-    what = "told which channel, data wired wrongly"
-    assert [shares[what, group] for group in ("all", "sign", "gain")] == [(1, 2), (1, 1), (0, 1)]
+    rate = "told which channel, data wired wrongly"
+    assert [shares[rate, group] for group in ("all", "sign", "gain")] == [(1, 2), (1, 1), (0, 1)]
 
 
 def test_nuisance_coverage_counts_stated_intervals():

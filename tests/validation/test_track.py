@@ -58,9 +58,7 @@ def test_every_rate_is_a_metric_and_time_is_a_cost(folder):
     assert set(record.files) >= files | {"figures/rates.svg", "figures/curves.png"}
 
 
-def test_trials_are_scored_published_collected_and_reported(
-    tmp_path,
-):
+def test_trials_are_scored_published_collected_and_reported(tmp_path):
     table, one, other = tmp_path / "trials.csv", tmp_path / "blind/one", tmp_path / "blind/other"
     for name, folder in (("a", one), ("b", other)):
         scored(

@@ -34,9 +34,7 @@ def planned(tmp_path, *names):
     }
 
 
-def test_each_output_of_each_loose_joint_has_a_network(
-    tmp_path,
-):
+def test_each_output_of_each_loose_joint_has_a_network(tmp_path):
     alone = planned(tmp_path, "none")
     assert alone["simulate"] == alone["animate"] == 1
     assert set(alone) <= {"simulate", "animate", "everything", "total"}

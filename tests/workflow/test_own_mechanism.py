@@ -33,16 +33,13 @@ def make(project, *options, **keys):
     return done.stdout
 
 
-def test_an_own_mechanism_is_optimised_without_networks_unless_requested(
-    fresh_project,
-):
+def test_an_own_mechanism_is_optimised_without_networks_unless_requested(fresh_project):
     make(fresh_project)
     results = fresh_project / "results/mine"
     known = json.loads((results / "summary.json").read_text())
     assert known["headline"].startswith("Crank 25.0 mm")
-    assert (results / "optimise/resimulated.parquet").is_file() and (
-        results / "figures/valley.png"
-    ).is_file()
+    assert (results / "optimise/resimulated.parquet").is_file()
+    assert (results / "figures/valley.png").is_file()
     assert not (results / "surrogate").exists() and not list(results.glob("comparison*"))
     planned = make(fresh_project, "ARGS=--dry-run", networks=True, paper=True)
     counts = dict(re.findall(r"^(\w+) +(\d+)$", planned, re.MULTILINE))

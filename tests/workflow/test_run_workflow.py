@@ -113,9 +113,7 @@ def as_user(
     return subprocess.run(given, cwd=folder, env=own, capture_output=True, text=True, check=False)
 
 
-def test_other_python_packages_are_ignored_and_the_user_name_kept(
-    tmp_path,
-):
+def test_other_python_packages_are_ignored_and_the_user_name_kept(tmp_path):
     known = {"USER": "mine", "LOGNAME": "mine"}
     known |= dict.fromkeys(("PYTHONPATH", "PYTHONHOME"), str(tmp_path))
     done = subprocess.run(
@@ -237,10 +235,8 @@ def test_an_interrupted_run_says_how_to_resume(slow_workflow):
 
 
 @pytest.mark.integration
-def test_a_second_run_waits_or_is_refused(
-    slow_workflow,
-):
-    def goes_on(process):
+def test_a_second_run_waits_or_is_refused(slow_workflow):
+    def completes(process):
         (slow_workflow / "proceed").write_text("\n")
         said = process.communicate(timeout=PATIENCE)[0]
         assert process.returncode == 0, said
@@ -254,18 +250,18 @@ def test_a_second_run_waits_or_is_refused(
         assert refused.returncode == 1 and "error: another run works in this folder" in said
         assert "Traceback" not in said and not (slow_workflow / "noted").exists()
         if first == BY_MAKE:
-            goes_on(working)
+            completes(working)
             (slow_workflow / "noted").unlink()
     waiting = started(slow_workflow, *BY_MAKE)
     assert "waiting for the end of another run" in waiting.stdout.readline()
-    goes_on(working)
+    completes(working)
     begins(slow_workflow)
     os.killpg(waiting.pid, signal.SIGKILL)
     waiting.communicate(timeout=PATIENCE)
     assert (slow_workflow / "noted").read_text() == "ends\n"
     again = started(slow_workflow, *BY_MAKE)
     begins(slow_workflow)
-    assert "waiting" not in goes_on(again) and (slow_workflow / "report.html").exists()
+    assert "waiting" not in completes(again) and (slow_workflow / "report.html").exists()
 
 
 @pytest.mark.integration

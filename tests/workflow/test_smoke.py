@@ -38,14 +38,12 @@ def dry_run(folder, config="config/smoke.yaml", *options: str):
 def test_a_killed_run_resumes_to_the_end(smoke):
     results = smoke.folder / "results"
     assert 0 < smoke.left < len(tables(smoke.folder))
-    assert (results / "smoke/comparison.md").stat().st_size > 0 and (
-        smoke.folder / SMOKE_REPORT
-    ).stat().st_size > 0
+    assert (results / "smoke/comparison.md").stat().st_size > 0
+    assert (smoke.folder / SMOKE_REPORT).stat().st_size > 0
     summary = json.loads((results / "smoke/summary.json").read_text(encoding="utf-8"))
     said = smoke.last.stdout + smoke.last.stderr
-    assert "page of smoke: results/smoke/summary.html" in said and all(
-        remark in said for remark in summary["remarks"]
-    )
+    assert "page of smoke: results/smoke/summary.html" in said
+    assert all(remark in said for remark in summary["remarks"])
     for stage in ("simulate", "surrogate", "kinematics", "optimise"):
         assert list((results / "smoke" / stage).rglob("*.parquet")), stage
 
@@ -60,9 +58,7 @@ def test_a_resumed_run_has_the_bytes_of_an_undisturbed_one(smoke, fresh_project)
     assert len(found) > 4 and {name: wanted[name] for name in found} == found
 
 
-def test_the_report_is_one_small_file_with_all_figures(
-    smoke,
-):
+def test_the_report_is_one_small_file_with_all_figures(smoke):
     report = (smoke.folder / SMOKE_REPORT).read_text(encoding="utf-8")
     assert len(report) < 10e6 and "name='viewport'" in report  # fits a phone
     assert not re.search(r"<(script|link|iframe)\b", report)
