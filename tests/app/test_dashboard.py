@@ -36,13 +36,13 @@ VERDICT = Record(
 
 
 class Serving:
-    """A dashboard in a process of its own, and what it has printed."""
+    """A dashboard in its own process, and its output."""
 
     def __init__(self, results):
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
             command = [sys.executable, "-c", SERVE, str(results), str(probe.getsockname()[1])]
-        # a session of its own: what a terminal interrupts
+        # its own session, which a terminal interrupts
         self.process = subprocess.Popen(
             command, stdout=subprocess.PIPE, text=True, start_new_session=True
         )

@@ -24,11 +24,8 @@ def test_the_costs_of_a_campaign_are_the_sum_over_its_jobs_of_whatever_process(t
                 count_run(12.5)
             sum(range(300_000))
     found = costs(folder)
-    assert {job: (own["runs"], own["revolutions"]) for job, own in found["jobs"].items()} == {
-        "recalibrate": (2, 25.0),
-        "fit-0": (3, 37.5),
-        "fit-1": (0, 0.0),
-    }
+    spent = {job: (cost["runs"], cost["revolutions"]) for job, cost in found["jobs"].items()}
+    assert spent == {"recalibrate": (2, 25.0), "fit-0": (3, 37.5), "fit-1": (0, 0.0)}
     assert (found["total"]["runs"], found["total"]["revolutions"]) == (5, 62.5)
     assert found["total"]["cpu_seconds"] == pytest.approx(
         sum(own["cpu_seconds"] for own in found["jobs"].values())
@@ -47,12 +44,8 @@ def test_every_stage_and_part_records_its_costs(tmp_path):
     for part in (0, 1):
         run_stage(Stage("fit", lambda state, **given: count_run(1.0)), state, part=part, parts=2)
     run_stage(Stage("pair", lambda state, **given: None), state, part=0, parts=1)
-    assert {job: own["runs"] for job, own in costs(state.folder)["jobs"].items()} == {
-        "locate": 1,
-        "fit-0": 1,
-        "fit-1": 1,
-        "pair": 0,
-    }
+    runs = {job: cost["runs"] for job, cost in costs(state.folder)["jobs"].items()}
+    assert runs == {"locate": 1, "fit-0": 1, "fit-1": 1, "pair": 0}
 
 
 def test_a_simulated_run_counts_with_the_revolutions_of_its_record(tmp_path):

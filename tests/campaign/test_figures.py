@@ -57,31 +57,25 @@ def tables():
     gaps = pd.concat([gaps, gaps.head(1).assign(run="all", channel="all")], ignore_index=True)
     for end, factor in {"low": 0.95, "high": 1.06}.items():
         gaps = gaps.assign(**{f"{when}_{end}": factor * gaps[when] for when in ("before", "after")})
-    ranking = pd.DataFrame(
-        [
-            ("slider_coulomb_friction", "single", 6842.0, 0.998, "named"),
-            ("gravity", "single", -8.0, 0.0, ""),
-            ("slider_coulomb_friction + sensor_bias:crank_torque", "pair", 6835.0, 0.999, ""),
-            (
-                "discovered_slider_force[v^3] + discovered_slider_force[1]",
-                "formula",
-                5993.0,
-                0.87,
-                "",
-            ),
-            ("rod_flexibility", "single", np.nan, np.nan, ""),
-        ],
-        columns=["explanation", "kind", "delta_bic", "explained_share", "place"],
-    )
-    detectable = pd.DataFrame(
-        [
-            ("gravity", 0.3, 9.8, False, True, None),
-            ("rod_flexibility", 150.0, 75.0, True, True, None),
-            ("crank_unbalance", np.nan, np.nan, False, False, None),
-            ("gas_pressure", np.nan, np.nan, False, False, "the slider jams"),
-        ],
-        columns=["label", "smallest_detectable", "typical", "falls", "detectable", "failed"],
-    )
+    law = "discovered_slider_force[v^3] + discovered_slider_force[1]"
+    pair = "slider_coulomb_friction + sensor_bias:crank_torque"
+    ranking = [
+        ("slider_coulomb_friction", "single", 6842.0, 0.998, "named"),
+        ("gravity", "single", -8.0, 0.0, ""),
+        (pair, "pair", 6835.0, 0.999, ""),
+        (law, "formula", 5993.0, 0.87, ""),
+        ("rod_flexibility", "single", np.nan, np.nan, ""),
+    ]
+    columns = ["explanation", "kind", "delta_bic", "explained_share", "place"]
+    ranking = pd.DataFrame(ranking, columns=columns)
+    detectable = [
+        ("gravity", 0.3, 9.8, False, True, None),
+        ("rod_flexibility", 150.0, 75.0, True, True, None),
+        ("crank_unbalance", np.nan, np.nan, False, False, None),
+        ("gas_pressure", np.nan, np.nan, False, False, "the slider jams"),
+    ]
+    columns = ["label", "smallest_detectable", "typical", "falls", "detectable", "failed"]
+    detectable = pd.DataFrame(detectable, columns=columns)
     window = {"run": "slow", "channel": "crank_torque", "mean": -4.0}
     return {
         "residuals": residuals(),

@@ -6,6 +6,7 @@ from functools import partial
 from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import patch
 
 import pytest
 import yaml
@@ -38,16 +39,14 @@ def written(file: Path, **keys) -> Path:
     mechanism = str(ROOT / "config/mechanisms/ideal_joints.yaml")
     content |= {"folder": str((ROOT / DEMONSTRATION).parent), "mechanism": mechanism} | keys
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(
-        yaml.safe_dump(
-            {key: value for key, value in content.items() if value is not None}, sort_keys=False
-        )
-    )
+    given = {key: value for key, value in content.items() if value is not None}
+    file.write_text(yaml.safe_dump(given, sort_keys=False))
     return file
 
 
 def asked(*command) -> None:
-    CliRunner().invoke(cli, [str(word) for word in command], catch_exceptions=False)
+    with patch("jointgap.core.plot.Drawing.save"):
+        CliRunner().invoke(cli, [str(word) for word in command], catch_exceptions=False)
 
 
 def stand_in(monkeypatch, function, *stages) -> None:
@@ -58,11 +57,8 @@ def stand_in(monkeypatch, function, *stages) -> None:
 
 
 def test_a_campaign_has_plan_and_data_files_and_two_parts_if_joints_are_loose(tmp_path):
-    loose = written(
-        tmp_path / "loose.yaml",
-        name="loose",
-        mechanism=str(ROOT / "config/mechanisms/erkaya2009.yaml"),
-    )
+    mechanism = str(ROOT / "config/mechanisms/erkaya2009.yaml")
+    loose = written(tmp_path / "loose.yaml", name="loose", mechanism=mechanism)
     found = campaigns([DEMONSTRATION, str(loose)], (ROOT,))
     names = {
         "plan": ["demonstration.yaml", "ideal_joints.yaml"],
@@ -145,11 +141,8 @@ def test_a_preflight_counts_the_samples_and_revolutions_that_there_are(tmp_path)
     runs = yaml.safe_load((ROOT / DEMONSTRATION).read_text())["runs"]
     runs[1]["role"] = "split"
     for name, rows in (("slow", 360), ("mid", 200)):
-        lines = (
-            (ROOT / f"config/campaigns/demonstration/{name}.csv")
-            .read_text()
-            .splitlines()[: rows + 1]
-        )
+        text = (ROOT / f"config/campaigns/demonstration/{name}.csv").read_text()
+        lines = text.splitlines()[: rows + 1]
         (tmp_path / "demonstration").mkdir(exist_ok=True)
         (tmp_path / f"demonstration/{name}.csv").write_text("\n".join(lines))
     campaign = load_campaign(written(tmp_path / "mine.yaml", folder=None, runs=runs))
@@ -273,16 +266,9 @@ def test_another_order_of_the_runs_or_another_name_is_no_change(changed):
 @pytest.fixture
 def used_before(tmp_path):
     """A results folder with an earlier conclusion and with a file of the user."""
-    names = [
-        VERDICT,
-        MECHANISM,
-        *SUMMARIES,
-        "augment/force.parquet",
-        "figures/mine.png",
-        "reoptimise/optimum.parquet",
-    ]
+    names = [VERDICT, MECHANISM, *SUMMARIES, "costs.jsonl", "reoptimise/optimum.parquet"]
+    names += ["augment/force.parquet", "figures/mine.png"]
     names += [f"figures/{name}.png" for name in FIGURES]
-    names.append("costs.jsonl")
     for name in names:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("of another day")
@@ -293,7 +279,7 @@ def test_results_of_another_campaign_file_are_kept(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     first, moved = written(tmp_path / "a/plan.yaml"), tmp_path / "moved/plan.yaml"
     results = Path("results/campaigns/demonstration")
-    CliRunner().invoke(cli, ["measure", str(first)], catch_exceptions=False)
+    asked("measure", first)
     (results / "verdict.json").write_text("of the first file")
     second = written(tmp_path / "b/plan.yaml", date="2026-01-05")
     damaged = written(tmp_path / "damaged.yaml")

@@ -15,15 +15,9 @@ from tests.campaign.verdicts import NAMED
 def effect_metrics(folder, *effects: tuple, explanation: str) -> dict:
     """Metrics of the effects of a campaign whose verdict names these: name, site, parameter,
     value."""
-    found = [
-        {
-            "name": name,
-            "site": site,
-            "delta_bic": 10.0 * value,
-            "parameters": {parameter: {"value": value}},
-        }
-        for name, site, parameter, value in effects
-    ]
+    keys = ("name", "site", "delta_bic", "parameters")
+    rows = [(name, site, 10.0 * x, {key: {"value": x}}) for name, site, key, x in effects]
+    found = [dict(zip(keys, row, strict=True)) for row in rows]
     (folder / VERDICT).write_text(json.dumps(NAMED | {"because": "so it is", "effects": found}))
     fills = {"int": 1, "float": 1.0, "text": "", "category": "", "bool": True}
     row = {column.name: fills[column.kind] for column in schema.RANKING.columns} | {
@@ -37,18 +31,12 @@ def effect_metrics(folder, *effects: tuple, explanation: str) -> dict:
 
 
 def test_effects_have_metrics_each_with_their_site_where_a_name_has_two(tmp_path):
-    pins = [
-        ("pin_friction", "crank_pin", "coefficient", 1.0),
-        ("pin_friction", "piston_pin", "coefficient", 2.0),
-    ]
-    assert effect_metrics(
-        tmp_path, *pins, explanation="pin_friction:crank_pin + pin_friction:piston_pin"
-    ) == {
-        "effect/pin_friction_crank_pin_coefficient": 1.0,
-        "effect/pin_friction_crank_pin_delta_bic": 10.0,
-        "effect/pin_friction_piston_pin_coefficient": 2.0,
-        "effect/pin_friction_piston_pin_delta_bic": 20.0,
-    }
+    pins = {"crank_pin": 1.0, "piston_pin": 2.0}
+    effects = [("pin_friction", pin, "coefficient", size) for pin, size in pins.items()]
+    both = " + ".join(f"pin_friction:{pin}" for pin in pins)
+    expected = {f"effect/pin_friction_{pin}_coefficient": size for pin, size in pins.items()}
+    expected |= {f"effect/pin_friction_{pin}_delta_bic": 10.0 * pins[pin] for pin in pins}
+    assert effect_metrics(tmp_path, *effects, explanation=both) == expected
     spring = effect_metrics(
         tmp_path, ("slider_spring", "slider", "stiffness_N_m", 5.0), explanation="slider_spring"
     )

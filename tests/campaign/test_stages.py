@@ -54,10 +54,8 @@ def test_the_hidden_effect_is_named_with_its_size_within_its_interval(chain):
     force = effect["parameters"]["force_N"]
     assert force["value"] == pytest.approx(TRUTH, abs=4 * force["sd"])
     assert force["interval_90"][0] < force["value"] < force["interval_90"][1]
-    assert (
-        noise_of_model(toy({"coulomb": {"force_N": TRUTH}}, held_out=(), stated=False)).keys()
-        == chain.noise.keys()
-    )
+    unstated = toy({"coulomb": {"force_N": TRUTH}}, held_out=(), stated=False)
+    assert noise_of_model(unstated).keys() == chain.noise.keys()
 
 
 def test_the_held_out_gap_falls_to_noise_level(chain, confirmed):
@@ -217,13 +215,8 @@ def test_a_verdict_follows_its_schema(chain, confirmed, tmp_path):
     with recorded_costs(ResultsFolder(tmp_path), "fit", 1, 2):
         pass
     tables = {name: pd.DataFrame(columns=TABLES[name].names) for name in verdict_json.TABLES}
-    window = {
-        "run": "slow",
-        "channel": "torque",
-        "start_deg": 350.0,
-        "end_deg": 10.0,
-        "p_adjusted": np.float64(1e-9),
-    }
+    window = {"run": "slow", "channel": "torque", "start_deg": 350.0, "end_deg": 10.0}
+    window["p_adjusted"] = np.float64(1e-9)
     tables |= {"gaps": confirmed.gaps, "map_windows": pd.DataFrame([window])}
     tables["confusability"] = pd.DataFrame(
         {"first": ["a", "b"], "second": ["b", "a"], "merged": True}

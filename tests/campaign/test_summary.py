@@ -65,23 +65,14 @@ SEEN = pd.DataFrame(
     columns=["label", "parameter", "smallest_detectable", "unit", "falls", "detectable", "failed"],
 ).assign(assumed="crank_torque in run slow: 0.0042 N*m, 2 % of its variation")
 OPTIMUM = pd.DataFrame({"model": ["base", "augmented"], "source": "network", "failed": None})
-OPTIMUM = OPTIMUM.assign(
-    crank_length=[0.150, 0.1515],
-    rod_length=0.564,
-    reduction=[0.038, 0.05],
-    resimulated=[0.03, np.nan],
-    at_edge=[True, False],
-)
+OPTIMUM = OPTIMUM.assign(crank_length=[0.150, 0.1515], rod_length=0.564, at_edge=[True, False])
+OPTIMUM = OPTIMUM.assign(reduction=[0.038, 0.05], resimulated=[0.03, np.nan])
 ERRORS = pd.DataFrame({"run": "fast", "speed": 41.8879, "channel": ["crank_torque"]}).assign(
     held_out=True, samples=99, unit="N*m", si_per_unit=1.0, noise=0.4, before=0.776, after=0.42
 )
 WINDOWS = pd.DataFrame({"start_deg": 10.0 * np.arange(9), "rms": 1.5 + np.arange(9)})
-WINDOWS = WINDOWS.assign(
-    run="fast",
-    channel="crank_torque",
-    end_deg=WINDOWS["start_deg"] + 10.0,
-    mean=WINDOWS["rms"] - 0.5,
-)
+WINDOWS = WINDOWS.assign(end_deg=WINDOWS["start_deg"] + 10.0, mean=WINDOWS["rms"] - 0.5)
+WINDOWS = WINDOWS.assign(run="fast", channel="crank_torque")
 COEFFICIENT = {"value": 1.25, "sd": 0.1, "interval_90": [1.09, 1.41]}
 FLAT = {"value": 20.9, "sd": None, "interval_90": [None, None], "remark": CHANGES_NOTHING}
 KEPT, HIGH = bounded(0.795, 0.713, kept=True), bounded(0.9, 0.82)

@@ -29,6 +29,7 @@ CURVE = np.array([1.0, -1.0, -1.0, 1.0]) / np.sqrt(2.0)
 """Scatter about a line over these days that changes neither slope nor level, as large as errors of
 1 state."""
 LABEL = "crank_pin_clearance"
+UNDETECTABLE = {"undetectable": [], "merged": []}
 
 
 def clearance(value, sd=2e-6):
@@ -38,10 +39,7 @@ def clearance(value, sd=2e-6):
 
 
 def named(value, sd=2e-6):
-    return NAMED | {
-        "effects": [clearance(value, sd)],
-        "preflight": {"undetectable": [], "merged": []},
-    }
+    return NAMED | {"effects": [clearance(value, sd)], "preflight": UNDETECTABLE}
 
 
 def unnamed(verdict, **more):
@@ -57,31 +55,24 @@ class Rig:
     def add(self, day, verdict, **changed):
         """A campaign so many days after the first of January 2026; `changed` are keys of its
         file."""
-        name = f"rig-{len(self.files)}"
-        runs = [("slow", "200 rpm", "identify"), ("fast", "400 rpm", "confirm")]
+        name, speeds = f"rig-{len(self.files)}", {"slow": "200 rpm", "fast": "400 rpm"}
+        roles = {"slow": "identify", "fast": "confirm"}
+        runs = [{"id": run, "file": f"{name}-{run}.csv", "speed": speeds[run]} for run in roles]
+        torque = {"column": "M", "unit": "N*m"}
         content = {
             "name": name,
             "date": date(2026, 1, 1) + timedelta(days=day),
             "mechanism": str(ROOT / "config/mechanisms/erkaya2009.yaml"),
-            "runs": [
-                {"id": id_, "file": f"{name}-{id_}.csv", "speed": speed, "role": role}
-                for id_, speed, role in runs
-            ],
-            "channels": {
-                "time": {"column": "t", "unit": "s"},
-                "crank_torque": {"column": "M", "unit": "N*m"},
-            },
-        } | changed
-        file = self.place / f"{name}.yaml"
-        file.write_text(
-            yaml.safe_dump({key: value for key, value in content.items() if value is not None})
-        )
-        self.files.append(file)
-        folder = ResultsFolder(self.place / "results" / content["name"])
-        folder.write(CONFIG_SNAPSHOT, config_snapshot(load_campaign(file)))
-        (folder.path / "verdict.json").write_text(
-            json.dumps(verdict | {"campaign": content["name"]})
-        )
+            "runs": [run | {"role": roles[run["id"]]} for run in runs],
+            "channels": {"time": {"column": "t", "unit": "s"}, "crank_torque": torque},
+        }
+        given = {key: value for key, value in (content | changed).items() if value is not None}
+        self.files.append(self.place / f"{name}.yaml")
+        self.files[-1].write_text(yaml.safe_dump(given))
+        name = given["name"]
+        folder = ResultsFolder(self.place / "results" / name)
+        folder.write(CONFIG_SNAPSHOT, config_snapshot(load_campaign(self.files[-1])))
+        (folder.path / "verdict.json").write_text(json.dumps(verdict | {"campaign": name}))
         return folder
 
     def grows(self, rate=2e-7, days=DAYS, sd=2e-6, scatter=0.0):
@@ -93,14 +84,8 @@ class Rig:
     def trend(self, pictures=False):
         """What `jointgap trend` says; its tables are in `sizes` and `growth`."""
         out = ResultsFolder(self.place / "trend")
-        command = [
-            "trend",
-            *map(str, self.files),
-            "--results",
-            str(self.place / "results"),
-            "--folder",
-            str(out.path),
-        ]
+        folders = ["--results", str(self.place / "results"), "--folder", str(out.path)]
+        command = ["trend", *map(str, self.files), *folders]
         with nullcontext() if pictures else patch("jointgap.core.plot.Drawing.save"):
             said = CliRunner().invoke(cli, command, catch_exceptions=False).output
         self.sizes, self.growth = out.read(TREND), out.read(TREND_GROWTH)
@@ -124,10 +109,8 @@ def test_a_clearance_that_grows_is_reported_with_its_rate_per_day_however_campai
     half_width = t.ppf(0.95, 2) * 1e-6 / np.sqrt(np.sum((np.array(DAYS) - 45.0) ** 2))
     assert growth["rate_high"] - growth["rate"] == pytest.approx(half_width)
     assert growth["rate"] - growth["rate_low"] == pytest.approx(half_width)
-    assert (
-        "clearance in the crank pin: grew by 0.200 µm per day (90 % interval 0.156 to 0.244; p ="
-        " 0.0056)" in said
-    )
+    growth = "grew by 0.200 µm per day (90 % interval 0.156 to 0.244; p = 0.0056)"
+    assert f"clearance in the crank pin: {growth}" in said
     assert "Scatter about the line: 1 times the stated errors." in rig.page
     assert list(rig.sizes["days"]) == list(DAYS) and rig.sizes["date"][1] == "2026-02-01"
     assert (rig.place / "trend/figures/trend.png").is_file()
@@ -156,24 +139,15 @@ def test_what_is_not_sure_does_not_count_and_says_why(rig):
     doubtful = [
         (unnamed("ambiguous", equivalent=[[clearance(1e-3)], [COULOMB]]), "not certain"),
         (unnamed("unexplained", best_known={"effects": [clearance(1e-3)]}), "not confirmed"),
-        (
-            UNNAMED | {"preflight": {"undetectable": [LABEL], "merged": []}},
-            "not detectable with these runs",
-        ),
+        (UNNAMED | {"preflight": UNDETECTABLE | {"undetectable": [LABEL]}}, "not detectable with"),
         (NAMED | {"effects": [clearance(1e-3, 0.0)]}, "not estimated"),
         (unnamed("unexplained", nuisances={LABEL: size}), "without the missing effect"),
     ]
     for verdict, _ in doubtful:
         rig.add(0, verdict)
-    nothing = rig.add(0, unnamed("no_disagreement", preflight={"undetectable": [], "merged": []}))
-    row = {
-        "label": LABEL,
-        "parameter": "clearance_m",
-        "smallest_detectable": 7e-5,
-        "unit": "m",
-        "typical": 1e-5,
-    }
-    row |= {"falls": False, "detectable": True, "failed": None, "assumed": ""}
+    nothing = rig.add(0, unnamed("no_disagreement", preflight=UNDETECTABLE))
+    row = {"label": LABEL, "parameter": "clearance_m", "smallest_detectable": 7e-5, "unit": "m"}
+    row |= {"typical": 1e-5, "falls": False, "detectable": True, "failed": None, "assumed": ""}
     nothing.write(DETECTABLE, pd.DataFrame([row]))
     rig.grows(days=DAYS[1:])
     rig.trend()
@@ -181,10 +155,8 @@ def test_what_is_not_sure_does_not_count_and_says_why(rig):
     for (_, reason), shown in zip(doubtful, rig.sizes["reason"], strict=False):
         assert reason in shown
     assert rig.sizes["smallest_detectable"][5] == 7e-5 and np.isnan(rig.sizes["value"][5])
-    assert (
-        "| 2026-01-01 | rig-5 | – | – | – | – | 70 | not found; the verdict is no disagreement |"
-        in rig.page
-    )
+    not_found = "| – | – | – | – | 70 | not found; the verdict is no disagreement |"
+    assert f"| 2026-01-01 | rig-5 {not_found}" in rig.page
     assert (rig.growth["dates"][0], rig.growth["rate"][0]) == (3, pytest.approx(2e-7))
 
 

@@ -72,13 +72,8 @@ LIMITS = Thresholds(rate=0.01, omnibus=1.05, max_gain_threshold=12.0)
 
 def gaps(after=(1.0, 1.05), fall=(60.0, 64.0)):
     """Table of gaps of both roles, all channels and runs together."""
-    falls = {
-        "fall_low": fall[0],
-        "fall_high": fall[1],
-        "fall_expected": 62.0,
-        "run": "all",
-        "channel": "all",
-    }
+    falls = {"fall_low": fall[0], "fall_high": fall[1], "fall_expected": 62.0}
+    falls |= {"run": "all", "channel": "all"}
     rows = [("identify", 9.0, after[0], after[0]), ("confirm", 8.0, after[1], after[1])]
     return pd.DataFrame(rows, columns=["role", "before", "after", "after_low"]).assign(**falls)
 
@@ -181,12 +176,8 @@ def test_an_effect_stands_with_its_site_its_gain_over_the_base_and_its_estimates
     (stated,) = document(outcome_of(fitted([FRICTION], [1.5, 20.0])))["effects"]
     gain = pytest.approx(900.0 - 64.0 - LN)  # one parameter more, worth ln n
     parameters = {"force_N": normal(20.0, 0.2)}
-    assert stated == {
-        "name": "friction",
-        "site": "slider",
-        "delta_bic": gain,
-        "parameters": parameters,
-    }
+    key = {"name": "friction", "site": "slider", "delta_bic": gain}
+    assert stated == key | {"parameters": parameters}
 
 
 @pytest.mark.parametrize("bic, gain", [(30.0, 30.0), (np.nan, None)])
@@ -211,19 +202,14 @@ def test_equivalent_explanations_have_their_gains():
 def test_terms_of_a_law_are_one_effect_with_a_formula_beside_the_other_effects():
     chosen = fitted([CUBE, FRICTION, WAVE], [1.5, -2.5, 20.0, 4.0])
     friction, law = verdict_json.effects_of(chosen, {"base": 900.0, "friction": chosen.bic + 55.0})
-    assert (friction["name"], friction["delta_bic"]) == (
-        "friction",
-        None,
-    )  # the law alone is not known
+    # the fit of the law alone is unknown
+    assert (friction["name"], friction["delta_bic"]) == ("friction", None)
     assert law["name"] == "discovered_slider_force"
     assert law["site"] == "slider"
     assert law["delta_bic"] == pytest.approx(55.0)
     formula = {"value": "c1*v^3 + c2*sin(theta)"}
-    assert law["parameters"] == {
-        "formula": formula,
-        "c1": normal(-2.5, 0.2),
-        "c2": normal(4.0, 0.4),
-    }
+    sizes = {"c1": normal(-2.5, 0.2), "c2": normal(4.0, 0.4)}
+    assert law["parameters"] == {"formula": formula} | sizes
     law = verdict_json.effects_of(fitted([CUBE], [1.5, -49.9]), {})[
         0
     ]  # the interval ends at the bound
@@ -275,16 +261,19 @@ def test_other_files_are_not_read_as_a_verdict(tmp_path, text, message):
 
 
 def test_what_is_certain_has_the_values_of_the_best_explanation():
-    rivals = [
-        fitted([FRICTION, SPRING], [1.5, 20.0, 7.0], 70.0),
-        fitted([WAVE, FRICTION], [1.5, 4.0, 21.0], 72.0),
-    ]
+    first = fitted([FRICTION, SPRING], [1.5, 20.0, 7.0], 70.0)
+    rivals = [first, fitted([WAVE, FRICTION], [1.5, 4.0, 21.0], 72.0)]
     outcome = replace(
         outcome_of(BASE, equivalent=rivals), verdict="ambiguous", certain=("friction",)
     )
     (certain,) = document(outcome)["certain"]
     assert (certain["name"], certain["parameters"]["force_N"]["value"]) == ("friction", 20.0)
     assert document(replace(outcome, certain=()))["certain"] == []
+    refuted = unexplained(ranked((first.label, first.bic, 0.56, True)), first)
+    content = document(replace(refuted, certain=("spring",), not_searched=("pairs of effects",)))
+    (certain,) = content["certain"]
+    assert (certain["name"], certain["parameters"]["stiffness_N_m"]["value"]) == ("spring", 7.0)
+    assert content["not_searched"] == ["pairs of effects"]
 
 
 def test_a_named_sensor_fault_has_those_that_predict_the_same_beside_it():
@@ -358,16 +347,6 @@ def test_the_gap_after_is_that_of_the_best_candidate_or_of_the_first_equivalent_
     assert content["gap"]["confirm"] == content["held_out"][0]["gap"] == gap
     equivalent = document(outcome_of(BASE, equivalent=[best]), gaps=table)
     assert equivalent["gap"]["confirm"] == gap
-
-
-def test_certain_effects_and_skipped_steps_come_from_the_decision():
-    best = fitted([FRICTION, SPRING], [1.5, 20.0, 7.0], 400.0)
-    outcome = unexplained(ranked(("friction + spring", best.bic, 0.56, True)), best)
-    steps = {"certain": ("spring",), "not_searched": ("pairs of effects",)}
-    content = document(replace(outcome, **steps))
-    (certain,) = content["certain"]
-    assert (certain["name"], certain["parameters"]["stiffness_N_m"]["value"]) == ("spring", 7.0)
-    assert content["not_searched"] == ["pairs of effects"]
 
 
 def test_the_99_percent_interval_of_a_shape_contains_that_of_90_percent():

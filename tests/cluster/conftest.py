@@ -13,6 +13,7 @@ from benchmarks import services
 from benchmarks.project import copy_project, environment, in_venv
 from benchmarks.services import Slurm
 
+SLURM_COMMANDS = "sbatch squeue sacct scancel scontrol srun sinfo".split()
 CORES = 2
 """Of the node, whatever the machine has: of the four parts of the sweep some wait while others
 run."""
@@ -58,14 +59,8 @@ def run_on(slurm: Slurm, project: Path, *asked: str) -> subprocess.CompletedProc
 def begun_on(slurm: Slurm, project: Path, *asked: str) -> Iterator[subprocess.Popen]:
     """A workflow running on SLURM in the background; output in the project's `said.txt`."""
     with open(project / "said.txt", "w") as said:
-        run = subprocess.Popen(
-            workflow(*asked),
-            cwd=project,
-            env=slurm.environment,
-            stdout=said,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
+        output = {"stdout": said, "stderr": subprocess.STDOUT, "start_new_session": True}
+        run = subprocess.Popen(workflow(*asked), cwd=project, env=slurm.environment, **output)
         try:
             yield run
         finally:
@@ -98,14 +93,8 @@ def swept_here(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """Files of the dataset of the small sweep, made on this machine without SLURM."""
     folder = copy_project(tmp_path_factory.mktemp("here") / "project")
     (folder / "sweep.yaml").write_text(SWEEP)
-    subprocess.run(
-        in_venv(
-            "snakemake", "swept", "--configfile", "sweep.yaml", "--cores", "2", "--quiet", "all"
-        ),
-        cwd=folder,
-        env=environment(),
-        check=True,
-    )
+    command = "snakemake swept --configfile sweep.yaml --cores 2 --quiet all".split()
+    subprocess.run(in_venv(*command), cwd=folder, env=environment(), check=True)
     return dataset(folder)
 
 
@@ -124,15 +113,7 @@ def without_slurm(tmp_path: Path) -> dict[str, str]:
     commands.mkdir()
     for folder in ("/usr/bin", "/bin"):
         for path in Path(folder).iterdir():
-            if path.name not in (
-                "sbatch",
-                "squeue",
-                "sacct",
-                "scancel",
-                "scontrol",
-                "srun",
-                "sinfo",
-            ):
+            if path.name not in SLURM_COMMANDS:
                 (commands / path.name).unlink(missing_ok=True)
                 (commands / path.name).symlink_to(path)
     python = environment()["PATH"].split(os.pathsep)[0]

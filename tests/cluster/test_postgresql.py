@@ -33,13 +33,8 @@ SERVICES = ROOT / "scripts/services"
 
 def service(verb: str, folder: Path) -> str:
     """Output of scripts/services; the test fails if PostgreSQL is not installed."""
-    done = subprocess.run(
-        [SERVICES, verb, folder, "postgresql"],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
+    command = [SERVICES, verb, folder, "postgresql"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
     if done.returncode != 0:
         pytest.fail(done.stderr, pytrace=False)
     return done.stdout.strip()
@@ -130,13 +125,8 @@ def published(address: str, name: str, folder: Path) -> dict:
     files = simulated(folder / name)
     datasets = tuple(Dataset(table, path, "result") for table, path in files.items())
     curve = pd.Series(1.0 / (1 + np.arange(1000)))
-    own = Record(
-        "simulate",
-        metrics={"a": 1.0},
-        curves={"c": curve},
-        datasets=datasets,
-        files={"note.md": b"words"},
-    )
+    content = {"metrics": {"a": 1.0}, "curves": {"c": curve}, "files": {"note.md": b"words"}}
+    own = Record("simulate", datasets=datasets, **content)
     nested = Record("simulate", "nested", metrics={"b": 2.0}, datasets=datasets)
     return publish_records(name, "made up", [own, nested], address, folder)
 

@@ -142,14 +142,8 @@ def test_a_killed_run_resumes(slurm, project, swept_here):
 
 def refused(environment, project, *options: str) -> str:
     """The error of a run that ends before its first job."""
-    done = subprocess.run(
-        workflow(*SWEPT, *options),
-        cwd=project,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    shown = {"capture_output": True, "text": True, "check": False}
+    done = subprocess.run(workflow(*SWEPT, *options), cwd=project, env=environment, **shown)
     assert done.returncode == 1
     assert not dataset(project) and "Traceback" not in done.stdout + done.stderr
     (error,) = re.findall("error: .*", done.stderr)

@@ -110,7 +110,7 @@ def test_what_is_left_out_of_a_campaign_has_the_documented_meaning(load):
         "zero_phase",
         "counter_clockwise",
     )
-    for clock in ("time", "crank_angle"):  # with both the records tell the speed themselves
+    for clock in ("time", "crank_angle"):  # with both the speed follows from the records
         assert load({"channels": {clock: None}}).idle_nuisances == ()
     assert load({"mechanism": IDEAL}).idle_nuisances == ("restitution", "speed")
 

@@ -101,8 +101,8 @@ def test_a_contact_that_the_loads_press_by_half_the_journal_radius_is_an_error()
             with_contact(stiffness=0.999 * softest, exponent=exponent).check_contacts(speed)
     with pytest.raises(InputError, match=r"contact\.youngs_modulus 10000 Pa is too soft") as error:
         with_contact(youngs_modulus="10 kPa").check_contacts(speed)
-    least = float(re.search(r"crank_pin.*give at least (\S+) Pa", str(error.value)).group(1))
-    joint = with_contact(youngs_modulus=1.01 * least).joint("crank_pin")
+    smallest = float(re.search(r"crank_pin.*give at least (\S+) Pa", str(error.value)).group(1))
+    joint = with_contact(youngs_modulus=1.01 * smallest).joint("crank_pin")
     assert hertz_stiffness(joint) * (radius / 2) ** 1.5 == pytest.approx(load, rel=0.02)
 
 

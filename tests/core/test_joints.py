@@ -1,4 +1,4 @@
-"""The one list of joints agrees with what is compiled and with what a mechanism file says."""
+"""The one list of joints agrees with the compiled one and with the mechanism file."""
 
 from jointgap.config import Joints
 from jointgap.core.joints import FROM_FRAME, JOINT, JOINTS, PINS

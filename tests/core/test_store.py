@@ -1,4 +1,4 @@
-"""Tables keep units, descriptions and gaps, and are written whole or not at all."""
+"""Tables keep units, descriptions and gaps, and are written completely or not at all."""
 
 import errno
 from pathlib import Path

@@ -62,12 +62,8 @@ def mechanism(
     """The paper's slider-crank with a crank pivot that may be loose too; `contact` holds further
     keys of the contact, `crank` of the crank.
     """
-    steel = {
-        "law": law,
-        "friction": friction,
-        **({} if law == "penalty" else {"restitution": restitution}),
-        **contact,
-    }
+    rebound = {} if law == "penalty" else {"restitution": restitution}
+    steel = {"law": law, "friction": friction} | rebound | contact
     carriers = dict(zip(ALL, ("frame", *journals), strict=True))
     radii = dict(zip(ALL, (0.010, 0.007, 0.007), strict=True))
     own = {

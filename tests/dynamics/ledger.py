@@ -150,11 +150,8 @@ def crank_losses(moved: Motion) -> np.ndarray:
 def joint_powers(moved: Motion, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Elastic energy [J] of a joint and power [W] that it turns into heat."""
     joint, rod, crank = getattr(moved.p, name), moved["rod_angular_velocity"], moved["crank_speed"]
-    pairs = {
-        "crank_pin": (rod, crank),
-        "piston_pin": (rod, 0.0 * rod),
-        "crank_pivot": (crank, 0.0 * crank),
-    }
+    pairs = {"crank_pin": (rod, crank), "piston_pin": (rod, 0 * rod)}
+    pairs["crank_pivot"] = (crank, 0 * crank)
     body, partner = pairs[name]
     push, drag = moved[f"{name}_normal_force"], moved[f"{name}_friction_force"]
     if not joint.loose:

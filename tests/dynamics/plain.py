@@ -66,10 +66,8 @@ def force_on_ring(joint, contact, now, chi, friction, friction_speed, memory):
     damping = damping_factor(chi, approach, now - begin, memory)
     push = STIFFNESS * depth**1.5 * (1 + damping * approach_rate(joint))
     push = max(push, 0.0)
-    return (
-        push * outward - friction * np.tanh(slip @ tangent / friction_speed) * push * tangent,
-        point,
-    )
+    drag = friction * np.tanh(slip @ tangent / friction_speed) * push
+    return push * outward - drag * tangent, point
 
 
 def slope(t, z, speed, contacts, law):

@@ -27,12 +27,8 @@ DEGREES = np.arange(0.0, 45.5, 0.5)
 def placed(p, run) -> np.ndarray:
     """Rod's mass centre and angle, slider's position at the samples, (n, 4)."""
     seen = run.observed(p)
-    return np.array(
-        [
-            seen[name]
-            for name in ("rod_position_x", "rod_position_y", "rod_angle", "slider_position")
-        ]
-    ).T
+    names = ("rod_position_x", "rod_position_y", "rod_angle", "slider_position")
+    return np.array([seen[name] for name in names]).T
 
 
 @pytest.mark.parametrize(

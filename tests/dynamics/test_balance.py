@@ -124,11 +124,9 @@ def test_energy_is_balanced(moved, worst):
     for name in ALL:
         elastic, loss = ledger.joint_powers(moved, name)
         stored, joint_loss = stored + elastic, joint_loss + loss
-    work = (
-        moved["crank_torque"] * moved["crank_speed"]
-        + ledger.slider_effects(moved) * moved["slider_velocity"]
-    )
-    work = work + ledger.crank_losses(moved) * moved["crank_speed"] - joint_loss - bend["loss"]
+    on_crank = moved["crank_torque"] + ledger.crank_losses(moved)
+    work = ledger.slider_effects(moved) * moved["slider_velocity"]
+    work = work + on_crank * moved["crank_speed"] - joint_loss - bend["loss"]
     energy = kinetic + height + stored
     if (
         moved.p.crank_pin.friction_law != FRICTION_LAWS["lugre"].code

@@ -50,16 +50,9 @@ def test_impulse_and_peak_match_the_normal_force(keys, tolerance, bounds, worst)
     ended = list(contacts(motion(mechanism(**keys), revolutions=0.25, tolerance=tolerance)))
     assert len(ended) > 3
     for recorded, recorded_peak, impulse, peak in ended:
-        worst(
-            f"impulse over integral of force, tolerance {tolerance} m",
-            abs(recorded / impulse - 1),
-            bounds[0],
-        )
-        worst(
-            f"peak force over densest sample, tolerance {tolerance} m",
-            abs(recorded_peak / peak - 1),
-            bounds[1],
-        )
+        end, off = f", tolerance {tolerance} m", abs(recorded / impulse - 1)
+        worst(f"impulse over integral of force{end}", off, bounds[0])
+        worst(f"peak force over densest sample{end}", abs(recorded_peak / peak - 1), bounds[1])
 
 
 def test_contact_modes_agree_with_events():

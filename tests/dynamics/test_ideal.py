@@ -74,17 +74,11 @@ def test_motion_and_reactions_are_exact(keys, drive, worst):
         ("reactions", 50, forces),
     ):
         for name, value in columns.items():
-            worst(
-                f"ideal joints: {what} [last places]",
-                of_largest(samples[name], value) / epsilon,
-                bound,
-            )
+            off = of_largest(samples[name], value) / epsilon
+            worst(f"ideal joints: {what} [last places]", off, bound)
     for value in (torque, exact.virtual_work_torque()):
-        worst(
-            "ideal joints: torque [last places]",
-            of_largest(samples.crank_torque, value) / epsilon,
-            50,
-        )
+        off = of_largest(samples.crank_torque, value) / epsilon
+        worst("ideal joints: torque [last places]", off, 50)
 
 
 @pytest.mark.parametrize("loose", [(), *((joint,) for joint in ALL)])
@@ -117,16 +111,12 @@ def test_a_fluctuating_speed_follows_its_law(ratio, order, phase, loose, worst):
 
 
 def test_a_motor_accelerates_by_lagranges_equation(worst):
-    losses = [
+    effects = [
         effect("crank_viscous_friction", damping_N_m_s=0.2),
         effect("crank_coulomb_friction", torque_N_m=3.0),
-    ]
-    made = mechanism(
-        *losses,
         effect("crank_unbalance", unbalance_kg_m=0.02, angle_rad=2.0),
-        loose=(),
-        gravity=True,
-    )
+    ]
+    made = mechanism(*effects, loose=(), gravity=True)
     start = {"speed": 5.0, "drive": MOTOR, "revolutions": 3, "start_angle": 0.3}
     samples = simulate(made, options(**start, tolerance=1e-14)).samples
     time = samples.time.to_numpy()
@@ -218,9 +208,6 @@ def test_the_deflection_solves_the_modal_equation(worst):
     found = solve_ivp(
         slope, (0, run.times[-1]), [0, 0], "DOP853", t_eval=run.times, rtol=1e-12, atol=1e-16
     ).y[0]
-    worst(
-        "flexible rod: modal equation [m]",
-        np.abs(found - run.observed(p)["rod_deflection"]).max(),
-        1e-11,
-    )
+    off = np.abs(found - run.observed(p)["rod_deflection"]).max()
+    worst("flexible rod: modal equation [m]", off, 1e-11)
     assert np.abs(found).max() > 1e-3

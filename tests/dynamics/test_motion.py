@@ -33,12 +33,8 @@ def test_before_the_first_impact_the_rod_flies_freely():
     np.testing.assert_allclose(free.rod_position_y, lift * free.time, atol=1e-15)
     np.testing.assert_allclose(free.rod_angle, rate * free.time, atol=1e-15)
     np.testing.assert_allclose(free.slider_position, CRANK + ROD, atol=1e-15)
-    forces = [
-        f"{pin}_{force}"
-        for pin in PINS
-        for force in ("normal_force", "friction_force", "force_x", "force_y")
-    ]
-    forces += ["guide_force", "guide_moment"]
+    kinds = ("normal_force", "friction_force", "force_x", "force_y")
+    forces = [f"{pin}_{kind}" for pin in PINS for kind in kinds] + ["guide_force", "guide_moment"]
     assert (free[forces] == 0).all(axis=None)
 
 

@@ -34,17 +34,10 @@ def test_windows_reproduce_the_trajectory_of_a_loose_crank_pivot(worst):
             p, rows_of(p, edges, angles), slow, carried, TOLERANCE
         )
         assert done.all()
-        carried = Carried(
-            *(
-                np.concatenate([first[:1], then[:-1]])
-                for first, then in zip(carried, after, strict=True)
-            )
-        )
-    for channel, bound in {
-        "slider_position": 1e-6,
-        "crank_torque": 5e-3,
-        "frame_force_x": 5e-3,
-    }.items():
+        pairs = zip(carried, after, strict=True)
+        carried = Carried(*(np.concatenate([first[:1], then[:-1]]) for first, then in pairs))
+    bounds = {"slider_position": 1e-6, "crank_torque": 5e-3, "frame_force_x": 5e-3}
+    for channel, bound in bounds.items():
         off = np.sqrt(np.mean((found[channel] - true[channel]) ** 2)) / np.std(true[channel])
         worst(f"windows of a crank pivot: {channel}", off, bound)
     jumps = ends[:-1] - slow[1:]

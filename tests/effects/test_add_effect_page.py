@@ -22,11 +22,11 @@ BLOCK = re.compile(r"`(src/jointgap/[\w/]+\.py)`(?:(?!\n\n).)*:\n\n```diff\n(.*?
 
 
 def with_diff(text: str, diff: str) -> str:
-    """`text` with the lines of a block ``diff`` that begin with + put in where the others stand."""
+    """`text` with the + and - lines of a block ``diff`` applied."""
     lines = diff.splitlines(keepends=True)
     before = "".join(line[1:] for line in lines if not line.startswith("+"))
     assert text.count(before) == 1, (
-        f"the page shows lines that do not stand once in the file:\n{before}"
+        f"the page shows lines that are not exactly once in the file:\n{before}"
     )
     return text.replace(before, "".join(line[1:] for line in lines))
 

@@ -123,7 +123,7 @@ def bending(**rod):
 def test_a_rod_bends_only_if_its_mass_centre_is_near_the_middle():
     rod = paper().rod
     # of a rod that turns, a_n = alpha (s - centre), the mode takes the projection of this on sin(pi
-    # s / l), which moves the mass centre in turn: in numbers, the inertia that is left with the
+    # s / l), which moves the mass centre in turn: in numbers, the remaining inertia with the
     # modal coordinate free
     s = (np.arange(20_000) + 0.5) / 20_000 * rod.length
     dm, mode = rod.mass / len(s), np.sin(np.pi * s / rod.length)

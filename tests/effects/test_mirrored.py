@@ -11,7 +11,7 @@ from jointgap.effects import EFFECTS
 from jointgap.effects.base import example
 from tests.dynamics.cases import SPEED, effect, mechanism, options, with_numbers
 
-BESIDE = {"mass_centre_across": 0.01}
+ACROSS = {"mass_centre_across": 0.01}
 ANGLES = 0.7 + np.linspace(0.0, 1.5, 91)
 READ = ("slider_position", "slider_acceleration", "rod_acceleration_x", "frame_force_x", *MIRRORED)
 OWN = {
@@ -34,7 +34,7 @@ def loose_joints(name):
 def test_the_mirrored_mechanism_moves_as_the_mirror_image_of_the_clockwise_one(name):
     weight = [] if name == "gravity" else [effect("gravity")]
     effects = (*weight, OWN.get(name, example(EFFECTS[name])))
-    made = mechanism(*effects, loose=loose_joints(name), offset=0.03, crank=BESIDE)
+    made = mechanism(*effects, loose=loose_joints(name), offset=0.03, crank=ACROSS)
     clockwise = with_numbers(
         parameters(made, options()), drive={"speed": -SPEED, "start_angle": -ANGLES[0]}
     )

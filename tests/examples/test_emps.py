@@ -115,11 +115,8 @@ def test_effects_in_synthetic_data_are_named(tmp_path, truth):
                 value, rel=0.05, abs=0.01
             )
     if "slider_spring" in truth:
-        (line,) = (
-            line
-            for line in estimates(found.chosen)
-            if line.startswith("slider_spring.rest_position_m")
-        )
+        start = "slider_spring.rest_position_m"
+        (line,) = (line for line in estimates(found.chosen) if line.startswith(start))
         low, high = map(float, re.search(r"interval (\S+) to (\S+)", line).groups())
         # the interval ends there
         assert low == pytest.approx(0.0, abs=1e-3) and 1e-4 < high < STROKE / 10

@@ -49,11 +49,8 @@ def write_swings(folder: Path, truth: dict) -> Pendulum:
     rng, made = np.random.default_rng(3), write(folder, torques)
     position = {run: np.append(0.0, moved(made, run=run, **truth)[0]) for run in RUNS}
     position = {run: ANGLE_STEP * np.round(angle / ANGLE_STEP) for run, angle in position.items()}
-    return write(
-        folder,
-        {run: of + rng.normal(0.0, 0.04, TIME.size) for run, of in torques.items()},
-        position,
-    )
+    noisy = {run: of + rng.normal(0.0, 0.04, TIME.size) for run, of in torques.items()}
+    return write(folder, noisy, position)
 
 
 def test_small_swings_have_the_period_and_large_ones_keep_the_energy(tmp_path):

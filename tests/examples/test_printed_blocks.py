@@ -55,11 +55,8 @@ def results_of_the_workflow(page: str) -> None:
         motion = jg.simulate(jg.load_mechanism("erkaya2009"), speed="600 rpm", revolutions=1)
         motion.events.to_parquet("results/smoke/simulate/events.parquet")
     if page.endswith("many_designs.md"):
-        designs = {
-            "clearance": [3e-5, 5e-5],
-            "friction": [0.03, 0.1],
-            "piston_pin_peak_force": [1.0, 2.0],
-        }
+        designs = {"clearance": [3e-5, 5e-5], "friction": [0.03, 0.1]}
+        designs["piston_pin_peak_force"] = [1.0, 2.0]
         Path("results/compressor_sweep/sweep/designs").mkdir(parents=True)
         pd.DataFrame(designs | {"reason": None}).to_parquet(
             "results/compressor_sweep/sweep/designs/part.parquet"

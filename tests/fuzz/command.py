@@ -54,13 +54,8 @@ def places(node: Any, path: tuple = ()) -> Iterator[tuple]:
     """Paths to every value of a nested structure."""
     if path:
         yield path
-    children = (
-        node.items()
-        if isinstance(node, dict)
-        else enumerate(node)
-        if isinstance(node, list)
-        else ()
-    )
+    children = enumerate(node) if isinstance(node, list) else ()
+    children = node.items() if isinstance(node, dict) else children
     for key, child in children:
         yield from places(child, (*path, key))
 
@@ -95,17 +90,14 @@ def damaged(good: dict) -> st.SearchStrategy[str]:
     """Texts of a YAML file in which a value is replaced, a key is lost or renamed, or some
     characters are others."""
     paths, text = st.sampled_from(list(places(good))), yaml.safe_dump(good)
-    values = st.builds(
-        lambda path, value: yaml.safe_dump(replaced(good, path, value), allow_unicode=True),
-        paths,
-        junk,
-    )
-    names = st.text(max_size=6) | st.integers()
-    keys = st.builds(
-        lambda path, name: yaml.safe_dump(renamed(good, path, name), allow_unicode=True),
-        paths,
-        names,
-    )
+
+    def texts(change, changes):
+        def text(path, new):
+            return yaml.safe_dump(change(good, path, new), allow_unicode=True)
+
+        return st.builds(text, paths, changes)
+
+    values, keys = texts(replaced, junk), texts(renamed, st.text(max_size=6) | st.integers())
     starts, lengths = st.integers(0, len(text) - 1), st.integers(0, 30)
     scrapped = st.builds(
         lambda at, length, scrap: text[:at] + scrap + text[at + length :], starts, lengths, scraps

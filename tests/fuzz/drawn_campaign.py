@@ -112,14 +112,9 @@ def _mechanism(rng: np.random.Generator, loose: tuple[str, ...], fastest: float)
     ideal_data = rng.random() < 0.3
     carriers = {"crank_pivot": "crank", "crank_pin": "crank", "piston_pin": "slider"}
     clearance, radius = 1e-4 * 10 ** rng.random() * max(scale, 0.2), 0.01 * max(scale, 0.3)
-    joints = {
-        name: (
-            joint(name in loose, carrier, radius, clearance, "steel")
-            if name in loose or ideal_data
-            else "ideal"
-        )
-        for name, carrier in carriers.items()
-    }
+    joints = dict.fromkeys(carriers, "ideal")
+    for name in carriers if ideal_data else loose:
+        joints[name] = joint(name in loose, carriers[name], radius, clearance, "steel")
     steel = {"restitution": rng.uniform(0.3, 0.8), "friction": rng.choice([0.0, 0.05, 0.15])}
     effects = [effect("gravity")] if rng.random() < 0.3 else []
     return _plain(bodies | {"joints": joints, "contacts": {"steel": steel}, "effects": effects})
@@ -159,11 +154,8 @@ def _motor(mechanism: Mechanism, speed: float) -> dict[str, float]:
     crank = mechanism.crank.length
     mass = mechanism.slider.mass + mechanism.rod.mass + mechanism.crank.mass
     inertia = 4.0 * mass * crank * (crank + 9.81 / speed**2)
-    return {
-        "stall_torque": 5.0 * inertia * speed**2,
-        "no_load_speed": 1.1 * speed,
-        "inertia": inertia,
-    }
+    torque = 5.0 * inertia * speed**2
+    return {"stall_torque": torque, "no_load_speed": 1.1 * speed, "inertia": inertia}
 
 
 class _Record:
@@ -173,13 +165,8 @@ class _Record:
         drive = {"drive": MotorDrive(**motor | {"no_load_speed": 1.05 * speed})} if motor else {}
         revolutions = SETTLING + math.ceil(turns) + 1
         tolerance = min(1e-9, 1e-6 * mechanism.crank.length)
-        options = Simulate(
-            speed=speed,
-            revolutions=revolutions,
-            samples_per_revolution=FINE,
-            tolerance=tolerance,
-            **drive,
-        )
+        sampled = {"revolutions": revolutions, "samples_per_revolution": FINE}
+        options = Simulate(speed=speed, tolerance=tolerance, **sampled, **drive)
         self.samples = simulate(mechanism, options).samples
         self.first = float(self.samples["time"].iloc[SETTLING * FINE])
         last = min(int((SETTLING + turns) * FINE), len(self.samples) - 1)

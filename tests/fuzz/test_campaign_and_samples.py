@@ -18,13 +18,8 @@ pytestmark = pytest.mark.slow
 COUNT = 48
 GOOD = table(200, count=COUNT)
 LINES = GOOD.to_csv(index=False).splitlines()
-JUNK = [
-    "",
-    "\t",
-    "\x00",
-    "5 mm",
-    *"nan inf -inf 1e400 1e300 -1e15 1e-320 -- x 1_0 1,5 1;5 \" ' # ٣".split(),
-]
+JUNK = "nan inf -inf 1e400 1e300 -1e15 1e-320 -- x 1_0 1,5 1;5 \" ' # ٣".split()
+JUNK += ["", "\t", "\x00", "5 mm"]
 ENCODINGS = ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "latin-1", "utf-32"]
 
 
@@ -62,11 +57,8 @@ def read_or_refused(folder, campaign, content: bytes, touched: set[int] | None):
             assert recording.channels["slider_position"][sample] == pytest.approx(
                 1e-3 * GOOD.x[origin], rel=1e-14
             )
-            assert np.isclose(
-                np.cos(recording.crank_angle[sample]),
-                np.cos(np.radians(GOOD.theta[origin])),
-                atol=1e-9,
-            )
+            exact = np.cos(np.radians(GOOD.theta[origin]))
+            assert np.isclose(np.cos(recording.crank_angle[sample]), exact, atol=1e-9)
 
 
 def joined(lines) -> bytes:
@@ -97,12 +89,8 @@ def test_text_put_into_cells(folder, campaign, damages):
 @fuzz
 @given(st.sets(st.integers(0, COUNT), max_size=COUNT))
 def test_lines_lost(folder, campaign, lost):
-    read_or_refused(
-        folder,
-        campaign,
-        joined(line for place, line in enumerate(LINES) if place not in lost),
-        set(),
-    )
+    content = joined(line for place, line in enumerate(LINES) if place not in lost)
+    read_or_refused(folder, campaign, content, set())
 
 
 @fuzz

@@ -18,12 +18,7 @@ pytestmark = pytest.mark.slow
 FRICTION = {"name": "slider_coulomb_friction", "parameters": {"force_N": 5.0}}
 GOOD = {
     "mechanism": read_yaml(PAPER) | {"effects": [FRICTION]},
-    "simulate": {
-        "speed": "300 rpm",
-        "revolutions": 4,
-        "samples_per_revolution": 1800,
-        "tolerance": "1e-8 m",
-    },
+    "simulate": {"speed": "300 rpm", "revolutions": 4, "tolerance": "1e-8 m"},
     "optimise": {"genetic": {"population": 8, "generations": 2}},
     "sweep": {
         "number": 8,

@@ -17,16 +17,11 @@ from tests.fuzz.command import check_tables, fuzz
 
 pytestmark = pytest.mark.slow
 
+PARAMETERS = {"clearance": {"from": "0.1 mm", "to": "1 mm"}, "friction": {"from": 0, "to": 0.2}}
 OPTIONS = {
     "mechanism": "erkaya2009",
     "simulate": {"revolutions": 2, "samples_per_revolution": 360, "tolerance": "1e-8 m"},
-    "sweep": {
-        "number": 50,
-        "parameters": {
-            "clearance": {"from": "0.1 mm", "to": "1 mm"},
-            "friction": {"from": 0, "to": 0.2},
-        },
-    },
+    "sweep": {"number": 50, "parameters": PARAMETERS},
 }
 COMMANDS = {
     "simulate": ("--options", "mine.yaml", "--results", "out"),
@@ -35,15 +30,9 @@ COMMANDS = {
 
 
 def started(folder: Path, command: str) -> subprocess.Popen:
-    return subprocess.Popen(
-        [sys.executable, "-m", "jointgap", command, *COMMANDS[command]],
-        cwd=folder,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+    words = [sys.executable, "-m", "jointgap", command, *COMMANDS[command]]
+    quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
+    return subprocess.Popen(words, cwd=folder, text=True, start_new_session=True, **quiet)
 
 
 def completed(folder: Path, command: str) -> tuple[dict[str, bytes], float]:

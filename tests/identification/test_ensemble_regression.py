@@ -49,10 +49,8 @@ class Chaotic:
         if self.fails(values):
             raise SimulationError("the pin left its bearing")
         self.simulations += 1
-        realisation = np.random.default_rng(np.frombuffer(at.tobytes(), np.uint32)).standard_normal(
-            2
-        )
-        return self.measured - self.slopes @ at - self.modes @ realisation
+        rng = np.random.default_rng(np.frombuffer(at.tobytes(), np.uint32))
+        return self.measured - self.slopes @ at - self.modes @ rng.standard_normal(2)
 
     def of_mean(self, values):
         """Residuals of the mean of all realisations."""
@@ -114,10 +112,8 @@ def test_a_fit_without_free_parameters_or_with_too_few_members_is_unchanged():
     fit = problem.fit()
     fixed = tuple(replace(p, low=v, high=v) for p, v in zip(PARAMETERS, fit.values, strict=True))
     none = Fit((), (), np.empty(0), fit.residual, np.empty((SIZE, 0)), 0, "stopped")
-    assert all(
-        regressed_over_ensemble(problem, one) is one
-        for one in (replace(fit, parameters=fixed), none)
-    )
+    for unchanged in (replace(fit, parameters=fixed), none):
+        assert regressed_over_ensemble(problem, unchanged) is unchanged
     for fails, changes in ((lambda values: values["a"] > 0.6, True), (lambda values: True, False)):
         problem = Chaotic(5, fails=fails)
         fit = problem.fit()
@@ -148,12 +144,8 @@ def test_the_base_stays_within_bounds_that_a_replacing_effect_exceeds():
         residual=0.1 * near.residual,
     )
     narrow = (replace(PARAMETERS[0], low=-0.1, high=0.1), *PARAMETERS[1:])
-    base = replace(
-        near,
-        parameters=narrow,
-        values=np.array([0.0, *near.values[1:]]),
-        residual=5.0 * near.residual,
-    )
+    values = np.array([0.0, *near.values[1:]])
+    base = replace(near, parameters=narrow, values=values, residual=5.0 * near.residual)
     base, _ = leading_over_ensembles(problem, base, [beyond])
     assert -0.1 <= base.values[0] <= 0.1
     assert base.draws[:, 0].min() >= -0.1 and base.draws[:, 0].max() <= 0.1

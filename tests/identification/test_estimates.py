@@ -1,6 +1,7 @@
 """Estimates of a verdict: value, standard error, intervals and remarks."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -40,9 +41,7 @@ def stretch(low, high, **states):
     """An effect that states what follows from its coordinate."""
     x = Parameter("x", 0.0, low, high, step=0.5)
     return effect(
-        "stretch",
-        x,
-        states=lambda values: {key: state(values["x"]) for key, state in states.items()},
+        "stretch", x, states=lambda at: {key: state(at["x"]) for key, state in states.items()}
     )
 
 
@@ -50,11 +49,8 @@ FORCE = effect("coulomb", Parameter("force_N", 0.0, 0.0, step=0.1))
 
 
 def fit_of(candidate, *values, nuisances=(), covariance=None):
-    own = (
-        Parameter(f"{candidate.label}.{p.name}", p.nominal, p.low, p.high)
-        for p in candidate.coordinates
-    )
-    parameters = (*nuisances, *own)
+    sizes = [replace(p, name=f"{candidate.label}.{p.name}") for p in candidate.coordinates]
+    parameters = (*nuisances, *sizes)
     jacobian = np.zeros((9, len(parameters)))
     if covariance is not None:
         jacobian[: len(parameters)] = np.linalg.cholesky(np.linalg.inv(covariance)).T
@@ -75,11 +71,7 @@ def test_the_interval_is_value_plus_minus_half_width_within_bounds():
         assert math.erf(half_width / math.sqrt(2.0)) == pytest.approx(level / 100.0, abs=1e-4)
         assert found[f"interval_{level}"] == [10.0 - 2.0 * half_width, 10.0 + 2.0 * half_width]
     assert estimate_with_interval(1.0, 2.0, 0.0, 3.0)["interval_90"] == [0.0, 3.0]
-    for value, remark in (
-        (0.0, AT_BOUND),
-        (5.0, AT_BOUND),
-        (2.0, NOT_ESTIMATED),
-    ):  # without an error
+    for value, remark in ((0.0, AT_BOUND), (5.0, AT_BOUND), (2.0, NOT_ESTIMATED)):  # no error
         found = estimate_with_interval(value, 0.0, 0.0, 5.0)
         assert found == {"value": value, "sd": None, **NO_INTERVALS, "remark": remark}
 
@@ -126,35 +118,22 @@ def test_a_nuisance_without_influence_is_reported_as_such():
     model = toy(seed=0, channels=("acceleration",))  # no force is read: the mass changes nothing
     fit = fit_hypothesis(Problem(model, stated_noise(model)), refresh=True)
     estimates = {p.name: estimate for p, estimate in nuisance_estimates(fit)}
-    assert estimates["slider_mass"] == {
-        "value": 0.5,
-        "sd": None,
-        **NO_INTERVALS,
-        "remark": CHANGES_NOTHING,
-    }
+    without_influence = {"value": 0.5, "sd": None, "remark": CHANGES_NOTHING} | NO_INTERVALS
+    assert estimates["slider_mass"] == without_influence
     assert estimates["crank_length"]["sd"] > 0.0
 
 
 def test_an_undetermined_nuisance_has_no_interval():
+    nuisances = (Parameter("restitution", 0.5, 0.3, 0.9),)
+
     def estimates(error, value=0.5):
-        fit = fit_of(
-            FORCE,
-            value,
-            1.0,
-            nuisances=(Parameter("restitution", 0.5, 0.3, 0.9),),
-            covariance=error,
-        )
+        fit = fit_of(FORCE, value, 1.0, nuisances=nuisances, covariance=error)
         return nuisance_estimates(fit)[0][1]
 
-    assert estimates(np.diag([0.02, 0.1]) ** 2)["interval_90"][0] == pytest.approx(
-        0.5 - 0.0329, abs=1e-4
-    )
-    assert estimates(np.diag([9.0, 0.1]) ** 2) == {
-        "value": 0.5,
-        "sd": None,
-        **NO_INTERVALS,
-        "remark": NOT_DETERMINED,
-    }
+    low, _ = estimates(np.diag([0.02, 0.1]) ** 2)["interval_90"]
+    assert low == pytest.approx(0.5 - 0.0329, abs=1e-4)
+    undetermined = {"value": 0.5, "sd": None, "remark": NOT_DETERMINED} | NO_INTERVALS
+    assert estimates(np.diag([9.0, 0.1]) ** 2) == undetermined
     assert estimates(np.diag([9.0, 0.1]) ** 2, 0.9)["remark"] == AT_BOUND
 
 
@@ -165,11 +144,8 @@ def drawn(candidate, value, draws):
     """Estimates from a fit of one coordinate that is distributed as these draws."""
     known = BoundedNormal(np.array([[np.var(draws)]]), np.array(draws, float)[:, None])
     (p,) = candidate.coordinates
-    parameter = Parameter(f"{candidate.label}.{p.name}", p.nominal, p.low, p.high)
-    values, settings = np.array([value]), DEFAULT_SETTINGS
-    fit = SimpleNamespace(
-        parameters=(parameter,), values=values, distribution=known, settings=settings
-    )
+    fit = SimpleNamespace(values=np.array([value]), distribution=known, settings=DEFAULT_SETTINGS)
+    fit.parameters = (replace(p, name=f"{candidate.label}.{p.name}"),)
     return effect_estimates(fit, candidate)
 
 
@@ -206,9 +182,8 @@ def test_only_determined_parameters_are_adopted():
     friction = Parameter("joint_friction", 0.1, 0.05, 0.15)
     push = effect("push", Parameter("force_N", 0.0, -50.0, 50.0))
     errors = np.diag([0.002, 0.05, 0.2, 0.1]) ** 2  # of the friction anything is possible
-    fit = fit_of(
-        push, 0.447, 0.795, 0.12, 2.5, nuisances=(mass, restitution, friction), covariance=errors
-    )
+    given = {"nuisances": (mass, restitution, friction), "covariance": errors}
+    fit = fit_of(push, 0.447, 0.795, 0.12, 2.5, **given)
     values = {"slider_mass": 0.447, "push.force_N": 2.5, "restitution": 0.5, "joint_friction": 0.1}
     assert {key: determined_values(fit)[key] for key in values} == values
     estimates = {p.name: is_taken_over(estimate) for p, estimate in nuisance_estimates(fit)}

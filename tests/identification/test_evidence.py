@@ -107,6 +107,7 @@ def test_a_force_at_a_crank_order_is_rejected():
 MASS_RANGE = {"slider_mass": (1.0, 0.9, 1.5)}
 LENGTH_RANGE = {"length": (1.0, 0.9, 1.1)}
 TWO_LENGTHS = replace(LENGTHS, replaces={"crank_length": "a", "rod_length": "b"})
+TWO_RANGES = dict.fromkeys(TWO_LENGTHS.replaces, (1.0, 0.9, 1.1))
 PINS = {"joint_friction": (0.1, 0.0, 0.2), "slider_mass": (1.0, 0.9, 1.1)}
 ERRORS = [1.0, 100.0, 4.0]  # a further size counts from two standard errors of 0.25
 
@@ -118,13 +119,7 @@ ERRORS = [1.0, 100.0, 4.0]  # a further size counts from two standard errors of 
         *(((MASS,), [size], MASS_RANGE, [], 1e6) for size in (0.51, -0.11)),
         *(((LENGTHS,), [0.05, size], LENGTH_RANGE, [], ERRORS) for size in (0.51, -0.51)),
         *(((LENGTHS,), [0.05, size], LENGTH_RANGE, ["length"], ERRORS) for size in (0.49, -0.49)),
-        (
-            (TWO_LENGTHS,),
-            [0.05],
-            dict.fromkeys(TWO_LENGTHS.replaces, (1.0, 0.9, 1.1)),
-            ["crank_length", "rod_length"],
-            1e6,
-        ),
+        ((TWO_LENGTHS,), [0.05], TWO_RANGES, ["crank_length", "rod_length"], 1e6),
         ((PIN,), [0.05, 0.1], PINS, [], 1e6),  # the other pin's friction is still fitted
         ((PIN, MASS), [0.05, 0.1, 0.05], PINS, ["mass is equivalent to slider_mass"], 1e6),
     ],
@@ -179,9 +174,8 @@ def together(*parts):
 
 
 def test_the_worst_channel_counts_and_runs_are_combined_by_the_root_mean_square():
-    found = together(
-        confirmed(4.0, 0.5), *(confirmed(1.0, 2.0, f"other_{number}") for number in range(9))
-    ).held_out
+    others = (confirmed(1.0, 2.0, f"other_{number}") for number in range(9))
+    found = together(confirmed(4.0, 0.5), *others).held_out
     assert (found.fitted, found.held_out) == ((4.0, "crank torque"), (2.0, "other 0"))
     assert (found.gap, found.test.outcome) == (0.5, "falls")
     found = together(confirmed(1.0, run="a"), confirmed(4.0, run="b")).held_out
@@ -218,17 +212,11 @@ def test_the_worst_simulated_held_out_run_counts():
     one = lost.query("run == 'confirm' and channel == 'all'")
     rises = one.assign(run="b", after=2.2, fall_low=-1.0, fall_high=-0.5)
     falls = one.assign(run="c", after=1.0, fall_low=1.0, fall_high=2.0)
-    expected = (
-        ([falls], "falls"),
-        ([falls, rises], "rises"),
-        ([rises, falls], "rises"),
-        ([], "not_simulated"),
-    )
-    for rows, outcome in expected:
+    some = (([falls], "falls"), ([falls, rises], "rises"), ([rises, falls], "rises"))
+    for rows, outcome in (*some, ([], "not_simulated")):
         assert replace(held, gaps=pd.concat([lost, *rows])).test.outcome == outcome
-    assert (
-        replace(held, gaps=held.gaps.query("role == 'identify'")).test.outcome == "nothing_held_out"
-    )
+    fitted_alone = replace(held, gaps=held.gaps.query("role == 'identify'"))
+    assert fitted_alone.test.outcome == "nothing_held_out"
 
 
 # The final verdict
@@ -244,9 +232,8 @@ def test_a_confirmed_name_is_kept_and_inconsistent_channels_withdraw_it():
 
 
 def test_errors_grow_with_the_remaining_held_out_gap():
-    rest = Decision(
-        "named_with_remaining_misfit", fitted(4.0 * (SAMPLES - 2), COULOMB), fitted(9e4)
-    )
+    left = fitted(4.0 * (SAMPLES - 2), COULOMB)
+    rest = Decision("named_with_remaining_misfit", left, fitted(9e4))
     for gap, scale in ((0.9, 1.0), (1.4, 1.4)):
         assert final_verdict(NAMED, confirmed(confirm=gap)).chosen.scale == pytest.approx(scale)
         assert final_verdict(rest, confirmed(confirm=gap)).chosen.scale == pytest.approx(2.0)

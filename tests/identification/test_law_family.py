@@ -85,10 +85,7 @@ def test_the_interval_of_the_exponent_covers_the_truth():
         low, high = profile(toy(hidden=drag(2.0, exponent), seed=3)).interval(RISE)
         assert low <= exponent <= high < low + 1.0
     profiles = [profile(toy(hidden=drag(0.1, 3.0), seed=seed)) for seed in range(50)]
-    for rise, lowest, most in (
-        (RISE_90, 37, 50),
-        (RISE, 46, 50),
-    ):  # what all but 0.1 % of 50 draws at these rates do
+    for rise, lowest, most in ((RISE_90, 37, 50), (RISE, 46, 50)):  # 99.9 % range of 50 draws
         ends = [one.interval(rise) for one in profiles]
         assert lowest <= sum(low <= 3.0 <= high for low, high in ends) <= most
 

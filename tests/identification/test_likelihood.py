@@ -359,10 +359,8 @@ def test_a_window_fit_counts_jumps_as_residuals_without_the_prior():
 
 def test_a_prediction_at_fixed_values_adjusts_states_and_free_parameters_only():
     problem = stiffer(zero=0.1)
-    at = {p.key: p.nominal for p in problem.parameters((SPRING,))} | {
-        "spring.size": 0.3,
-        "drive": 0.3,
-    }
+    at = {p.key: p.nominal for p in problem.parameters((SPRING,))}
+    at |= {"spring.size": 0.3, "drive": 0.3}
     own = [p for p in problem.nuisances if p.run]
     held, free = predicted(problem, (SPRING,), at), predicted(problem, (SPRING,), at, own)
     assert dict(held.values) == at

@@ -184,11 +184,9 @@ def test_p_values_of_noise_are_uniform(memory, turns):
     random, angle = np.random.default_rng(turns), 2 * np.pi * np.arange(120 * turns) / 120.0
     problem = problem_of(*((run, angle, angle) for run in ("slow", "mid", "fast")))
     for part in problem.parts:
-        part.noise, part.series.key = (
-            Noise(np.ones(angle.size), memory),
-            (part.series.run, "torque"),
-        )
-    maps = [map_disagreement(problem, random.standard_normal(3 * angle.size)) for _ in range(40)]
+        part.noise = Noise(np.ones(angle.size), memory)
+        part.series.key = (part.series.run, "torque")
+    maps = [map_disagreement(problem, random.standard_normal(3 * angle.size)) for _ in range(25)]
     check_uniform([one.p for one in maps])
     check_uniform(np.concatenate([one.tests["p_chi2"] for one in maps]))
     check_rate(np.concatenate([one.bins["p"] for one in maps]) < 0.05, 0.03, 0.05)

@@ -110,6 +110,9 @@ def test_forces_are_named_from_whole_runs_and_a_clearance_from_windows(hidden, c
     assert decision.verdict == ("named" if hidden else "parameters_only")
     assert labels(decision) == hidden.keys()
     assert decision.chosen.in_windows == ("spring" in hidden)
+    assert not base.base.in_windows and not base.nominal.in_windows
+    assert [p.key for p in base.nominal.parameters] == ["zero@slow", "zero@fast"]
+    assert base.base.chi2 < base.nominal.chi2
     found, errors = decision.chosen.mapping, np.sqrt(np.diag(decision.chosen.covariance()))
     errors = dict(zip(found, errors, strict=True))
     for key, value in ((f"{name}.{key}", at[key]) for name, at in hidden.items() for key in at):

@@ -68,12 +68,8 @@ def test_noise_is_found_with_a_coarse_encoder():
 
 @pytest.mark.parametrize("memory, samples", list(product([0.0, 0.7], [72, 71.37])))
 def test_unstated_noise_is_estimated_from_cycles(memory, samples):
-    options = {
-        "effects": {"coulomb": {"force_N": 3.0}},
-        "autocorrelation": memory,
-        "samples": samples,
-    }
-    ratios, first, found = over_seeds(6, stated=False, **options)
+    options = {"autocorrelation": memory, "samples": samples, "stated": False}
+    ratios, first, found = over_seeds(6, effects={"coulomb": {"force_N": 3.0}}, **options)
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.03) and np.std(ratios) < 0.1
     assert np.mean(first) == pytest.approx(memory, abs=0.03)
     assert {one.source for one in found} == {"differences between neighbouring cycles"}

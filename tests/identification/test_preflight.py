@@ -62,12 +62,10 @@ def test_three_speeds_separate_effects_that_one_speed_merges(found):
 
 def test_equal_effects_are_merged_but_not_an_effect_with_a_more_general_one():
     viscous, steady = candidate_of("viscous"), candidate_of("constant_force")
-    push = replace(
-        steady, site="push", has_site=True, coordinates=(replace(steady.coordinates[0], low=0.0),)
-    )
-    assert preflight(with_candidates(push, steady, viscous)).merged == [
-        ["constant_force:push", "constant_force"]
-    ]
+    coordinates = (replace(steady.coordinates[0], low=0.0),)
+    push = replace(steady, site="push", has_site=True, coordinates=coordinates)
+    found = preflight(with_candidates(push, steady, viscous))
+    assert found.merged == [["constant_force:push", "constant_force"]]
     gain = replace(candidate_of("sensor_gain:acceleration"), site="torque")
     for replaces in ({}, {"slider_mass": "mass_kg"}):  # the torque is all inertia
         heavier = replace(candidate_of("added_mass"), replaces=replaces)
@@ -75,12 +73,9 @@ def test_equal_effects_are_merged_but_not_an_effect_with_a_more_general_one():
         assert found.merged == [[heavier.label, gain.label]]
 
     def parts(candidate, at):
-        both = (candidate_of("spring"), steady)
-        return (
-            [(one, at) for one in both]
-            if candidate.name == "preloaded_spring"
-            else [(candidate, at)]
-        )
+        is_pair = candidate.name == "preloaded_spring"
+        both = (candidate_of("spring"), steady) if is_pair else (candidate,)
+        return [(part, at) for part in both]
 
     sizes = candidate_of("spring").coordinates + steady.coordinates
     spring = Candidate("preloaded_spring", "slider", sizes, tuple(p.name for p in sizes))
@@ -148,10 +143,8 @@ def test_unstated_noise_is_assumed_and_reported(found):
     base, _ = advise(
         planned(stated=False, candidates=["coulomb"]), [("slow", "torque"), ("mid", "torque")]
     )
-    assert [text.partition(":")[0] for text in base.assumed] == [
-        "torque in run slow",
-        "torque in run mid",
-    ]
+    channels = [text.partition(":")[0] for text in base.assumed]
+    assert channels == ["torque in run slow", "torque in run mid"]
 
 
 def test_a_candidate_that_cannot_be_simulated_is_reported():
@@ -180,12 +173,8 @@ def test_the_most_helpful_change_comes_first():
     assert ["spring", "centrifugal"] in base.merged
     assert "sensor_gain:acceleration" in base.undetectable
     table = changes.set_index("change")
-    assert set(table.index) == {
-        "run mid",
-        "run fast",
-        "channel guide_force",
-        "channel acceleration",
-    }
+    changes = {"run mid", "run fast", "channel guide_force", "channel acceleration"}
+    assert set(table.index) == changes
     assert table.index[0].startswith("run")  # another speed separates most
     assert "spring | centrifugal" in table.loc["run mid", "separated"]
     assert "spring | centrifugal" not in table.loc["channel guide_force", "separated"]

@@ -132,9 +132,7 @@ def test_a_law_is_written_as_formula_and_text():
         (("1", "x"), (2.0, -5.0), "c1 + c2*x", "slider force = 2 - 5*x"),
     ):
         pair = tuple(map(term, terms))
-        law = law_of(
-            pair,
-            {f"{one.label}.coefficient": value for one, value in zip(pair, values, strict=True)},
-        )
+        keys = [f"{law.label}.coefficient" for law in pair]
+        law = law_of(pair, dict(zip(keys, values, strict=True)))
         assert (law.formula, law.words) == (formula, words)
         assert law.coefficients == dict(zip(("c1", "c2"), values, strict=True))

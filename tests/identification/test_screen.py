@@ -86,19 +86,12 @@ def test_harmonic_forces_are_tried_at_residual_frequencies_off_the_crank_orders(
     model = toy(speeds={"slow": 2 * np.pi * 5.0, "fast": 2 * np.pi * 14.0}, held_out=())
     problem = Problem(model, stated_noise(model))
     order = crank_orders(problem.parts, problem.settings.screening)
-    near = {
-        5.04: "order 1 of the crank in run slow",
-        7.2: "order 0.5 of the crank in run fast",
-        6.1: "",
-        10.2: "",
-    }
+    near = {5.04: "order 1 of the crank in run slow", 7.2: "order 0.5 of the crank in run fast"}
+    near |= {6.1: "", 10.2: ""}
     assert {frequency: order(frequency) for frequency in near} == near
     order = crank_orders(problem.parts, problem.settings.screening, in_all_runs=True)
-    near = {
-        5.04: "",
-        7.0: "",
-        70.05: "order 14 of the crank in run slow and order 5 of the crank in run fast",
-    }
+    both = "order 14 of the crank in run slow and order 5 of the crank in run fast"
+    near = {5.04: "", 7.0: "", 70.05: both}
     assert {frequency: order(frequency) for frequency in near} == near
 
 

@@ -78,10 +78,8 @@ def test_an_effect_with_a_residual_of_noise_is_named():
     one = decided(GREAT, row(NOISE, "coulomb"))
     assert (one.verdict, one.chosen, one.base) == ("named", "coulomb", "base")
     assert (one.equivalent, one.best_known, one.proposed) == ([], None, "coulomb")
-    assert (
-        decided(GREAT, row(NOISE, "coulomb", "spring"), row(GREAT, "coulomb")).chosen
-        == "coulomb + spring"
-    )
+    pair = decided(GREAT, row(NOISE, "coulomb", "spring"), row(GREAT, "coulomb"))
+    assert pair.chosen == "coulomb + spring"
 
 
 @pytest.mark.parametrize(
@@ -137,10 +135,8 @@ def test_special_cases_larger_and_rejected_hypotheses_are_no_rivals():
     def is_special_case(special, general):
         return asked.append((special.fit, general.fit)) or True
 
-    assert (
-        decided(GREAT, best, row(NOISE + 1.0, "spring"), is_special_case=is_special_case).verdict
-        == "named"
-    )
+    near = row(NOISE + 1.0, "spring")
+    assert decided(GREAT, best, near, is_special_case=is_special_case).verdict == "named"
     assert asked == [("coulomb", "spring")]
     for rival in (
         row(NOISE, "spring", "drag"),
@@ -188,11 +184,8 @@ def test_effects_common_to_all_good_explanations_are_certain():
     assert certain(*pairs, left(0.065, "torque", "offset")) == ()
     assert certain(*pairs, left(0.065, "torque", objection="at its bound")) == ()  # it was fitted
     assert certain(*pairs, row(np.inf, "torque", objection="failed")) == ("coulomb",)
-    assert (
-        certain(pairs[0])
-        == ()
-        == certain(left(0.06, "coulomb", "offset"), left(0.061, "coulomb", "torque"))
-    )
+    assert certain(pairs[0]) == ()
+    assert certain(left(0.06, "coulomb", "offset"), left(0.061, "coulomb", "torque")) == ()
     # at noise level by BIC
     noise = row(NOISE, "coulomb", "offset"), row(NOISE + 1.0, "coulomb", "torque")
     assert certain(*noise, base=GREAT) == ("coulomb",)
@@ -275,10 +268,8 @@ def test_two_distant_explanations_with_similar_misfit_are_unexplained():
 def test_the_explained_share_is_ignored_for_a_small_misfit():
     # a gap of 1.05 of 999 degrees of freedom is 1101.4; the effect explains about half and leaves
     # more than 1.05
-    assert found(*(decided(base, row(1055.0, "coulomb")) for base in (1101.0, 1102.0))) == [
-        REST,
-        "unexplained",
-    ]
+    decisions = [decided(base, row(1055.0, "coulomb")) for base in (1101.0, 1102.0)]
+    assert found(*decisions) == [REST, "unexplained"]
 
 
 # Rows of evidence
@@ -288,10 +279,8 @@ def test_a_row_has_gain_share_and_pass():
     base = row(1999.0)
     one = weigh(base, row(1100.0, "coulomb"), LIMITS)
     assert (one.delta_bic, one.share) == (pytest.approx(899.0 - LN), pytest.approx(0.899))
-    assert [weigh(base, row(chi2, "coulomb"), LIMITS).passes for chi2 in (1047.8, 1048.0)] == [
-        True,
-        False,
-    ]
+    passes = [weigh(base, row(chi2, "coulomb"), LIMITS).passes for chi2 in (1047.8, 1048.0)]
+    assert passes == [True, False]
     assert row(997.0, "coulomb", "spring").misfit == pytest.approx(1.0)
     assert replace(row(25.0), samples=2, parameters=2).misfit == 25.0
 
@@ -316,21 +305,16 @@ def needs(decision):
 
 def test_effects_of_a_pair_and_confusable_ones_are_fitted_before_naming():
     both = decided(GREAT, row(NOISE, "coulomb", "spring"))
-    assert needs(both) == [
-        *[("alone", label) for label in ("coulomb", "spring")] * 2,
-        ("alike", "coulomb + spring"),
-    ]
+    alone = [("alone", label) for label in ("coulomb", "spring")]
+    assert needs(both) == [*alone * 2, ("alike", "coulomb + spring")]
     assert {need.fit for need in both.needs} == {"coulomb + spring"}
     assert needs(decided(GREAT, row(NOISE, "coulomb"))) == [("alike", "coulomb")]
     equal = decided(GREAT, row(NOISE, "a", "b"), row(NOISE + 1.0, "c", "d"))
     assert set(needs(equal)) == {("alone", label) for label in "abcd"} | {("alike", "a + b")}
     pair = row(NOISE - 20.0, "a", "b", objection="b may as well be absent")  # it gains most
     assert needs(decided(GREAT, pair)) == [("alone", "a"), ("alone", "b")]
-    assert needs(decided(GREAT, pair, row(NOISE + 1.0, "c"))) == [
-        ("alone", "a"),
-        ("alone", "b"),
-        ("alike", "c"),
-    ]
+    asked = needs(decided(GREAT, pair, row(NOISE + 1.0, "c")))
+    assert asked == [("alone", "a"), ("alone", "b"), ("alike", "c")]
     assert needs(decided(NOISE, row(NOISE, "a", "b"))) == []  # it gains nothing
     # it does not gain most
     assert needs(decided(GREAT, row(NOISE, "c"), row(NOISE, "a", "b"))) == [("alike", "c")]
@@ -361,11 +345,8 @@ def heard(said="named", best=None, base=4.0 * SAMPLES, inconsistent=(), **more):
     by_fits = Decision(said, chosen, "base", equivalent, ["as it was"], "as the fits say")
     shown = HeldOut(**{"test": a_test(), "gap": 1.0} | more)
     base = row(base)
-    return verdict(
-        Evidence(
-            base, base, [best], LIMITS, by_fits=by_fits, held_out=shown, inconsistent=inconsistent
-        )
-    )
+    known = {"by_fits": by_fits, "held_out": shown, "inconsistent": inconsistent}
+    return verdict(Evidence(base, base, [best], LIMITS, **known))
 
 
 NAMES = "named", REST

@@ -61,14 +61,8 @@ def _harmonic() -> Candidate:
     amplitudes = tuple(Parameter(part, 0.0, step=0.3, unit="N") for part in ("cosine_N", "sine_N"))
     frequency = Parameter("frequency_Hz", 7.0, 1.0, 20.0, step=0.05, unit="Hz")
     starts = tuple({"frequency_Hz": float(value)} for value in (3.0, 7.0, 11.0))
-    return Candidate(
-        "harmonic_force",
-        "slider",
-        (*amplitudes, frequency),
-        ("cosine_N", "sine_N"),
-        starts,
-        carrier="constant_force",
-    )
+    given = ((*amplitudes, frequency), ("cosine_N", "sine_N"), starts)
+    return Candidate("harmonic_force", "slider", *given, carrier="constant_force")
 
 
 def _sensor(name: str, channel: str, coordinate: str, step: float, unit: str) -> Candidate:
@@ -92,15 +86,8 @@ CANDIDATES = (
 )
 
 
-RINGING = _effect(
-    "ringing",
-    "size",
-    0.01,
-    "1",
-    low=0.0,
-    initial_guesses=({"size": 0.1},),
-    search_range=(0.02, 0.73),
-)
+SEARCH = {"initial_guesses": ({"size": 0.1},), "search_range": (0.02, 0.73)}
+RINGING = _effect("ringing", "size", 0.01, "1", low=0.0, **SEARCH)
 """Not in CANDIDATES: a ringing impact whose phase determines the size within some percent."""
 
 
@@ -221,11 +208,9 @@ def toy(
     uncertain = [
         Parameter("slider_mass", mass, 0.95 * mass, 1.05 * mass, 0.01 * mass, "kg"),
         Parameter("crank_length", length, 0.98 * length, 1.02 * length, 0.002 * length, "m"),
-        *(
-            Parameter("speed", w, 0.995 * w, 1.005 * w, 0.001 * w, "rad/s", run)
-            for run, w in speeds.items()
-        ),
     ]
+    for run, w in speeds.items():
+        uncertain.append(Parameter("speed", w, 0.995 * w, 1.005 * w, 0.001 * w, "rad/s", run))
     angle = 0.1 + 2 * np.pi * np.arange(round(samples * cycles)) / samples
     empty = np.full(angle.size, np.nan)
     series = []
@@ -239,22 +224,15 @@ def toy(
     truth, rng, measured = replace(model, hidden=hidden), np.random.default_rng(seed), []
     acting = [(candidate_of(label), at) for label, at in (effects or {}).items()]
     for run in speeds:
-        values = {
-            p.name: (nuisances or {}).get(p.key, p.nominal)
-            for p in uncertain
-            if p.run in (None, run)
-        }
+        of_run = [p for p in uncertain if p.run in (None, run)]
+        values = {p.name: (nuisances or {}).get(p.key, p.nominal) for p in of_run}
         clean = truth.simulate(run, values, acting)
         for one in (s for s in series if s.run == run):
             sd = noise * float(np.std(clean[one.channel]))
-            value = (
-                empty
-                if planned
-                else clean[one.channel] + sd * coloured(angle.size, autocorrelation, rng)
-            )
-            measured.append(
-                replace(one, value=value, stated_noise=np.full(angle.size, sd) if stated else None)
-            )
+            value = clean[one.channel] + sd * coloured(angle.size, autocorrelation, rng)
+            spread = np.full(angle.size, sd) if stated else None
+            value = empty if planned else value
+            measured.append(replace(one, value=value, stated_noise=spread))
     return replace(model, series=tuple(measured))
 
 

@@ -16,20 +16,10 @@ SAMPLES = 7200  # in a revolution
 
 def mechanism(clearance=CLEARANCE, friction=0.0) -> Mechanism:
     """Without friction it does not matter which body carries the journal."""
-    steel = {
-        "law": "lankarani_nikravesh",
-        "youngs_modulus": 207e9,
-        "poisson_ratio": 0.3,
-        "restitution": 0.9,
-        "memory": "published",
-        "friction": friction,
-    }
-    pin = {
-        "journal": "slider",
-        "journal_radius": BEARING_RADIUS - clearance,
-        "bearing_radius": BEARING_RADIUS,
-        "contact": steel,
-    }
+    steel = {"law": "lankarani_nikravesh", "youngs_modulus": 207e9, "poisson_ratio": 0.3}
+    steel |= {"restitution": 0.9, "memory": "published", "friction": friction}
+    pin = {"journal": "slider", "bearing_radius": BEARING_RADIUS, "contact": steel}
+    pin["journal_radius"] = BEARING_RADIUS - clearance
     return Mechanism.model_validate(
         {
             "crank": {"length": CRANK, "mass": 0.30, "inertia": 1e-4, "mass_centre": CRANK / 2},

@@ -19,12 +19,11 @@ def differences(made, tolerance, **start) -> dict[int, float]:
     by degrees."""
     ours = positions(made, start.get("start_angle", 0.0), _in_a_row(start.get("perturbation")))
     peer = SliderCrank(made, SPEED, **start)
-    return {
-        degrees: float(
-            np.abs(peer.advance(math.radians(degrees) / SPEED, tolerance) - ours[degrees]).max()
-        )
-        for degrees in QUARTERS
-    }
+    found = {}
+    for degrees in QUARTERS:
+        theirs = peer.advance(math.radians(degrees) / SPEED, tolerance)
+        found[degrees] = float(np.abs(theirs - ours[degrees]).max())
+    return found
 
 
 def _in_a_row(perturbation):
@@ -43,13 +42,8 @@ ROWS = [
     (("crank_pin",), friction(), 1e-11, 1e-7, 1e-7),
     (tuple(JOURNALS), friction(speed=1.0) | {"journals": ON_THE_OTHER_BODY}, 1e-11, 1e-9, 1e-9),
 ]
-MORE = (
-    ("crank_pin",),
-    ("piston_pin",),
-    ("crank_pivot", "crank_pin"),
-    ("crank_pivot", "piston_pin"),
-    tuple(JOURNALS),
-)
+PIVOT = "crank_pivot"
+MORE = (*((pin,) for pin in BOTH), *((PIVOT, pin) for pin in BOTH), tuple(JOURNALS))
 LATER = [(loose, {}, 1e-12, 1e-11, 1e-10) for loose in MORE]
 LATER += [(loose, {"offset": 0.03}, 1e-12, 1e-10, np.inf) for loose in (BOTH, *MORE)]
 LATER += [(loose, friction(), 1e-11, 1e-7, 1e-7) for loose in (BOTH, *MORE)]

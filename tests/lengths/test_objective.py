@@ -52,9 +52,9 @@ def test_evaluation_samples_are_no_training_points_and_lie_in_the_window():
     def samples(**window):
         return evaluation_samples(Simulate(start_angle=0.7), Optimise(**window), 361)
 
-    whole = samples()["window"]
-    assert len(whole) == 3600 - 360
-    assert not np.any(whole % 10 == 0) and whole[-1] < 3600
+    indices = samples()["window"]
+    assert len(indices) == 3600 - 360
+    assert not np.any(indices % 10 == 0) and indices[-1] < 3600
     late = samples(window=("60 deg", "360 deg"))["window"]
     assert late[0] == 601 and len(late) == 2700
     assert list(samples()["settled"][[0, -1]]) == [3 * 3600, 4 * 3600 - 1]

@@ -60,10 +60,12 @@ def test_the_search_minimises_the_simulated_quantity_with_and_without_clearance(
     optima, mechanism, name
 ):
     ideal = jg.change(mechanism, {"joints.crank_pin": "ideal", "joints.piston_pin": "ideal"})
-    valley, local = optima[name].tables["valley"], optima[name].tables["optima"]
+    every_grid, local = optima[name].tables["valley"], optima[name].tables["optima"]
     local = local[local["method"] == "local"].set_index("source")
     for source, simulated in (("ideal_joints", ideal), ("with_clearance", mechanism)):
-        grid = valley[valley["source"] == source].sort_values(["crank_length", "rod_length"])
+        grid = every_grid[every_grid["source"] == source].sort_values(
+            ["crank_length", "rod_length"]
+        )
         corner = grid.iloc[0]
         at_corner = simulated.with_lengths(corner["crank_length"], corner["rod_length"])
         assert corner["objective"] == pytest.approx(by_hand(at_corner, name), rel=1e-6)
@@ -102,10 +104,10 @@ def test_page_and_json_name_the_objective_and_keep_the_names_of_the_angle(optima
 @pytest.mark.parametrize("name", UNITS)
 def test_the_figures_show_the_objective(optima, name):
     label = name.replace("_", " ")
-    valley, resimulation = (
+    grid, resimulation = (
         set(optima[name].plot(figure).data["series"]) for figure in ("valley", "resimulation")
     )
-    assert {"objective", "local paths", label} <= valley
+    assert {"objective", "local paths", label} <= grid
     assert {f"{label}, simulated again", f"{label}, search", "RMS, simulated again"} <= resimulation
 
 

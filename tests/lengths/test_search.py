@@ -1,4 +1,4 @@
-"""Both searches of the lengths, the regions that they keep to, and the valley that they end in."""
+"""Both searches of the lengths, their regions, and the line of equal ratio that they end on."""
 
 import numpy as np
 import pytest

@@ -86,8 +86,8 @@ def test_the_simulated_objective_is_the_error_of_the_trajectory(trajectory, froz
 
 def test_the_optima_are_better_than_the_printed_points(tables):
     for source, rows in tables["optimise_optima"].groupby("source"):
-        least = rows.groupby(rows["method"] == "printed")["sum_of_squares"].min()
-        assert least[False] <= least[True] * (1 + 1e-12), source
+        lowest = rows.groupby(rows["method"] == "printed")["sum_of_squares"].min()
+        assert lowest[False] <= lowest[True] * (1 + 1e-12), source
 
 
 def test_the_local_search_is_repeated_at_each_tolerance(tables):
@@ -145,9 +145,9 @@ def test_a_limit_that_no_lengths_keep_leaves_no_optimum(mechanism, trajectory, m
     tables = optimise(mechanism, SIMULATE, below(limit), POINTS, trajectory, {})
     optima = tables["optimise_optima"].set_index("method")
     assert set(optima.index) == {"original", "printed", "least_force"}
-    least = optima.loc["least_force"].iloc[0]
-    assert (least["crank_length"], least["rod_length"]) == pytest.approx((0.147, 0.555))
-    assert least["status"] == "no lengths within the bounds keep the pin force below 100 N"
+    smallest = optima.loc["least_force"].iloc[0]
+    assert (smallest["crank_length"], smallest["rod_length"]) == pytest.approx((0.147, 0.555))
+    assert smallest["status"] == "no lengths within the bounds keep the pin force below 100 N"
     for name, frame in tables.items():  # those of the searches have no rows
         parquet.to_arrow(TABLES[name], frame)
     scenario = Scenario(mechanism=mechanism, simulate=SIMULATE, optimise=below(limit))

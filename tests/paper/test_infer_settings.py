@@ -112,11 +112,8 @@ def test_the_stage_writes_page_tables_and_the_nearest_settings_as_a_scenario(tmp
     write_sweep(made, tmp_path / "sweep", 1)
     text = infer_settings(ScenarioResults(tmp_path, made))
     assert "Nearest designs" in text and "nan" not in text
-    nearest = (
-        pd.read_parquet(tmp_path / "infer_settings/designs.parquet")
-        .query("error_measure == 'rms'")
-        .iloc[0]
-    )
+    designs = pd.read_parquet(tmp_path / "infer_settings/designs.parquet")
+    nearest = designs.query("error_measure == 'rms'").iloc[0]
     written = yaml.safe_load((tmp_path / "infer_settings/nearest_scenario.yaml").read_text())
     nearest_made = resolve(written, (tmp_path,), whole=False)[NEAREST_NAME]
     contact = nearest_made.mechanism.joint("piston_pin").contact

@@ -1,4 +1,4 @@
-"""Campaign files beside simulated recordings of the slider-crank with ideal joints."""
+"""Campaign files with simulated recordings of the slider-crank with ideal joints."""
 
 from pathlib import Path
 
@@ -25,8 +25,8 @@ def samples(*hidden: dict, mechanism=MECHANISM, **options) -> pd.DataFrame:
 
 
 def written(folder: Path, runs: dict, mechanism=MECHANISM, noise=None, **keys) -> Path:
-    """A campaign file of a mechanism beside its `runs`: of each the speed [rad/s] and a table with
-    the columns of its channels, the last one held out. `noise` is what is stated of each channel
+    """A campaign file of a mechanism and its `runs`: of each the speed [rad/s] and a table with
+    the columns of its channels, the last one held out. `noise` is the stated one of each channel
     and run.
     """
     listed = []

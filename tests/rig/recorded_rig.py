@@ -22,12 +22,12 @@ from jointgap.core.candidates import Series
 
 @dataclass(frozen=True)
 class Rig:
-    """What is true of the rig; lengths [m], times [s]."""
+    """True values of the rig; lengths [m], times [s]."""
 
     crank: float = 0.0506
     rod: float = 0.1492
     offset: float = 0.0032  # of the slide beside the crank's pivot
-    # what the encoder reads too much in each run
+    # error of the encoder in each run
     zeros_deg: tuple[float, ...] = (-1.6, 0.4, 4.1, 2.2, -0.7, 1.3)
     position_zeros: tuple[float, ...] = (0.0121, 0.0121, 0.0118, 0.0121, 0.0119, 0.0121)
     lag: float = 6e-3  # by which the encoder reads late
@@ -98,7 +98,7 @@ NUISANCE = {
 
 
 def write(folder: Path, rig: Rig, over: dict | None = None, seed: int = 0) -> Path:
-    """The campaign file of a rig, its runs beside it; `over` replaces keys of the file."""
+    """The campaign file of a rig and its runs; `over` replaces keys of the file."""
     runs = []
     for run, rpm in enumerate(rig.rpm):
         columns = rig.record(run, seed)

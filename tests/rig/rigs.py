@@ -99,7 +99,7 @@ def recorded(
 
 
 def rig(content: dict | None = None, channels=CHANNELS, **keys) -> SliderCrankModel:
-    """The model of a campaign with what its sensors read without noise."""
+    """The model of a campaign with exact readings of its sensors."""
     if "drive" not in keys:  # an angle whose noise is not stated looks computed
         keys["sensors"] = {"crank_angle": {"noise": 1e-6}} | keys.get("sensors", {})
     rig_campaign = campaign(content or mechanism(), channels, **keys)
@@ -114,7 +114,7 @@ def chosen(model: SliderCrankModel, label: str) -> Candidate:
 def read(
     model: SliderCrankModel, *effects: tuple[str, dict], run="slow", **values: float
 ) -> dict[str, np.ndarray]:
-    """What a model reads in a run, with effects by their labels and `values` that are not
+    """Readings of a model in a run, with effects by their labels and `values` that are not
     nominal."""
     return model.simulate(
         run, model.nominal(run) | values, [(chosen(model, label), own) for label, own in effects]
@@ -122,7 +122,7 @@ def read(
 
 
 def seen(model: SliderCrankModel, run="slow") -> dict[str, np.ndarray]:
-    """What was read in a run, by channel."""
+    """Readings of a run by channel."""
     return {series.channel: series.value for series in model.series if series.run == run}
 
 

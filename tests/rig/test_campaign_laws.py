@@ -124,7 +124,7 @@ def test_a_law_of_the_campaign_file_and_friction_are_named(tmp_path, own, hidden
     assert 0.9 < verdict["gap"]["confirm"]["after"] < 1.1
     assert f"my law ({result['my_law']['formula']})" in answer(verdict)
 
-    # the augmented file runs by itself and does what was hidden
+    # the augmented file runs and has the hidden effect
     file = tmp_path / "results" / "mechanism.yaml"
     entries = yaml.safe_load(file.read_text())["effects"]
     (written,) = (entry for entry in entries if entry.get("label") == "my_law")

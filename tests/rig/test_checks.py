@@ -44,7 +44,7 @@ def noisy():
     [
         full(200, 0.0, 40),
         full(200, 0.1, 300),
-        full(200, 0.02, slider_velocity=1.1, crank_speed=0.95),  # gains are left to the analysis
+        full(200, 0.02, slider_velocity=1.1, crank_speed=0.95),  # gains are found by the analysis
     ],
 )
 def test_consistent_channels_have_no_remark(tmp_path, slow):

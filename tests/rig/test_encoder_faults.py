@@ -65,7 +65,7 @@ CLOCKWISE = {"direction": "clockwise"}
 
 
 def faulty(law, drive: str, run: dict):
-    """A campaign and what it reads with an encoder that errs by `law`; and the exact crank angles,
+    """A campaign and its readings with an encoder error of `law`; and the exact crank angles,
     by run."""
     rig_campaign = campaign(
         mechanism(), READ, sensors={"crank_angle": {"noise": 1e-6}}, run=run, **DRIVES[drive]

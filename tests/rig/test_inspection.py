@@ -1,5 +1,4 @@
-"""A look at the data tells cycles, speeds, gaps and scatter, and draws every channel over the crank
-angle."""
+"""Inspection of the data: cycles, speeds, gaps and scatter, and drawings over the crank angle."""
 
 import math
 

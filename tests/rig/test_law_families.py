@@ -68,9 +68,9 @@ def test_a_law_is_named_as_its_family_with_its_shape(
 ):
     verdict, result, written = analysed(tmp_path, effect)
     (family,) = result["families"]
-    (low, high), (least, exact, most) = family["interval_99"], shape
+    (low, high), (lowest, exact, highest) = family["interval_99"], shape
     assert result["name"] == name and family["named"]
-    assert least < low <= exact <= high < most
+    assert lowest < low <= exact <= high < highest
     assert (
         words in answer(verdict)
         and "quadratic" not in answer(verdict)

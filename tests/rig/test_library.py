@@ -43,9 +43,9 @@ def test_a_cubic_resistance_is_found_and_written_to_a_mechanism_file(tmp_path):
 def test_a_known_formula_remains_when_a_law_is_searched():
     model = rig(mechanism(effects=[law("20*cos(theta)")]))
     cube = next(term for term in library(model) if "v^3" in term.name)
-    beside = model.simulate("slow", model.nominal("slow"), [(cube, {"coefficient": -0.1})])
+    separate = model.simulate("slow", model.nominal("slow"), [(cube, {"coefficient": -0.1})])
     both = rig(mechanism(effects=[law("20*cos(theta) - 0.1*v^3")]))
-    assert worst(beside, read(both)) < 1e-9
+    assert worst(separate, read(both)) < 1e-9
     augmented = augmented_mechanism(
         model.campaign.mechanism, (cube,), {f"{cube.label}.coefficient": -0.1}
     )

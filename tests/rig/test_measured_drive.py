@@ -19,7 +19,7 @@ from tests.rig.rigs import campaign, mechanism, recorded
 
 CHANNELS = ("time", "crank_angle", "slider_acceleration", "crank_torque")
 NOISE = 1e-3  # of the encoder [rad]
-SHARE = 0.01  # of what a channel varies by that its own noise is
+SHARE = 0.01  # noise over variation of a channel
 
 
 @cache
@@ -62,9 +62,9 @@ def test_chi2_of_the_true_model_is_one_per_sample_with_errors_of_the_drive(resol
         model, sds = read(seed, resolution, encoder)
         for role in (False, True):
             chi2.append([np.mean(item.residual({}) ** 2) for item in problems(model, sds, role)])
-    alone, whole = np.mean(chi2, axis=0)
+    alone, total = np.mean(chi2, axis=0)
     assert alone > 1.1
-    assert whole == pytest.approx(1.0, abs=0.06)
+    assert total == pytest.approx(1.0, abs=0.06)
 
 
 @pytest.mark.parametrize("turns", [3, 4, 7])

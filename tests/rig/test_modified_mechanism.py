@@ -22,7 +22,7 @@ def made(loose=JOINTS, **content):
 
 @pytest.fixture(scope="module")
 def candidates():
-    """What a fit can vary, by label."""
+    """Candidates by label."""
     rig_campaign = campaign(
         mechanism(PINS), speeds=(30.0, 31.0), nuisance={"joint_friction": [0.0, 0.3]}
     )

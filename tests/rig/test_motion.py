@@ -43,7 +43,7 @@ def apart(one, other):
 
 
 def over_noise(one, other):
-    """Length of the change, over a noise of 1 % of what the channel varies by."""
+    """Length of the change, over a noise of 1 % of the variation of the channel."""
     return np.sqrt(
         sum(
             np.sum((one[name] - other[name]) ** 2) / (0.01 * np.std(one[name])) ** 2
@@ -115,7 +115,7 @@ def test_a_continued_integration_equals_an_uninterrupted_one():
     angles = p.drive.start_angle + np.sort(
         np.random.default_rng([3, 1]).uniform(0.0, 4 * TURN, 300)
     )
-    whole = integrate_to_angles(
+    complete = integrate_to_angles(
         p, start_state(p), np.append(p.drive.start_angle, angles), TOLERANCE
     )
     progress, steps = beginning(p, *start_state(p), 0.0), 0
@@ -131,10 +131,10 @@ def test_a_continued_integration_equals_an_uninterrupted_one():
             "directions",
         ):
             np.testing.assert_array_equal(
-                getattr(part, name), getattr(whole, name)[1 + begin : 1 + end]
+                getattr(part, name), getattr(complete, name)[1 + begin : 1 + end]
             )
         steps += part.steps
-    assert 0 <= steps - whole.steps < 20  # the step that holds the last sample is made again
+    assert 0 <= steps - complete.steps < 20  # the step that holds the last sample is made again
 
 
 def test_a_weakly_damped_rod_settles_before_one_revolution_is_used(followed):

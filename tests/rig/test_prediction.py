@@ -1,4 +1,4 @@
-"""What the model of a slider-crank predicts is what the plain simulation gives at the samples,
+"""Predictions of the model of a slider-crank are those of the plain simulation at the samples,
 however these were recorded.
 """
 

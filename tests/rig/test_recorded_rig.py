@@ -37,14 +37,14 @@ def model_of(folder, own: Rig, seed=0, **over):
 
 
 def off(model, run, **values) -> float:
-    """Root mean square of what a model's slider is away from what was read [m]."""
+    """Root mean square error of a model's slider position [m]."""
     series = next(s for s in model.series if s.run == run)
     return float(
         np.sqrt(np.nanmean((read(model, run=run, **values)["slider_position"] - series.value) ** 2))
     )
 
 
-# what a smooth angle through 50 samples a second leaves
+# error of a smooth angle through 50 samples a second
 @pytest.mark.parametrize("gaps, bound", [(0, 2e-5), (40, 5e-5)])
 def test_the_model_agrees_with_closed_form_kinematics(tmp_path, gaps, bound):
     model = model_of(tmp_path, replace(QUIET, gaps=gaps), nuisance=LAGGING)
@@ -128,7 +128,7 @@ def scatter(stated: float | None, **options):
 )
 def test_jitter_of_time_stamps_increases_noise_with_the_rate(stated, white, jitter):
     noise, own, rate = scatter(stated, noise=white, jitter=jitter)
-    # a ten-thousandth of what the position varies by, a sine or nearly so
+    # a ten-thousandth of the variation of the position, nearly a sine
     floor = 1e-4 * own.crank / math.sqrt(2.0)
     assert noise.sd == pytest.approx(
         np.hypot(max(white, floor), jitter * rate), rel=0.25, abs=white
@@ -163,7 +163,7 @@ def test_an_unsteady_crank_is_reported_and_a_coarse_encoder_is_not(tmp_path):
     assert reason == pytest.approx(100 * 0.12 * 1.3, rel=0.25)
 
 
-@pytest.mark.slow  # a whole campaign, some 45 s
+@pytest.mark.slow  # a complete campaign, some 45 s
 @pytest.mark.parametrize("name", ["encoder_lag", "encoder_zeros"])
 def test_the_encoder_lag_or_zeros_of_six_runs_are_named(tmp_path, name):
     own = replace(Rig(), lag=0.0 if name == "encoder_zeros" else Rig.lag)

@@ -23,7 +23,7 @@ def wave(frequency, delay=0.0):
 
 @pytest.fixture(scope="module")
 def plain():
-    """The model of sensors without filters, and what they read."""
+    """The model of sensors without filters, and their readings."""
     model = rig()
     return model, read(model)
 

@@ -18,7 +18,7 @@ def read(speed, seed, spikes=0.0):
 @pytest.mark.parametrize("true", [29.92, 30.0, 30.07])
 def test_the_speed_at_which_channels_repeat_is_found(true):
     values = [read(true, 1), read(true, 2, spikes=0.2)]
-    # 0.04 rad over the whole record; spikes without a variance leave no more
+    # 0.04 rad over the record; spikes without a variance cause no more
     assert speed_from_periodicity(ELAPSED, values, 29.9, 30.1) == pytest.approx(true, abs=6e-3)
 
 

@@ -80,7 +80,7 @@ def chaotic():
 
 
 def missed(model, run="slow", *effects):
-    """What the statistics of a run are away from what a model reads, over their standard errors."""
+    """Differences of the statistics of a run from those of a model, over their standard errors."""
     result = read(model, *effects, run=run)
     assert result.keys() == seen(model, run).keys()
     own = [s for s in model.series if s.run == run and s.statistic]

@@ -44,7 +44,7 @@ def windows_of(model, *effects):
 
 
 def filtered(windows, values):
-    """What the filter finds in readings whose noise is 1 % of what they vary by."""
+    """States by the filter from readings with a noise of 1 % of their variation."""
     noise = {name: np.full(value.size, 0.01 * np.std(value)) for name, value in values.items()}
     return windows.filter_states(values, noise, 16, 0.01, math.inf)
 
@@ -57,7 +57,7 @@ def assert_alike(found, expected):
 
 @pytest.fixture(scope="module")
 def found():
-    """A model, the windows of a run, what is read of it and the states that a filter finds in
+    """A model, the windows of a run, its readings and the states that a filter finds in
     that."""
     model = rig()
     windows, true = windows_of(model), read(model)
@@ -74,7 +74,7 @@ def found():
 )
 def test_readings_in_windows_equal_those_of_one_simulation(keys, faults):
     model = rig(**keys)
-    # lags and delays are nothing that the filter of states knows
+    # the filter of states has no lags and delays
     states = filtered(windows_of(model), read(model)).states
     faulty = windows_of(model, *faults)
     again, ends, handed, done = faulty.simulate(states)

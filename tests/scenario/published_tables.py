@@ -1,6 +1,7 @@
 """Small tables of made-up numbers with the columns that the stages write."""
 
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -35,13 +36,9 @@ def scenario(**more) -> Scenario:
     base = {
         "description": "made up",
         "mechanism": load_mechanism("config/mechanisms/erkaya2009.yaml").model_dump(),
-        "surrogate": {
-            "hidden": HIDDEN,
-            "seeds": SEEDS,
-            "iterations": ITERATIONS,
-            "seed_iterations": 100,
-        },
+        "surrogate": {"hidden": HIDDEN, "seeds": SEEDS, "seed_iterations": 100},
     }
+    base["surrogate"]["iterations"] = ITERATIONS
     given = base | more
     return Scenario.model_validate(
         given | {"optimise": {"boxes": BOXES, **given.get("optimise", {})}}
@@ -91,20 +88,12 @@ def learned(folder: Path, salt: int = 0, outputs: Sequence[str] = ("r2", "r3")) 
         lengths = [1 + (150 if place else ITERATIONS), 101, 51]
         steps, seeds = np.concatenate([np.arange(length) for length in lengths]), (*SEEDS, SEEDS[0])
         models = np.array(["network", "network", "regularised"])
-        history = {
-            "iteration": steps,
-            "seed": np.repeat(seeds, lengths),
-            "mse": 0.1 / (1.0 + steps),
-        }
-        history["model"] = np.repeat(models, lengths)
+        history = {"iteration": steps, "mse": 0.1 / (1.0 + steps)}
+        history |= {"seed": np.repeat(seeds, lengths), "model": np.repeat(models, lengths)}
         judged = (history["model"] == "regularised") | np.isin(steps, (10, 100))
         history["held_out_mse"] = np.where(judged, 0.2 / (1.0 + steps), np.nan)
-        errors = {
-            "output": [output] * 6,
-            "model": np.repeat(models, 2),
-            "seed": np.repeat(seeds, 2),
-        }
-        errors["region"] = ["all", "past_60_deg"] * 3
+        errors = {"output": [output] * 6, "region": ["all", "past_60_deg"] * 3}
+        errors |= {"model": np.repeat(models, 2), "seed": np.repeat(seeds, 2)}
         frames |= {
             f"fit/{output}": fit(salt + place),
             f"fit_history/{output}": numbers(schema.FIT_HISTORY, len(steps), **history),
@@ -115,14 +104,10 @@ def learned(folder: Path, salt: int = 0, outputs: Sequence[str] = ("r2", "r3")) 
 
 def finished(folder: Path, salt: int = 0) -> dict[str, Path]:
     """Tables of all stages."""
-    frames = {
-        "kinematics_errors": numbers(
-            schema.KINEMATICS_ERRORS, 2, salt, region=["first_revolution", "past_60_deg"]
-        ),
-        "kinematics_contradictions": numbers(
-            schema.KINEMATICS_CONTRADICTIONS, 1, salt, region=["first_revolution"]
-        ),
-    }
+    frames, regions = {}, ["first_revolution", "past_60_deg"]
+    for name, count in (("errors", 2), ("contradictions", 1)):
+        table = TABLES[f"kinematics_{name}"]
+        frames[f"kinematics_{name}"] = numbers(table, count, salt, region=regions[:count])
     verdicts = {"kind": ["number", "claim", "claim"], "verdict": ["agrees", "holds", "holds"]}
     items = {"item": ["rod's gain: real, at 5 %", "second", "third"]}
     frames["comparison"] = numbers(schema.COMPARISON, 3, salt, **verdicts, **items)
@@ -135,40 +120,21 @@ def _optimised(salt: int) -> dict[str, pd.DataFrame]:
     keys = [(source, box, method) for source, box in POINTS for method in ("genetic", "local")]
     source, box, method = map(list, zip(*keys, strict=True))
     points = ["_".join(key) for key in keys]
-    again = [
-        (point, stretch, measure)
-        for point in points
-        for stretch in ("window", "settled")
-        for measure in MEASURES
-    ]
+    again = list(product(points, ("window", "settled"), MEASURES))
     point, stretch, measure = map(list, zip(*again, strict=True))
-    where = {"source": source, "box": box}
-    length = {"crank_length": [POINTS[key[:2]] for key in keys]}
+    place = {"source": source, "box": box}
+    lengths = [POINTS[key[:2]] for key in keys]
+    columns = {
+        "optima": {"point": points, "method": method, "crank_length": lengths} | place,
+        "population": {"generation": [0, 0, 1, 1]} | place,
+        "paths": {"start": [0, 1, 0, 1], "iteration": [0, 0, 0, 0]} | place,
+        "resimulated": {"point": point, "stretch": stretch, "measure": measure},
+        "worth": {"point": points * 2, "cycle": ["ideal"] * 4 + ["simulated"] * 4},
+    }
+    counts = {"resimulated": len(again), "worth": 8}
     return {
-        "optimise_optima": numbers(
-            schema.OPTIMISE_OPTIMA, 4, salt, point=points, method=method, **where, **length
-        ),
-        "optimise_population": numbers(
-            schema.OPTIMISE_POPULATION, 4, salt, generation=[0, 0, 1, 1], **where
-        ),
-        "optimise_paths": numbers(
-            schema.OPTIMISE_PATHS, 4, salt, start=[0, 1, 0, 1], iteration=[0, 0, 0, 0], **where
-        ),
-        "optimise_resimulated": numbers(
-            schema.OPTIMISE_RESIMULATED,
-            len(again),
-            salt,
-            point=point,
-            stretch=stretch,
-            measure=measure,
-        ),
-        "optimise_worth": numbers(
-            schema.OPTIMISE_WORTH,
-            8,
-            salt,
-            point=points * 2,
-            cycle=["ideal"] * 4 + ["simulated"] * 4,
-        ),
+        f"optimise_{name}": numbers(TABLES[f"optimise_{name}"], counts.get(name, 4), salt, **given)
+        for name, given in columns.items()
     }
 
 

@@ -152,11 +152,16 @@ def test_an_unknown_figure_or_a_missing_table_is_an_error(tables, scenario):
     assert FIGURES.needed_tables(("figure_15", "contact_forces")) == ("kinematics", "trajectory")
 
 
-def test_the_registry_of_figures_loads_no_matplotlib():
-    code = "import sys, jointgap.scenario.figures, jointgap.campaign.figures; print(*sys.modules)"
-    command = [sys.executable, "-c", code]
-    modules = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
-    assert not {"torch", "numba", "mlflow", "matplotlib"} & set(modules)
+LATER = "networks.network scenario.kinematics lengths.optimise"
+LARGE = {"scenario.figures campaign.figures": {"torch", "numba", "mlflow", "matplotlib"}}
+
+
+@pytest.mark.parametrize("modules, packages", (LARGE | {LATER: {"torch", "mlflow"}}).items())
+def test_figures_and_later_stages_import_no_large_packages(modules, packages):
+    names = ", ".join(f"jointgap.{name}" for name in modules.split())
+    command = [sys.executable, "-c", f"import sys, {names}; print(*sys.modules)"]
+    imported = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    assert not packages & set(imported)
 
 
 @pytest.mark.parametrize("ratio", [1.02, 2.4, 9.9, 10.1, 500.0, 1001.0, 1e12])

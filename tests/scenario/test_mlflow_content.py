@@ -200,13 +200,9 @@ def write(frames, folder):
 
 def test_a_box_without_an_optimum_has_the_reason_and_no_lengths_or_gain(tmp_path):
     status = "no lengths within the bounds keep the pin force below 300 N"
-    point = {
-        "point": ["original", "least_force_paper"],
-        "box": [None, "paper"],
-        "status": [None, status],
-        "source": "simulation",
-        "method": ["original", "least_force"],
-    }
+    point = {"point": ["original", "least_force_paper"], "box": [None, "paper"]}
+    point |= {"method": ["original", "least_force"], "status": [None, status]}
+    point["source"] = "simulation"
     files = write({"optimise_optima": numbers(schema.OPTIMISE_OPTIMA, 2, **point)}, tmp_path)
     (record,) = scenario_records(scenario(), SECTIONS, files, tmp_path)
     assert (record.stage, record.output, record.notes["status"]) == ("optimise", "", status)
@@ -215,23 +211,13 @@ def test_a_box_without_an_optimum_has_the_reason_and_no_lengths_or_gain(tmp_path
 
 def test_without_networks_the_run_of_the_stage_has_the_chosen_lengths(tmp_path):
     point = ["simulation_paper_genetic", "simulation_paper_local"]
-    optima = {
-        "point": point,
-        "source": "simulation",
-        "box": "paper",
-        "method": ["genetic", "local"],
-    }
-    gains = {
-        "point": point * 2,
-        "stretch": ["settled"] * 2 + ["window"] * 2,
-        "measure": "rms",
-        "error": [2.0, 1.0] * 2,
-    }
+    optima = {"point": point, "source": "simulation", "box": "paper"}
+    optima |= {"method": ["genetic", "local"], "crank_length": [0.148, 0.149]}
+    gains = {"point": point * 2, "measure": "rms", "error": [2.0, 1.0] * 2}
+    gains["stretch"] = ["settled"] * 2 + ["window"] * 2
     loads = {"point": point, "joint": "crank_pin", "peak_force": 100.0}
     frames = {
-        "optimise_optima": numbers(
-            schema.OPTIMISE_OPTIMA, 2, crank_length=[0.148, 0.149], **optima
-        ),
+        "optimise_optima": numbers(schema.OPTIMISE_OPTIMA, 2, **optima),
         "optimise_resimulated": numbers(schema.OPTIMISE_RESIMULATED, 4, **gains),
         "optimise_loads": numbers(schema.OPTIMISE_LOADS, 2, **loads),
     }

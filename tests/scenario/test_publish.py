@@ -24,16 +24,13 @@ def simulated(results):
 def published(results):
     """Publishes, and returns what became of each run, how many were deleted and their ids."""
 
-    def states(files, *given, **more):
+    def publishing(files, *given, **more):
         done = publish(results, files, *given, **more)
         runs = done["runs"]
-        return (
-            {name: run["state"] for name, run in runs.items()},
-            done["deleted"],
-            {n: runs[n]["run_id"] for n in runs},
-        )
+        states = {name: run["state"] for name, run in runs.items()}
+        return states, done["deleted"], {name: run["run_id"] for name, run in runs.items()}
 
-    return states
+    return publishing
 
 
 def number_of_runs(client) -> int:

@@ -28,12 +28,8 @@ def residuals(folder, missing) -> pd.DataFrame:
         sine = (links[2] - links[0] * np.sin(angle)) / links[1]
         v = speed * links[0] * (-np.sin(angle) + np.cos(angle) * sine / np.sqrt(1 - sine**2))
         torque = -missing(v) * v / speed + np.random.default_rng(0).normal(0.0, 1e-3, v.size)
-        columns = {
-            "run": run,
-            "channel": "crank_torque",
-            "sample": np.arange(v.size),
-            "crank_angle": angle,
-        }
+        columns = {"run": run, "channel": "crank_torque", "crank_angle": angle}
+        columns["sample"] = np.arange(v.size)
         columns |= {"held_out": recording.held_out, "measured": torque, "base": 0.0}
         parts.append(pd.DataFrame(columns))
     return pd.concat(parts, ignore_index=True)

@@ -13,11 +13,8 @@ from validation.trial import make_trial
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     place = tmp_path_factory.mktemp("campaign")
-    make_trial(
-        Trial("single", "ideal", 8.0, ("slider_constant_force",), number=3, id="0123456789ab"),
-        5,
-        place,
-    )
+    hidden = ("slider_constant_force",)
+    make_trial(Trial("single", "ideal", 8.0, hidden, number=3, id="0123456789ab"), 5, place)
     return place
 
 

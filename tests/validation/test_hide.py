@@ -49,9 +49,8 @@ def test_every_candidate_effect_can_be_hidden():
     beyond = {"common_pin_friction", "pin_restitution", "common_pin_restitution"}
     beyond |= families | {"slider_force_table", "crank_brake"}
     faults = {"encoder_offset", "sensor_bias", "sensor_gain", "sensor_lag", "sensor_delay"}
-    assert (
-        names == {name for name in EFFECTS if not name.startswith("discovered")} - beyond | faults
-    )
+    listed = {name for name in EFFECTS if not name.startswith("discovered")}
+    assert names == listed - beyond | faults
     assert not names & set(OFF_LIST)
 
 
@@ -62,12 +61,10 @@ def test_a_set_has_its_counts_and_anonymous_ids():
     counts |= {"clearance": 24, "wiring": 18}
     assert {kind: kinds.count(kind) for kind in set(kinds)} == counts
     assert found == plan_trials(SET)
-    assert len(
-        {trial.id for trial in found if len(trial.id) == 12 and int(trial.id, 16) >= 0}
-    ) == len(found)
-    assert {trial.size for trial in found if trial.effects and not trial.shown} == set(
-        RECIPE["gaps"]
-    )
+    assert len({trial.id for trial in found}) == len(found)
+    assert all(len(trial.id) == 12 and int(trial.id, 16) >= 0 for trial in found)
+    sizes = {trial.size for trial in found if trial.effects and not trial.shown}
+    assert sizes == set(RECIPE["gaps"])
     assert sum(trial.base == "chaotic" for trial in found) >= 5
     assert plan_trials(SET, 2) == found[:2]
     names = [trial.effects[0] for trial in found if trial.kind == "single"]
@@ -228,28 +225,20 @@ def test_a_drifting_crank_has_consistent_motion_and_forces():
         )
         assert found["crank_angle"][0] == pytest.approx(run.phase, abs=1e-6)
         ahead = run.speed * run.drift.ahead(fine.times)
-        assert np.allclose(
-            found["crank_angle"] - even["crank_angle"],
-            ahead,
-            atol=0.03 * np.abs(ahead).max() + 1e-7,
-        )
-        velocity = np.gradient(found["slider_position"], fine.times, edge_order=2)
-        acceleration = np.gradient(found["slider_velocity"], fine.times, edge_order=2)
-        assert np.abs(velocity - found["slider_velocity"])[2:-2].max() < 2e-3 * np.ptp(velocity)
-        assert np.abs(acceleration - found["slider_acceleration"])[2:-2].max() < 2e-3 * np.ptp(
-            acceleration
-        )
+        difference = found["crank_angle"] - even["crank_angle"]
+        assert np.allclose(difference, ahead, atol=0.03 * np.abs(ahead).max() + 1e-7)
+        for name, rate in (("position", "velocity"), ("velocity", "acceleration")):
+            slope = np.gradient(found[f"slider_{name}"], fine.times, edge_order=2)
+            off = np.abs(slope - found[f"slider_{rate}"])[2:-2].max()
+            assert off < 2e-3 * np.ptp(slope)
 
 
 def test_the_effect_by_bins_adds_up_to_its_gap(ideal):
-    white = replace(
-        ideal.rig,
-        sensors={name: replace(one, correlation=0.0) for name, one in ideal.rig.sensors.items()},
-    )
-    calibrator = Calibrator(white)
-    effect = draw_effect(
-        "slider_coulomb_friction", white, calibrator.spread, np.random.default_rng(0)
-    )
+    sensors = ideal.rig.sensors.items()
+    sensors = {name: replace(sensor, correlation=0.0) for name, sensor in sensors}
+    white = replace(ideal.rig, sensors=sensors)
+    calibrator, rng = Calibrator(white), np.random.default_rng(0)
+    effect = draw_effect("slider_coulomb_friction", white, calibrator.spread, rng)
     size, gap = sized(calibrator, effect, 3.0)
     bins = np.array(list(calibrator.where([(effect, size)]).values()))
     assert bins.shape == (len(white.fitted) * len(white.sensors), 36)
@@ -259,12 +248,10 @@ def test_the_effect_by_bins_adds_up_to_its_gap(ideal):
 @pytest.mark.integration
 def test_clearances_are_drawn_until_they_are_detectable():
     for number in range(2):
-        trial = Trial(
-            "clearance", "ideal", 0.0, ("crank_pin_clearance",), shown=(1.5, 20.0), number=number
-        )
-        _, calibrator, ((effect, size),), (gap,), discarded = draw(
-            trial, np.random.default_rng(number)
-        )
+        hidden = {"shown": (1.5, 20.0), "number": number}
+        trial = Trial("clearance", "ideal", 0.0, ("crank_pin_clearance",), **hidden)
+        drawn = draw(trial, np.random.default_rng(number))
+        _, calibrator, ((effect, size),), (gap,), discarded = drawn
         assert 1.5 <= gap <= 20.0
         assert gap == pytest.approx(calibrator.gap([(effect, size)]))
         assert effect.lowest <= size <= effect.most

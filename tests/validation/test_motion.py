@@ -11,6 +11,7 @@ import pytest
 from jointgap.config import Mechanism, Simulate
 from jointgap.dynamics.simulation import simulate as package_motion
 from jointgap.rig.sensors import FAULTS
+from tests.dynamics.cases import effect
 from tests.independent.cases import friction, mechanism
 from validation import exudyn
 from validation.rig import RECIPE, UNLISTED_FAULTS, Hidden, Numerics, Run, read, simulate
@@ -25,13 +26,8 @@ def test_a_run_is_the_simulated_motion_from_its_phase():
     options = Simulate(speed=SPEED, revolutions=2, samples_per_revolution=60, tolerance=1e-13)
     ours = package_motion(pin, options).samples.iloc[60:]
     seen = simulate(pin, Run(SPEED, 0.0, REVOLUTION, settling=1), Numerics(1e-13))
-    for name in (
-        "slider_position",
-        "slider_acceleration",
-        "crank_torque",
-        "guide_force",
-        "frame_force_x",
-    ):
+    names = "slider_position slider_acceleration crank_torque guide_force frame_force_x"
+    for name in names.split():
         assert np.abs(seen[name] - ours[name]).max() < 1e-4 * ours[name].std(), name
     for angle, settling in ((0.0, 4), (5.0, 4), (2.0, 6)):
         late = simulate(pin, Run(SPEED, 1.0, REVOLUTION, angle, settling), Numerics())
@@ -39,47 +35,34 @@ def test_a_run_is_the_simulated_motion_from_its_phase():
 
 
 EFFECTS = [
-    {"name": "gravity", "parameters": {"acceleration_m_s2": 9.8}},
-    {"name": "slider_coulomb_friction", "parameters": {"force_N": 5.0}},
-    {"name": "slider_viscous_friction", "parameters": {"damping_N_s_m": 5.0}},
-    {"name": "slider_quadratic_drag", "parameters": {"drag_N_s2_m2": 1.0}},
-    {"name": "slider_constant_force", "parameters": {"force_N": 7.0}},
-    {"name": "slider_spring", "parameters": {"stiffness_N_m": 200.0, "rest_position_m": 0.6}},
-    {"name": "crank_coulomb_friction", "parameters": {"torque_N_m": 0.3}},
-    {"name": "crank_viscous_friction", "parameters": {"damping_N_m_s": 0.02}},
-    {"name": "added_slider_mass", "parameters": {"mass_kg": 0.05}},
-    {"name": "link_length_error", "parameters": {"crank_m": 0.002, "rod_m": -0.001}},
+    effect("gravity", acceleration_m_s2=9.8),
+    effect("slider_coulomb_friction", force_N=5.0),
+    effect("slider_viscous_friction", damping_N_s_m=5.0),
+    effect("slider_quadratic_drag", drag_N_s2_m2=1.0),
+    effect("slider_constant_force", force_N=7.0),
+    effect("slider_spring", stiffness_N_m=200.0, rest_position_m=0.6),
+    effect("crank_coulomb_friction", torque_N_m=0.3),
+    effect("crank_viscous_friction", damping_N_m_s=0.02),
+    effect("added_slider_mass", mass_kg=0.05),
+    effect("link_length_error", crank_m=0.002, rod_m=-0.001),
 ]
-LOOSER = {
-    "name": "piston_pin_clearance",
-    "parameters": {"clearance_m": 5e-4, "restitution": 0.7, "friction": 0.2},
+LOOSER = effect("piston_pin_clearance", clearance_m=5e-4, restitution=0.7, friction=0.2)
+# The slider's dry friction turns over 1 mm/s there, over 10 mm/s here: where pins are loose the
+# motion shows it.
+CASES = {
+    "ideal": ((), EFFECTS, 2e-4),
+    "crank pin": (("crank_pin",), [], 1e-4),
+    "piston pin": (("piston_pin",), [], 2e-4),
+    "both pins": (("crank_pin", "piston_pin"), [], 1e-3),
+    "effects and a clearance": (("crank_pin",), [*EFFECTS[:1], *EFFECTS[2:], LOOSER], 2e-3),
+    "dry friction": (("crank_pin",), [EFFECTS[1], LOOSER], 5e-3),
 }
 
 
-# The slider's dry friction turns over 1 mm/s there, over 10 mm/s here: where pins are loose the
-# motion shows it.
-@pytest.mark.parametrize(
-    ("loose", "effects", "bound"),
-    [
-        ((), EFFECTS, 2e-4),
-        (("crank_pin",), [], 1e-4),
-        (("piston_pin",), [], 2e-4),
-        (("crank_pin", "piston_pin"), [], 1e-3),
-        (("crank_pin",), [*EFFECTS[:1], *EFFECTS[2:], LOOSER], 2e-3),
-        (("crank_pin",), [EFFECTS[1], LOOSER], 5e-3),
-    ],
-    ids=[
-        "ideal",
-        "crank pin",
-        "piston pin",
-        "both pins",
-        "effects and a clearance",
-        "dry friction",
-    ],
-)
+@pytest.mark.parametrize(("loose", "effects", "bound"), CASES.values(), ids=CASES)
 def test_exudyn_gives_the_same_readings_with_every_effect(loose, effects, bound):
     pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
-    assert {effect["name"] for effect in EFFECTS} == set(RECIPE["exudyn"])
+    assert {entry["name"] for entry in EFFECTS} == set(RECIPE["exudyn"])
     given = mechanism(loose, **friction(speed=1e-3)).model_dump() | {"effects": effects}
     made = Mechanism.model_validate(given)
     run = Run(SPEED, 1.0, REVOLUTION, start_angle=2.0, settling=2)
@@ -95,21 +78,18 @@ def test_the_second_models_share_no_code_with_the_dynamics():
         ("validation/exudyn.py", []),
         ("tests/dynamics/laws.py", ["jointgap.dynamics.parameters"]),
     ):
-        imported = re.findall(
-            r"^\s*(?:from|import) (\S+)", (ROOT / path).read_text(encoding="utf-8"), re.M
-        )
-        assert [
-            name for name in imported if name.startswith(("jointgap.dynamics", "validation"))
-        ] == shared
+        text = (ROOT / path).read_text(encoding="utf-8")
+        imported = re.findall(r"^\s*(?:from|import) (\S+)", text, re.M)
+        own = ("jointgap.dynamics", "validation")
+        assert [name for name in imported if name.startswith(own)] == shared
 
 
 def faulty(name: str, value: float, channel="slider_position", speed=20.0):
     """Readings of a slow motion with a fault, and without."""
     run = Run(speed, 1.0, np.linspace(0.0, 0.3, 301), settling=1)
-    effect = Hidden(name, channel, lambda size: {"value": size}, value, value, sensor=channel)
+    fault = Hidden(name, channel, lambda size: {"value": size}, value, value, sensor=channel)
     seen, true = (
-        read(mechanism(()), run, Numerics(), effects)[channel]
-        for effects in ([(effect, value)], [])
+        read(mechanism(()), run, Numerics(), effects)[channel] for effects in ([(fault, value)], [])
     )
     return seen, true, run
 

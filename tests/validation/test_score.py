@@ -55,20 +55,15 @@ def named(effect, value=None, low=0.0, high=1e3) -> dict:
     return {"name": effect["name"], "site": effect["site"], "parameters": stated}
 
 
-def analysis(
-    verdict="named",
-    effects=(),
-    undetectable=(),
-    gap=(4.0, 1.0),
-    equivalent=(),
-    certain=(),
-    merged=(),
-    **record,
-) -> dict:
-    found = {"verdict": verdict, "because": "so it is", "effects": list(effects)}
-    found |= {"equivalent": list(equivalent), "certain": list(certain)}
-    merged = [list(group) for group in merged]
-    found["preflight"] = {"merged": merged, "undetectable": list(undetectable)}
+LISTS = ("effects", "equivalent", "certain", "merged", "undetectable")
+
+
+def analysis(verdict="named", gap=(4.0, 1.0), **record) -> dict:
+    """A record of an analysis; lists of its verdict are empty by default."""
+    found = {name: list(record.pop(name, ())) for name in LISTS}
+    merged = [list(group) for group in found.pop("merged")]
+    found["preflight"] = {"merged": merged, "undetectable": found.pop("undetectable")}
+    found |= {"verdict": verdict, "because": "so it is"}
     found["gap"] = {"confirm": {"before": gap[0], "after": gap[1]}}
     return {"id": "a", "seconds": 3.0, "verdict": found, **record}
 
@@ -246,12 +241,8 @@ def scored(folder, truths, found) -> pd.DataFrame:
 
 
 def test_a_score_has_tables_a_page_and_figures(tmp_path):
-    truths = [
-        truth(DRAG, name="a"),
-        truth(name="b", kind="nothing"),
-        truth(DRAG, SPRING, kind="pair", name="c"),
-        truth(SPRING, kind="pair", name="d"),
-    ]
+    truths = [truth(DRAG, name="a"), truth(name="b", kind="nothing")]
+    truths += [truth(DRAG, SPRING, kind="pair", name="c"), truth(SPRING, kind="pair", name="d")]
     baselines = {"greedy": ["slider_quadratic_drag"], "sparse": ["slider_viscous_friction"]}
     found = [
         analysis(effects=[named(DRAG)], **baselines),
@@ -309,10 +300,7 @@ def test_a_miss_has_a_cause():
     for bic, cause in (
         ({"base": 50.0}, "not fitted"),
         ({"base": 50.0, "slider_quadratic_drag": 10.0}, "fit best"),
-        (
-            {"slider_spring": 4.0, "slider_quadratic_drag": 10.0},
-            "slider_spring fits better, BIC lower by 6",
-        ),
+        ({"slider_spring": 4.0, "slider_quadratic_drag": 10.0}, "fits better, BIC lower by 6"),
     ):
         assert cause in score_trial(truth(DRAG), analysis(verdict="unexplained", bic=bic))["cause"]
         assert score_trial(truth(DRAG), analysis(effects=[named(DRAG)], bic=bic))["cause"] == ""

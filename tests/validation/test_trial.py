@@ -12,25 +12,26 @@ from validation.trial import make_trial
 pytestmark = pytest.mark.integration
 
 
+def outcome_of(trial, seed, folder):
+    """The outcome of an analysis without error; truth and record pass through JSON."""
+    truth, record = make_trial(trial, seed, folder), analyse_trial(folder)
+    assert "error" not in record
+    return score_trial(
+        *(json.loads(json.dumps(each, allow_nan=False)) for each in (truth, record))
+    )["outcome"]
+
+
+LOOSE = pytest.param("single", "loose", ("crank_coulomb_friction",), marks=pytest.mark.slow)
+CLEARANCE = pytest.param("single", "ideal", ("crank_pin_clearance",), marks=pytest.mark.slow)
+IDEAL = ("single", "ideal", ("crank_coulomb_friction",))
+
+
 @pytest.mark.parametrize(
-    ("kind", "base", "effects"),
-    [
-        ("single", "ideal", ("crank_coulomb_friction",)),
-        pytest.param("single", "loose", ("crank_coulomb_friction",), marks=pytest.mark.slow),
-        ("nothing", "ideal", ()),
-        pytest.param("single", "ideal", ("crank_pin_clearance",), marks=pytest.mark.slow),
-    ],
-    ids=["one", "one-with-loose-joints", "none", "a-joint-that-became-loose"],
+    ("kind", "base", "effects"), [IDEAL, LOOSE, ("nothing", "ideal", ()), CLEARANCE]
 )
 def test_the_hidden_effect_alone_is_named(tmp_path, kind, base, effects):
     trial = Trial(kind, base, 5.0 if effects else 0.0, effects, number=8, id="0123456789ab")
-    truth = make_trial(trial, 11, tmp_path / trial.id)
-    record = analyse_trial(tmp_path / trial.id)
-    assert "error" not in record
-    row = score_trial(
-        json.loads(json.dumps(truth)), json.loads(json.dumps(record, allow_nan=False))
-    )
-    assert row["outcome"] == "right"
+    assert outcome_of(trial, 11, tmp_path / trial.id) == "right"
 
 
 @pytest.mark.slow
@@ -38,9 +39,4 @@ def test_the_hidden_effect_alone_is_named(tmp_path, kind, base, effects):
 def test_nothing_is_named_for_a_drifting_crank_without_effects(tmp_path, number):
     plan = {"measured_angle": True, "drift": True, "number": number}
     trial = Trial("nothing", "ideal", **plan, id=f"00000000000{number}")
-    truth = make_trial(trial, 61, tmp_path / trial.id)
-    record = analyse_trial(tmp_path / trial.id)
-    row = score_trial(
-        json.loads(json.dumps(truth)), json.loads(json.dumps(record, allow_nan=False))
-    )
-    assert row["outcome"] == "right"
+    assert outcome_of(trial, 61, tmp_path / trial.id) == "right"

@@ -67,11 +67,8 @@ def test_both_snakefiles_plan_the_same_jobs():
 
 
 def test_an_interrupted_campaign_resumes_in_any_folder(fresh_project, tmp_path):
-    text = (
-        (ROOT / "config/campaigns/demonstration.yaml")
-        .read_text()
-        .replace("name: demonstration", "name: own")
-    )
+    text = (ROOT / "config/campaigns/demonstration.yaml").read_text()
+    text = text.replace("name: demonstration", "name: own")
     own = tmp_path / "our rig's data/plan.yaml"
     own.parent.mkdir()
     own.write_text(text.replace("../mechanisms", str(ROOT / "config/mechanisms")))

@@ -18,12 +18,9 @@ EXTRAS = PROJECT["optional-dependencies"]
 
 def test_lock_file_and_conda_environment_match_the_project():
     wanted = [*PROJECT["dependencies"], *(line for extra in EXTRAS.values() for line in extra)]
-    pins = dict(
-        re.findall(
-            r"^([A-Za-z0-9._-]+)==([^ ]+)", (ROOT / "requirements.lock").read_text(), re.MULTILINE
-        )
-    )
-    pins = {canonicalize_name(name): version for name, version in pins.items()}
+    lock = (ROOT / "requirements.lock").read_text()
+    pins = re.findall(r"^([A-Za-z0-9._-]+)==([^ ]+)", lock, re.MULTILINE)
+    pins = {canonicalize_name(name): version for name, version in pins}
     for requirement in map(Requirement, wanted):
         if requirement.name == PROJECT["name"]:  # an extra that takes in another
             assert requirement.extras <= EXTRAS.keys()
@@ -33,11 +30,8 @@ def test_lock_file_and_conda_environment_match_the_project():
             )
     other_names = {"matplotlib-base": "matplotlib", "pytorch": "torch"}
     lines = yaml.safe_load((ROOT / "workflow/envs/jointgap.yaml").read_text())["dependencies"]
-    conda = {
-        line.replace(" ", "")
-        for line in lines
-        if not line.startswith(("python ", "pip", "setuptools"))
-    }
+    base = ("python ", "pip", "setuptools")
+    conda = {line.replace(" ", "") for line in lines if not line.startswith(base)}
     conda = {
         re.sub(r"^[a-z-]+", lambda name: other_names.get(name[0], name[0]), line) for line in conda
     }

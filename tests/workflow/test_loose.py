@@ -16,10 +16,8 @@ JOINTS = {"none": IDEAL, "one": IDEAL | PIVOT, "two": {}, "three": PIVOT}
 
 def planned(tmp_path, *names):
     """Jobs by rule in a dry run of scenarios with these joints."""
-    configuration = yaml.safe_load((ROOT / "config/config.yaml").read_text()) | {
-        "run": list(names),
-        "campaigns": [],
-    }
+    configuration = yaml.safe_load((ROOT / "config/config.yaml").read_text())
+    configuration |= {"run": list(names), "campaigns": []}
     configuration["scenarios"] = {
         name: {"mechanism": {"base": configuration["mechanism"], "joints": JOINTS[name]}}
         for name in names

@@ -271,18 +271,10 @@ def test_an_unreachable_store_stops_a_run_before_its_first_job(tmp_path):
         " mlflow_store=1\n    shell: 'touch {output}'\nrule simulate:\n    output: 'table'\n   "
         " resources: mlflow_store=0\n    shell: 'touch {output}'\n"
     )
-    asked = {
-        "cwd": tmp_path,
-        "env": environment() | {"MLFLOW_TRACKING_URI": "nowhere://x"},
-        "check": False,
-    }
-    refused = subprocess.run(["snakemake", "--cores", "1"], capture_output=True, text=True, **asked)
+    store = environment() | {"MLFLOW_TRACKING_URI": "nowhere://x"}
+    asked = {"cwd": tmp_path, "env": store, "check": False, "capture_output": True, "text": True}
+    refused = subprocess.run(["snakemake", "--cores", "1"], **asked)
     assert refused.returncode != 0 and "jointgap: error: MLflow store" in refused.stderr
     assert "unset MLFLOW_TRACKING_URI" in refused.stderr and not (tmp_path / "table").exists()
     # who publishes nothing needs no store
-    assert (
-        subprocess.run(
-            ["snakemake", "table", "--cores", "1"], capture_output=True, **asked
-        ).returncode
-        == 0
-    )
+    assert subprocess.run(["snakemake", "table", "--cores", "1"], **asked).returncode == 0

@@ -47,7 +47,7 @@ def score(answers_file: Path, truth_file: Path, folder: Path) -> str:
 
 
 class Answer(BaseModel, extra="forbid"):
-    """Answer of a method for one campaign; named is None if it does not decide."""
+    """Answer of a method for one campaign; named is None if it abstains."""
 
     named: list[str] | None = None
     size: dict[str, dict[str, Any]] = {}
