@@ -45,31 +45,23 @@ def candidate(test="falls", fitted=(3.0, 2.0), confirm=(3.0, 2.1), **changes):
 
 
 SEVERAL = {"equivalent": [[COULOMB, BIAS], [COULOMB, WEIGHT]], "certain": [COULOMB]}
+PARTLY = VERDICTS["named_with_remaining_misfit"] | {"gap": REMAINING}
+REFUTED = VERDICTS["unexplained"] | INCONSISTENT | {"best_known": BEST_KNOWN}
+FAMILY = NAMED | {"effects": [COULOMB | {"families": [SHAPE]}]}
+CERTAIN = "Coulomb friction of the slider (21.30 N)"
 ANSWERS = [
     (VERDICTS["no_disagreement"], ["No missing effect", "consistent with noise"]),
     (VERDICTS["parameters_only"], ["No missing effect", "re-fitting", "consistent with noise"]),
     (NAMED, [f"{FRICTION}.", "consistent with noise"]),
-    (
-        VERDICTS["named_with_remaining_misfit"] | {"gap": REMAINING},
-        [f"{FRICTION}. The gap falls from 9.00 to 2.20"],
-    ),
+    (PARTLY, [f"{FRICTION}. The gap falls from 9.00 to 2.20"]),
     (VERDICTS["ambiguous"], ["An effect is missing: 2 explanations", "None was added"]),
-    (
-        VERDICTS["ambiguous"] | SEVERAL,
-        ["All contain Coulomb friction of the slider (21.30 N); the rest is a bias of the sensor"],
-    ),
+    (VERDICTS["ambiguous"] | SEVERAL, [f"All contain {CERTAIN}; the rest is a bias of the sensor"]),
     (VERDICTS["unexplained"], ["An effect is missing", "no tested effect", "No effect was added"]),
-    (
-        VERDICTS["unexplained"] | INCONSISTENT | {"best_known": BEST_KNOWN},
-        ["Channels are inconsistent", "crank torque and slider acceleration"],
-    ),
+    (REFUTED, ["Channels are inconsistent", "crank torque and slider acceleration"]),
     (NAMED | {"effects": [BIAS]}, [f"The mechanism model lacks no effect. {FAULT}"]),
     (NAMED | {"effects": [COULOMB, BIAS]}, [f"{FRICTION}. {FAULT}"]),
     (NAMED | {"effects": [COULOMB, WEIGHT]}, [f"{FRICTION} and the weight of the bodies."]),
-    (
-        NAMED | {"effects": [COULOMB | {"families": [SHAPE]}]},
-        ["drag of the slider (exponent 0 to 1.3, 99 % interval; Coulomb"],
-    ),
+    (FAMILY, ["drag of the slider (exponent 0 to 1.3, 99 % interval; Coulomb"]),
 ]
 
 

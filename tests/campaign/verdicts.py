@@ -11,28 +11,21 @@ def effect(name: str, site: str, delta_bic: float, **parameters: tuple) -> dict:
 COULOMB = effect("slider_coulomb_friction", "slider", 812.4, force_N=(21.3, 0.4, [20.6, 22.0]))
 BIAS = effect("sensor_bias", "crank_torque", 40.0, bias=(0.5, 0.002, [0.497, 0.503]))
 WEIGHT = effect("gravity", "all bodies", 30.0)
-NAMED = {
+EMPTY = "equivalent certain not_searched doubted_channels orders".split()
+WINDOW = {"run": "slow", "channel": "crank_torque", "crank_angle_deg": [350, 10]}
+MERGED = [["sensor_bias:crank_torque", "crank_coulomb_friction"]]
+NAMED = {name: [] for name in EMPTY} | {
     "schema_version": 3,
     "campaign": "rig-a",
     "verdict": "named",
     "basis": "samples",
     "effects": [COULOMB],
-    "equivalent": [],
-    "certain": [],
-    "not_searched": [],
     "best_known": None,
     "held_out_test": "falls",
-    "doubted_channels": [],
     "nuisances": {"slider_mass": {"value": 0.447, "sd": 0.002}},
-    "where": [
-        {"run": "slow", "channel": "crank_torque", "crank_angle_deg": [350, 10], "p_adjusted": 1e-9}
-    ],
-    "orders": [],
+    "where": [WINDOW | {"p_adjusted": 1e-9}],
     "gap": {"identify": {"before": 9.1, "after": 1.02}, "confirm": {"before": 8.7, "after": 1.05}},
-    "preflight": {
-        "undetectable": ["crank_unbalance"],
-        "merged": [["sensor_bias:crank_torque", "crank_coulomb_friction"]],
-    },
+    "preflight": {"undetectable": ["crank_unbalance"], "merged": MERGED},
     "false_alarm_rate": 0.01,
 }
 UNNAMED = NAMED | {"effects": [], "where": [], "held_out_test": None}

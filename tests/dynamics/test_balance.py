@@ -17,36 +17,23 @@ FLUCTUATION = effect("speed_fluctuation", ratio=0.1, order=2, phase_rad=0.5)
 FILMS = [effect("lubricated_joint", pin, viscosity_Pa_s=0.4, length_m=0.02) for pin in PINS]
 PIN_FRICTION = [effect("pin_friction", pin, coefficient=0.1) for pin in PINS]
 UNBALANCE = effect("crank_unbalance", unbalance_kg_m=0.02, angle_rad=2.0)
+TIGHT = {"tightest_position_m": 0.6, "length_m": 0.25, "varying_share": 0.8}
+STIFFENING = {"rest_position_m": 0.6, "length_m": 0.15, "cubic_share": 0.7}
+SIZES = {"a": 2.0, "b": 3.0}
 SLIDER = [
     effect("slider_coulomb_friction", force_N=20.0),
     effect("slider_viscous_friction", damping_N_s_m=5.0),
     effect("slider_quadratic_drag", drag_N_s2_m2=0.5),
     effect("slider_stribeck_friction", force_N=15.0, stribeck_speed_m_s=0.5, stribeck_share=0.7),
-    effect(
-        "slider_position_friction",
-        force_N=10.0,
-        tightest_position_m=0.6,
-        length_m=0.25,
-        varying_share=0.8,
-    ),
+    effect("slider_position_friction", force_N=10.0, **TIGHT),
     effect("slider_power_drag", force_N=2.0, speed_m_s=1.5, exponent=3.5),
     effect("slider_load_friction", coefficient=0.1),
     effect("slider_constant_force", force_N=-50.0),
     effect("slider_spring", stiffness_N_m=2000.0, rest_position_m=0.56),
-    effect(
-        "slider_nonlinear_spring",
-        stiffness_N_m=1000.0,
-        rest_position_m=0.6,
-        length_m=0.15,
-        cubic_share=0.7,
-    ),
+    effect("slider_nonlinear_spring", stiffness_N_m=1000.0, **STIFFENING),
     effect("gas_pressure", force_N=300.0, dead_length_m=0.05, exponent=1.3),
     effect("harmonic_force", force_N=30.0, frequency_Hz=37.0, phase_rad=0.4),
-    effect(
-        "discovered_slider_force",
-        formula="-a*v*|v| + b*sin(theta)",
-        coefficients={"a": 2.0, "b": 3.0},
-    ),
+    effect("discovered_slider_force", formula="-a*v*|v| + b*sin(theta)", coefficients=SIZES),
 ]
 CRANK = [
     effect("crank_coulomb_friction", torque_N_m=0.3),
@@ -56,48 +43,33 @@ CRANK = [
     effect("crank_periodic_torque", torque_N_m=0.2, order=5, phase_rad=-1.1),
     effect("discovered_crank_torque", formula="-0.3*cos(theta)^2"),
 ]
-MOTORED = {"drive": MOTOR}
+MOTORED, EVERY = {"drive": MOTOR}, [*SLIDER, *CRANK]
+THREE_LOOSE = {"loose": ALL} | RUB | WEIGHT
+TWO_LOOSE = LUGRE | WEIGHT | {"loose": ("crank_pivot", "crank_pin")}
+PENALTY = {"law": "penalty", "penalty_damping": 2e3, "penalty_depth": 1e-4}
+ON_ROD = {"journals": ("rod", "rod"), "law": "exact_restitution"}
+BENGISU_AKAY = {"friction_law": "bengisu_akay", "static_friction": 0.15, "stribeck_speed": 0.1}
 
 CASES = {
     "with friction": ([], RUB, {}),
     "all ideal": ([], {"loose": ()} | WEIGHT, {}),
-    "penalty form": (
-        [],
-        {"law": "penalty", "penalty_damping": 2e3, "penalty_depth": 1e-4} | RUB,
-        {},
-    ),
+    "penalty form": ([], PENALTY | RUB, {}),
     "film": (FILMS, RUB, {}),
     "flexible rod": ([BENDING], RUB | WEIGHT, {}),
     "fluctuating speed": ([FLUCTUATION, UNBALANCE], RUB | WEIGHT, {}),
-    "every force, three loose, motor": (
-        [*SLIDER, *CRANK, UNBALANCE],
-        {"loose": ALL} | RUB | WEIGHT,
-        MOTORED,
-    ),
-    "every force, all ideal, motor": ([*SLIDER, *CRANK], {"loose": ()} | WEIGHT, MOTORED),
+    "every force, three loose, motor": ([*EVERY, UNBALANCE], THREE_LOOSE, MOTORED),
+    "every force, all ideal, motor": (EVERY, {"loose": ()} | WEIGHT, MOTORED),
     "friction of ideal pins": (PIN_FRICTION, {"loose": ()} | WEIGHT, {}),
     "lugre": ([], LUGRE, {}),
 }
 LATER = {
-    "all at once": (
-        [*SLIDER, *CRANK, UNBALANCE, BENDING, FILMS[0], PIN_FRICTION[1]],
-        LUGRE | WEIGHT | {"loose": ("crank_pivot", "crank_pin")},
-        MOTORED,
-    ),
-    "journals on the rod": (
-        [],
-        RUB | WEIGHT | {"journals": ("rod", "rod"), "law": "exact_restitution"},
-        {},
-    ),
+    "all at once": ([*EVERY, UNBALANCE, BENDING, FILMS[0], PIN_FRICTION[1]], TWO_LOOSE, MOTORED),
+    "journals on the rod": ([], ON_ROD | RUB | WEIGHT, {}),
     "crank pivot alone loose": ([], {"loose": ("crank_pivot",)} | RUB | WEIGHT, {}),
     "exponent 2": ([], {"stiffness": 5e12, "exponent": 2.0}, {}),
-    "bengisu-akay": (
-        [],
-        {"friction_law": "bengisu_akay", "static_friction": 0.15, "stribeck_speed": 0.1} | RUB,
-        {},
-    ),
+    "bengisu-akay": ([], BENGISU_AKAY | RUB, {}),
     "lugre, three loose": ([], LUGRE | {"loose": ALL}, MOTORED),
-    "flexible rod, three loose, motor": ([BENDING], {"loose": ALL} | RUB | WEIGHT, MOTORED),
+    "flexible rod, three loose, motor": ([BENDING], THREE_LOOSE, MOTORED),
 }
 BOUND = 1e-8
 

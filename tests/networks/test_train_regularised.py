@@ -8,14 +8,9 @@ from jointgap.config import Surrogate
 from jointgap.networks.errors import Points, smoothing_spline
 from jointgap.networks.train import train, train_regularised
 
-OPTIONS = Surrogate(
-    hidden=(10, 10),
-    training_points=91,
-    iterations=300,
-    seeds=(4,),
-    regularised_neurons=40,
-    regularised_iterations=40,
-)
+REGULARISED = {"regularised_neurons": 40, "regularised_iterations": 40}
+PAPERS = {"hidden": (10, 10), "training_points": 91, "iterations": 300, "seeds": (4,)}
+OPTIONS = Surrogate(**PAPERS, **REGULARISED)
 
 
 def ringing(samples):

@@ -10,18 +10,13 @@ from benchmarks.project import ROOT, run
 
 pytestmark = pytest.mark.integration
 
+SIMULATE = {"speed": "1450 rpm", "revolutions": 2, "tolerance": "1e-9 m"}
+SIMULATE["samples_per_revolution"] = 1800
+GENETIC = {"population": 8, "generations": 3}
 OWN = {
     "mechanism": str(ROOT / "config/mechanisms/compressor.yaml"),
-    "simulate": {
-        "speed": "1450 rpm",
-        "revolutions": 2,
-        "samples_per_revolution": 1800,
-        "tolerance": "1e-9 m",
-    },
-    "optimise": {
-        "genetic": {"population": 8, "generations": 3},
-        "ensemble": {"members": 3, "settled_revolution": 2},
-    },
+    "simulate": SIMULATE,
+    "optimise": {"genetic": GENETIC, "ensemble": {"members": 3, "settled_revolution": 2}},
     "figures": {"animation_frames": 6},
 }
 
