@@ -27,7 +27,7 @@ class Rig:
     crank: float = 0.0506
     rod: float = 0.1492
     offset: float = 0.0032  # of the slide beside the crank's pivot
-    # what the encoder reads too much in each run
+    # error of the encoder in each run
     zeros_deg: tuple[float, ...] = (-1.6, 0.4, 4.1, 2.2, -0.7, 1.3)
     position_zeros: tuple[float, ...] = (0.0121, 0.0121, 0.0118, 0.0121, 0.0119, 0.0121)
     lag: float = 6e-3  # by which the encoder reads late

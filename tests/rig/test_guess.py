@@ -190,7 +190,7 @@ def test_files_of_two_loggers_are_joined_by_their_names_and_one_run_is_split(tmp
         ["r1.csv", "r1_daq.csv"],
     ]
     assert content["channels"]["crank_torque"]["column"] == "M"
-    # the offset of the clocks cannot be told from it
+    # it does not show the offset of the clocks
     assert "encoder_zero" not in content["nuisance"]
     content, _ = guessed(tmp_path, files[:1], monkeypatch, "one")
     assert [run["role"] for run in content["runs"]] == ["split"]

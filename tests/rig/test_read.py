@@ -129,7 +129,7 @@ def test_signals_counts_and_sample_numbers_become_si(tmp_path):
     measurements = read_measurements(load_campaign(path), compared=False)
     recording, true = measurements.runs["slow"], samples(SLOW)
     np.testing.assert_allclose(np.diff(recording.time), step, rtol=1e-9)
-    # half a turn beside the rounding
+    # half a turn, and the rounding
     error = (recording.crank_angle - true["crank_angle"]) * 4000 / math.tau
     # the middle of each step, as a counter truncates
     assert error % 4000 == pytest.approx(2000, abs=0.501)

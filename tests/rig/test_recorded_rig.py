@@ -44,7 +44,7 @@ def off(model, run, **values) -> float:
     )
 
 
-# what a smooth angle through 50 samples a second leaves
+# error of a smooth angle through 50 samples a second
 @pytest.mark.parametrize("gaps, bound", [(0, 2e-5), (40, 5e-5)])
 def test_the_model_agrees_with_closed_form_kinematics(tmp_path, gaps, bound):
     model = model_of(tmp_path, replace(QUIET, gaps=gaps), nuisance=LAGGING)
@@ -128,7 +128,7 @@ def scatter(stated: float | None, **options):
 )
 def test_jitter_of_time_stamps_increases_noise_with_the_rate(stated, white, jitter):
     noise, own, rate = scatter(stated, noise=white, jitter=jitter)
-    # a ten-thousandth of what the position varies by, a sine or nearly so
+    # a ten-thousandth of the variation of the position, nearly a sine
     floor = 1e-4 * own.crank / math.sqrt(2.0)
     assert noise.sd == pytest.approx(
         np.hypot(max(white, floor), jitter * rate), rel=0.25, abs=white
