@@ -12,7 +12,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from jointgap.core.errors import InputError, did_you_mean
-from jointgap.core.files import check_writable, write_atomically, write_text  # noqa: F401 re-exported
+from jointgap.core.files import (  # noqa: F401 re-exported
+    check_writable,
+    write_atomically,
+    write_text,
+)
 from jointgap.core.schema import Table
 
 _TYPES = {
