@@ -281,6 +281,7 @@ def track_sweep(results: "ScenarioResults") -> None:
         schema.IMPACT_DISTRIBUTION,
         schema.ECCENTRICITY,
     ),
+    sections=("mechanism", "simulate"),
 )
 def cycles(
     results: "ScenarioResults",
