@@ -18,7 +18,7 @@ def folder(tmp_path_factory):
     return place
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_the_global_optimiser_finds_the_hidden_effect(folder):
     named, bic = global_optimiser.optimiser_names(folder / "campaign.yaml", 25.0)
     assert named == ["slider_constant_force"]

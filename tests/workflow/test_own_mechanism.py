@@ -32,7 +32,7 @@ def test_an_own_mechanism_is_optimised_without_networks_unless_requested(fresh_p
     make(fresh_project)
     results = fresh_project / "results/mine"
     known = json.loads((results / "summary.json").read_text())
-    assert known["headline"].startswith("Crank 25.0 mm")
+    assert known["headline"].startswith("Crank 25.00 mm")
     assert (results / "optimise/resimulated.parquet").is_file()
     assert (results / "figures/valley.png").is_file()
     assert not (results / "surrogate").exists() and not list(results.glob("comparison*"))
