@@ -9,9 +9,7 @@ import pandas as pd
 from jointgap.campaign.fits_on_disk import fit_row
 from jointgap.core import schema
 from jointgap.identification.fit import Fit, compress_rows
-from jointgap.identification.force_law import ForceLawResult
 from jointgap.identification.law_family import FamilyInterval
-from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.verdict import Decision, Row
 
 
@@ -50,34 +48,6 @@ class Outcome(Decision):
 def outcome_of(decision: Decision, seconds: Mapping[str, float]) -> Outcome:
     """A decision with its ranking as a table; duration of the fits [s] by label."""
     return Outcome(**vars(decision) | {"ranking": ranking_frame(decision.ranking, seconds)})
-
-
-def with_force_law(outcome: Outcome, result: ForceLawResult) -> Outcome:
-    """The outcome after the search of a force law.
-
-    The law is named if it is accepted and has no rival; else it is the best known explanation if it
-    is better. A listed effect that the search fits again replaces its earlier fit in the ranking.
-    """
-    ranking = ranking_frame(result.ranking)
-    earlier = outcome.ranking[~outcome.ranking["explanation"].isin(ranking["explanation"])]
-    ranking, law = pd.concat([earlier, ranking], ignore_index=True), result.fit
-    if result.named:
-        return replace(
-            outcome,
-            verdict=result.verdict,
-            because=result.reason,
-            chosen=law,
-            best_known=None,
-            equivalent=[],
-            certain=(),
-            ranking=ranking,
-        )
-    best = outcome.best_known
-    limit = best.bic if best else outcome.base.bic - DEFAULT_SETTINGS.decision.min_delta_bic
-    if law is not None and law.bic < limit:
-        best = law
-    because = f"{outcome.because}; {result.reason}"
-    return replace(outcome, because=because, ranking=ranking, best_known=best)
 
 
 def compressed(outcome: Outcome) -> Outcome:
