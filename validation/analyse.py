@@ -14,7 +14,7 @@ import pandas as pd
 
 from jointgap.campaign.verdict_json import read
 from jointgap.config.load import load_campaign
-from jointgap.core import parquet, schema
+from jointgap.core import schema
 from jointgap.core.results_folder import ResultsFolder
 
 _THRESHOLDS = (0.02, 0.05, 0.1, 0.2, 0.4)  # of the largest coefficient, unit columns
@@ -49,18 +49,15 @@ def _fit_answers(results: ResultsFolder, campaign_file: Path) -> dict[str, Any]:
     flagged = results.read("map_bins").query("flagged")
     keys = flagged["run"].astype(str) + " " + flagged["channel"].astype(str)
     bins = (flagged["start_deg"] / 10).round().astype(int)
-    frames = []
-    for path in sorted(results.path.rglob("fits.parquet")):
-        frame = parquet.read(schema.FITS, path)
-        # of the verdict, the base alone: its effects were fitted before
-        frames.append(frame.query("kind == 'base'") if path.parent.name == "verdict" else frame)
-    fits = pd.concat(frames)
+    ranking = results.read("ranking")
+    base = (ranking["bic"] + ranking["delta_bic"]).dropna().head(1)
+    fits = pd.concat([ranking, pd.DataFrame({"explanation": "base", "bic": base})])
     answers = {
         "map": bins.groupby(keys).agg(list).to_dict(),
         "greedy": greedy_names(fits),
-        "bic": fits.groupby("explanation")["bic"].min().dropna().round(2).to_dict(),
+        "bic": fits.dropna(subset=["bic"]).set_index("explanation")["bic"].round(2).to_dict(),
     }
-    residuals = parquet.read(schema.RESIDUALS, results.path / "confirm" / "residuals.parquet")
+    residuals = results.read("residuals")
     try:
         answers["sparse"] = sparse_names(campaign_file, residuals)
     except Exception as error:  # not installed, or it fails on these data
@@ -70,6 +67,8 @@ def _fit_answers(results: ResultsFolder, campaign_file: Path) -> dict[str, Any]:
 
 def greedy_names(fits: pd.DataFrame) -> list[str]:
     """Labels added one at a time, each with the smallest BIC, while the BIC decreases."""
+    if "base" not in set(fits["explanation"]):
+        return []
     smallest = fits.groupby("explanation")["bic"].min().dropna()
     bic = {frozenset(name.split(" + ")): value for name, value in smallest.drop("base").items()}
     named, best = frozenset(), smallest["base"]

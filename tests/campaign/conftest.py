@@ -9,7 +9,6 @@ from jointgap.core.candidates import Model
 from jointgap.identification.baseline import Baseline, recalibrate
 from jointgap.identification.decide import decide
 from jointgap.identification.fit import Fit
-from jointgap.identification.initial_fit import labels_of
 from jointgap.identification.noise import NoiseEstimate, degrees_of_freedom, noise_of_model
 from jointgap.identification.search import STEPS, Search
 from jointgap.identification.thresholds import Screening, screen_candidates
@@ -39,6 +38,5 @@ def chain() -> Chain:
     screening = screen_candidates(base, 0.01, degrees_of_freedom(found))
     search = Search(base, *screening, STEPS).run()
     fits = [fit for labels, fit in search.fits.items() if labels]
-    times = {fit.label: search.seconds[labels_of(fit.hypothesis)] for fit in fits}
-    outcome = outcome_of(decide(search), times)
+    outcome = outcome_of(decide(search), search.seconds)
     return Chain(model, base.problem.noise, base, screening, fits, outcome)

@@ -2,14 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from jointgap.campaign.fits_on_disk import fit_row
 from jointgap.core import schema
-from jointgap.identification.fit import Fit, compress_rows
+from jointgap.identification.fit import FAILED, Fit, compress_rows
+from jointgap.identification.initial_fit import labels_of
 from jointgap.identification.law_family import FamilyInterval
+from jointgap.identification.problem import Hypothesis
 from jointgap.identification.verdict import Decision, Row
 
 
@@ -45,8 +47,8 @@ class Outcome(Decision):
         return self.ranking.assign(place=placed)
 
 
-def outcome_of(decision: Decision, seconds: Mapping[str, float]) -> Outcome:
-    """A decision with its ranking as a table; duration of the fits [s] by label."""
+def outcome_of(decision: Decision, seconds: Mapping[frozenset[str], float]) -> Outcome:
+    """A decision with its ranking as a table; duration of the fits [s] by effects."""
     return Outcome(**vars(decision) | {"ranking": ranking_frame(decision.ranking, seconds)})
 
 
@@ -68,14 +70,14 @@ def compressed(outcome: Outcome) -> Outcome:
 
 
 def ranking_frame(
-    ranking: Sequence[Row], seconds: Mapping[str, float] | None = None
+    ranking: Sequence[Row], seconds: Mapping[frozenset[str], float] | None = None
 ) -> pd.DataFrame:
     """Table `RANKING` without its column place."""
     rows = []
     for row in ranking:
         is_fitted = np.isfinite(row.delta_bic)
         rows.append(
-            fit_row(row.fit, (seconds or {}).get(row.fit.label, np.nan))
+            _fit_row(row.fit, (seconds or {}).get(labels_of(row.fit.hypothesis), np.nan))
             | {
                 "parameters": len(row.fit.parameters),
                 "delta_bic": row.delta_bic if is_fitted else np.nan,
@@ -87,6 +89,28 @@ def ranking_frame(
         )
     columns = [name for name in schema.RANKING.names if name != "place"]
     return pd.DataFrame(rows, columns=columns)
+
+
+def _fit_row(fit: Fit, seconds: float) -> dict[str, Any]:
+    failed = fit.status == FAILED
+    return {
+        "explanation": fit.label,
+        "kind": _kind_of(fit.hypothesis),
+        "status": fit.status,
+        "reason": fit.reason or None,
+        "chi2": np.nan if failed else fit.chi2,
+        "samples": fit.residual.size,
+        "bic": np.nan if failed else fit.bic,
+        "simulations": fit.simulations,
+        "seconds": seconds,
+        "gap_left": fit.gap_left,
+    }
+
+
+def _kind_of(hypothesis: Hypothesis) -> str:
+    if any(candidate.name.startswith("discovered_") for candidate in hypothesis):
+        return "formula"
+    return ("base", "single", "pair", "triple")[len(hypothesis)]
 
 
 def family_frame(families: Sequence[FamilyInterval]) -> pd.DataFrame:
