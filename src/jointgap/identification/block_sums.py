@@ -4,11 +4,12 @@ An impact that comes a few samples later changes single residuals by more than a
 that their chi2 has many local minima. Sums over a part of a revolution change smoothly.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from jointgap.core.candidates import Parameter
 from jointgap.identification.fit import FAILED, FiniteDifferences, Fit, fit_hypothesis
 from jointgap.identification.problem import Hypothesis, Part, Problem
 from jointgap.identification.screening import Sensitivities
@@ -53,6 +54,16 @@ class BlockSums(Problem):
                 if part.series.run not in runs:
                     summed[part.place] = out[part.place]
         return summed
+
+    def linearised(
+        self,
+        steps: Mapping[Parameter, float],
+        values: Mapping[str, float],
+        hypothesis: Hypothesis = (),
+    ) -> Iterator[tuple[Parameter, str, np.ndarray]]:
+        """As of `Problem.linearised`, for the sums."""
+        for p, run, derivative in self._problem.linearised(steps, values, hypothesis):
+            yield p, run, self.sums(derivative)
 
     def sums(self, residual: np.ndarray) -> np.ndarray:
         """Sums (size,) or (size, k) of residuals or their derivatives (n,) or (n, k)."""

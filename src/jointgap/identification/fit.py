@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -133,6 +133,13 @@ def _truncated_normal(
     return mean + sd * np.where(turned, -z, z)
 
 
+class LinearisedColumn(NamedTuple):
+    """Derivative (n,) [1/SI] of the residuals of some `runs`, zero in the others."""
+
+    derivative: np.ndarray
+    runs: tuple[str, ...]
+
+
 class FiniteDifferences:
     """Derivatives of a problem's residuals, with adapted steps."""
 
@@ -193,16 +200,38 @@ class FiniteDifferences:
         known_derivatives: Mapping[str, np.ndarray] | None = None,
         fine: bool = False,
     ) -> np.ndarray:
-        """Derivatives of the residuals."""
-        columns = [
-            (
-                known_derivatives[p.key]
-                if known_derivatives and p.key in known_derivatives
-                else self.column(p, values, residual, hypothesis, fine)
+        """Derivatives of the residuals: by linearisation where the model offers it and they need
+        not be `fine`, else by differences."""
+        columns = dict(known_derivatives or {})
+        unknown = [p for p in parameters if p.key not in columns]
+        linearised = {} if fine else self.linearised(unknown, values, hypothesis)
+        for p in unknown:
+            columns[p.key] = self.column(
+                p, values, residual, hypothesis, fine, linearised.get(p.key)
             )
-            for p in parameters
-        ]
-        return np.column_stack(columns) if columns else np.empty((residual.size, 0))
+        return np.column_stack(
+            [columns[p.key] for p in parameters] or [np.empty((residual.size, 0))]
+        )
+
+    def linearised(
+        self,
+        parameters: Sequence[Parameter],
+        values: Mapping[str, float],
+        hypothesis: Hypothesis,
+    ) -> dict[str, LinearisedColumn]:
+        """Derivatives by linearisation, by key, as far as the model linearises its runs."""
+        steps = {}
+        for p in parameters:
+            step = self._within(p, self.settings.linearised_step * p.step)
+            if values[p.key] + step <= p.high:
+                steps[p] = step
+            elif values[p.key] - step >= p.low:
+                steps[p] = -step
+        columns: dict[str, LinearisedColumn] = {}
+        for p, run, derivative in self.problem.linearised(steps, values, hypothesis):
+            column = columns.get(p.key, LinearisedColumn(0.0, ()))
+            columns[p.key] = LinearisedColumn(column.derivative + derivative, (*column.runs, run))
+        return columns
 
     def column(
         self,
@@ -211,15 +240,22 @@ class FiniteDifferences:
         residual: np.ndarray,
         hypothesis: Hypothesis,
         fine: bool = False,
+        linearised: LinearisedColumn | None = None,
     ) -> np.ndarray:
-        """Derivative with respect to one parameter, (n,) [1/SI]."""
+        """Derivative with respect to one parameter, (n,) [1/SI]; by differences in the runs that
+        are not `linearised`."""
+        runs = self.problem.runs if parameter.run is None else (parameter.run,)
+        if linearised is not None:
+            runs = tuple(run for run in runs if run not in linearised.runs)
+            if not runs:
+                return linearised.derivative
         settings, target = self.settings, self.target
         if not fine:
             target = max(
                 target, settings.target_share_of_residual * float(np.linalg.norm(residual))
             )
         step = self._steps.get(parameter.key, parameter.step)
-        change, step = self._change(parameter, step, values, residual, hypothesis)
+        change, step = self._change(parameter, step, values, residual, hypothesis, runs)
         length, accepted = float(np.linalg.norm(change)), settings.accepted_factor
         if length > 0 and not target / accepted < length < target * accepted:
             ratio = np.clip(target / length, settings.min_step_ratio, settings.max_step_ratio)
@@ -227,21 +263,24 @@ class FiniteDifferences:
             if abs(better) < abs(step) / other or abs(better) > abs(step) * other:
                 try:
                     change, step = self._change(
-                        parameter, abs(better), values, residual, hypothesis
+                        parameter, abs(better), values, residual, hypothesis, runs
                     )
                 except (InputError, SimulationError):
                     pass  # keep the first change
         self._steps[parameter.key] = abs(step)
-        return change / step
+        derivative = change / step
+        return derivative if linearised is None else derivative + linearised.derivative
 
     def _within(self, parameter: Parameter, step: float) -> float:
         span = parameter.high - parameter.low
         return min(step, self.settings.max_share_of_range * span) if np.isfinite(span) else step
 
-    def _change(self, parameter, step, values, residual, hypothesis) -> tuple[np.ndarray, float]:
-        """Change of the residuals over a step up, or down if up is out of bounds or fails."""
+    def _change(
+        self, parameter, step, values, residual, hypothesis, runs
+    ) -> tuple[np.ndarray, float]:
+        """Change of the residuals of `runs` over a step up, or down if up is out of bounds or
+        fails."""
         here, step = values[parameter.key], self._within(parameter, step)
-        runs = None if parameter.run is None else [parameter.run]
         problems = []
         for signed in (step, -step) if here + step <= parameter.high else (-step,):
             if not parameter.low <= here + signed <= parameter.high:

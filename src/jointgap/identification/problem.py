@@ -1,16 +1,19 @@
 """Whitened residuals of a model."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.signal import lfilter, lfiltic
 
-from jointgap.core.candidates import Candidate, Model, Parameter, Series, runs_of
+from jointgap.core.candidates import Candidate, Linearised, Model, Parameter, Series, runs_of
 from jointgap.core.errors import SimulationError
 from jointgap.core.progress import report_progress
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
+
+# Simulated runs that take as long as a linearisation with ten parameters
+LINEARISATION_RUNS = 2
 
 
 @dataclass(frozen=True)
@@ -283,6 +286,47 @@ class Problem:
                 place, errors = self._shared[run]
                 residual[place] = errors.whiten(residual[place])
         return residual
+
+    def linearised(
+        self,
+        steps: Mapping[Parameter, float],
+        values: Mapping[str, float],
+        hypothesis: Hypothesis = (),
+    ) -> Iterator[tuple[Parameter, str, np.ndarray]]:
+        """Derivatives [1/SI] by linearisation: parameter, run, and column (size,), zero in other
+        runs.
+
+        `steps` [SI] are changes of the parameters, within their bounds. Derivatives that the model
+        does not linearise are absent.
+        """
+        if not isinstance(self.model, Linearised):
+            return
+        for run in self.runs:
+            here = {p: step for p, step in steps.items() if p.run in (None, run)}
+            variations = [
+                values_in_run(self.model, run, {**values, p.key: values[p.key] + step}, hypothesis)
+                for p, step in here.items()
+            ]
+            base = values_in_run(self.model, run, values, hypothesis)
+            changes = self.model.changes(run, *base, variations) if variations else None
+            if changes is None:
+                continue
+            self.simulations += LINEARISATION_RUNS
+            for (p, step), change in zip(here.items(), changes, strict=True):
+                if change is not None:
+                    yield p, run, self._whitened_change(run, change) / step
+
+    def _whitened_change(self, run: str, change: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Change (size,) of the residuals by a change of a run's predicted readings."""
+        found = np.zeros(self.size)
+        for part in self.parts:
+            if part.series.run == run:
+                changed = np.where(part.used, -change[part.series.channel], np.nan)
+                found[part.place] = whiten(changed, part.noise)[part.used]
+        if run in self._shared:
+            place, errors = self._shared[run]
+            found[place] = errors.whiten(found[place])
+        return found
 
     def shared_changes(self, run: str) -> np.ndarray:
         """Change (n, e) of a run's residuals by each common error of variance 1."""

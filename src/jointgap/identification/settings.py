@@ -26,6 +26,9 @@ class FiniteDifferenceSettings:
     target_per_statistic: float = 1.5
     # [1] Least target over the numerical noise: errors of derivatives up to a fifth
     target_over_numerical_noise: float = 5.0
+    # [1, of a parameter's step] Change of the parameters of linearised equations, which have no
+    # numerical noise
+    linearised_step: float = 1e-5
     probe_step: float = 1e-6  # [1, of a parameter's step] Change that only causes numerical noise
     probed_parameters: int = (
         2  # Parameters changed so; the largest change counts, as one may not influence contacts
