@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any, Protocol
 
+from jointgap.core.candidates import Candidate
 from jointgap.core.progress import report_progress
 from jointgap.identification.baseline import Baseline
 from jointgap.identification.evidence import reduced_chi2
@@ -43,7 +44,7 @@ class Proposal:
     bic: float  # Predicted
     fit: Callable[[float], Sequence[Fit]]  # Fits it, given the chi2 of a sufficient hypothesis
     explores: bool = False  # Worth a fit as long as nothing is sufficient, whatever is predicted
-    is_slow: bool = False  # Its simulations take long, so it comes last
+    is_slow: bool = False  # Its simulations take long, so it comes last in its round
 
     @property
     def labels(self) -> Labels:
@@ -114,9 +115,11 @@ class Search:
             if self.problem.simulations > most:
                 self.not_searched = list(dict.fromkeys(proposal.step for proposal in queue))
                 break
-            for proposal in islice(_different(queue), settings.fits_per_round):
-                self._fit(proposal)
-                self._proposals.remove(proposal)
+            leading = islice(_different(queue), settings.fits_per_round)
+            for proposal in sorted(leading, key=lambda proposal: proposal.is_slow):
+                if self._is_worth(proposal, self.best):
+                    self._fit(proposal)
+                    self._proposals.remove(proposal)
         return self
 
     def _queue(self) -> list[Proposal]:
@@ -125,7 +128,7 @@ class Search:
             self._proposals += step.propose(self)
         best = self.best
         worth = [proposal for proposal in self._proposals if self._is_worth(proposal, best)]
-        return sorted(worth, key=lambda proposal: (proposal.is_slow, proposal.bic))
+        return sorted(worth, key=lambda proposal: proposal.bic)
 
     def is_new(self, *key: Any) -> bool:
         """Whether a step asks with this key for the first time."""
@@ -210,7 +213,7 @@ class Search:
                 regression.bic,
                 fit_of(regression),
                 explores,
-                any(sensitivity.is_secant for sensitivity in regression.sensitivities),
+                any(_is_slow(effect) for effect in regression.hypothesis),
             )
             for regression in regressions
         ]
@@ -253,6 +256,13 @@ class Search:
         seconds = time.monotonic() - begin
         self.seconds[proposal.labels] = self.seconds.get(proposal.labels, 0.0) + seconds
         report_progress("fits of effects", len(self.seconds))
+
+
+def _is_slow(effect: Candidate) -> bool:
+    """Whether simulations with an effect take long: of finite size only, such as an oil film, or
+    not periodic with the crank."""
+    is_finite = all({*guess} & {*effect.amplitudes} for guess in effect.initial_guesses)
+    return is_finite or any(p.name == "frequency_Hz" for p in effect.coordinates)
 
 
 def _different(queue: Sequence[Proposal]) -> Iterator[Proposal]:

@@ -100,7 +100,7 @@ class _ReadingsNearby:
                 runs[place] = run
             elif (forced := self._motion.forcing(run.driven.numbers)) is not None:
                 runs[place], forcing[place] = run, forced
-        states = self._motion.changes(list(forcing.values()))
+        states = self._motion.changes(list(forcing.values())) if forcing else ()
         if states is None:
             return None
         change_of = dict(zip(forcing, states, strict=True))
