@@ -8,13 +8,14 @@ fit as long as its prediction could change the verdict; the search ends if none 
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any, Protocol
 
 from jointgap.core.candidates import Candidate
 from jointgap.core.progress import report_progress
 from jointgap.identification.baseline import Baseline
+from jointgap.identification.block_sums import is_rough
 from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.initial_fit import fit_screened, labels_of, without_other_effects
@@ -44,7 +45,7 @@ class Proposal:
     bic: float  # Predicted
     fit: Callable[[float], Sequence[Fit]]  # Fits it, given the chi2 of a sufficient hypothesis
     explores: bool = False  # Worth a fit as long as nothing is sufficient, whatever is predicted
-    is_slow: bool = False  # Its simulations take long, so it comes last in its round
+    is_slow: bool = False  # Its simulations take long, so it comes last
 
     @property
     def labels(self) -> Labels:
@@ -115,8 +116,7 @@ class Search:
             if self.problem.simulations > most:
                 self.not_searched = list(dict.fromkeys(proposal.step for proposal in queue))
                 break
-            leading = islice(_different(queue), settings.fits_per_round)
-            for proposal in sorted(leading, key=lambda proposal: proposal.is_slow):
+            for proposal in islice(_different(queue), settings.fits_per_round):
                 if self._is_worth(proposal, self.best):
                     self._fit(proposal)
                     self._proposals.remove(proposal)
@@ -128,7 +128,7 @@ class Search:
             self._proposals += step.propose(self)
         best = self.best
         worth = [proposal for proposal in self._proposals if self._is_worth(proposal, best)]
-        return sorted(worth, key=lambda proposal: proposal.bic)
+        return sorted(worth, key=lambda proposal: (proposal.is_slow, proposal.bic))
 
     def is_new(self, *key: Any) -> bool:
         """Whether a step asks with this key for the first time."""
@@ -177,18 +177,21 @@ class Search:
         """Sensitivities of one effect more about a fit.
 
         They are simulated if the fit leaves more than noise, as it is then far from the base; not
-        for statistics, whose simulations take long.
+        for statistics and of slow effects, whose simulations take long.
         """
         about = self.sensitivities.about(fit)
         if self.is_sufficient(fit) or self.problem.has_statistics:
             return about
         ranked = SensitivityRegression(about, fit.hypothesis).singles()
-        leading = [
-            one.hypothesis[-1] for one in shortlist(ranked, self.settings.linearised_partners)
-        ]
-        labels = {label for effect in leading for label in (effect.label, effect.carrier)}
+        leading = shortlist(ranked, self.settings.linearised_partners)
+        effects = [regression.hypothesis[-1] for regression in leading]
+        labels = {label for effect in effects for label in (effect.label, effect.carrier)}
+        if is_rough(self.problem):
+            labels -= {effect.label for effect in effects if _is_slow(effect)}
         candidates = [one for one in self.problem.model.candidates if one.label in labels]
-        return simulate_sensitivities(self.problem, fit, self.baseline.differences, candidates)
+        simulated = simulate_sensitivities(self.problem, fit, self.baseline.differences, candidates)
+        others = [entry for entry in about.entries if entry.candidate.label not in labels]
+        return replace(simulated, entries=[*simulated.entries, *others])
 
     def proposals(
         self,
@@ -213,7 +216,7 @@ class Search:
                 regression.bic,
                 fit_of(regression),
                 explores,
-                any(_is_slow(effect) for effect in regression.hypothesis),
+                is_rough(problem) and any(map(_is_slow, regression.hypothesis)),
             )
             for regression in regressions
         ]
