@@ -4,14 +4,13 @@ An impact that comes a few samples later changes single residuals by more than a
 that their chi2 has many local minima. Sums over a part of a revolution change smoothly.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from jointgap.core.candidates import Parameter
 from jointgap.identification.fit import FAILED, FiniteDifferences, Fit, fit_hypothesis
-from jointgap.identification.problem import Hypothesis, Part, Problem
+from jointgap.identification.problem import Hypothesis, LinearisedChange, Part, Problem
 from jointgap.identification.screening import Sensitivities
 
 
@@ -57,13 +56,13 @@ class BlockSums(Problem):
 
     def linearised(
         self,
-        steps: Mapping[Parameter, float],
         values: Mapping[str, float],
-        hypothesis: Hypothesis = (),
-    ) -> Iterator[tuple[Parameter, str, np.ndarray]]:
+        hypothesis: Hypothesis,
+        variations: Sequence[tuple[Mapping[str, float], Hypothesis]],
+    ) -> list[LinearisedChange]:
         """As of `Problem.linearised`, for the sums."""
-        for p, run, derivative in self._problem.linearised(steps, values, hypothesis):
-            yield p, run, self.sums(derivative)
+        found = self._problem.linearised(values, hypothesis, variations)
+        return [LinearisedChange(self.sums(change), runs) for change, runs in found]
 
     def sums(self, residual: np.ndarray) -> np.ndarray:
         """Sums (size,) or (size, k) of residuals or their derivatives (n,) or (n, k)."""

@@ -133,8 +133,16 @@ def _truncated_normal(
     return mean + sd * np.where(turned, -z, z)
 
 
+class Direction(NamedTuple):
+    """A parameter that is varied, and the values and hypothesis where it is."""
+
+    parameter: Parameter
+    values: Mapping[str, float]
+    hypothesis: Hypothesis
+
+
 class LinearisedColumn(NamedTuple):
-    """Derivative (n,) [1/SI] of the residuals of some `runs`, zero in the others."""
+    """Derivative (n,) [1/SI] of the residuals of some `runs`; zero in the others."""
 
     derivative: np.ndarray
     runs: tuple[str, ...]
@@ -204,34 +212,37 @@ class FiniteDifferences:
         not be `fine`, else by differences."""
         columns = dict(known_derivatives or {})
         unknown = [p for p in parameters if p.key not in columns]
-        linearised = {} if fine else self.linearised(unknown, values, hypothesis)
-        for p in unknown:
-            columns[p.key] = self.column(
-                p, values, residual, hypothesis, fine, linearised.get(p.key)
-            )
+        linearised: list[LinearisedColumn | None] = [None] * len(unknown)
+        if not fine:
+            directions = [Direction(p, values, hypothesis) for p in unknown]
+            linearised = self.linearised(values, hypothesis, directions)
+        for p, known in zip(unknown, linearised, strict=True):
+            columns[p.key] = self.column(p, values, residual, hypothesis, fine, known)
         return np.column_stack(
             [columns[p.key] for p in parameters] or [np.empty((residual.size, 0))]
         )
 
     def linearised(
         self,
-        parameters: Sequence[Parameter],
         values: Mapping[str, float],
         hypothesis: Hypothesis,
-    ) -> dict[str, LinearisedColumn]:
-        """Derivatives by linearisation, by key, as far as the model linearises its runs."""
-        steps = {}
-        for p in parameters:
+        directions: Sequence[Direction],
+    ) -> list[LinearisedColumn]:
+        """Derivatives at `values` by linearisation, as far as the model linearises its runs.
+
+        The values and hypotheses of the `directions` give the same residuals as `values` and
+        `hypothesis`, such as those of an effect of size 0.
+        """
+        steps, variations = [], []
+        for p, here, effects in directions:
             step = self._within(p, self.settings.linearised_step * p.step)
-            if values[p.key] + step <= p.high:
-                steps[p] = step
-            elif values[p.key] - step >= p.low:
-                steps[p] = -step
-        columns: dict[str, LinearisedColumn] = {}
-        for p, run, derivative in self.problem.linearised(steps, values, hypothesis):
-            column = columns.get(p.key, LinearisedColumn(0.0, ()))
-            columns[p.key] = LinearisedColumn(column.derivative + derivative, (*column.runs, run))
-        return columns
+            steps.append(step if here[p.key] + step <= p.high else -step)
+            variations.append(({**here, p.key: here[p.key] + steps[-1]}, effects))
+        changes = self.problem.linearised(values, hypothesis, variations)
+        return [
+            LinearisedColumn(change / step, runs)
+            for (change, runs), step in zip(changes, steps, strict=True)
+        ]
 
     def column(
         self,

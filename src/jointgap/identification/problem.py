@@ -1,8 +1,9 @@
 """Whitened residuals of a model."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import lfilter, lfiltic
@@ -179,6 +180,13 @@ class SearchLimit:
         return reached
 
 
+class LinearisedChange(NamedTuple):
+    """Change (size,) of the residuals of `runs` by linearisation; zero in other runs."""
+
+    change: np.ndarray
+    runs: tuple[str, ...]
+
+
 class Problem:
     """The fitted or held-out samples, and the whitened residuals of a hypothesis."""
 
@@ -289,32 +297,26 @@ class Problem:
 
     def linearised(
         self,
-        steps: Mapping[Parameter, float],
         values: Mapping[str, float],
-        hypothesis: Hypothesis = (),
-    ) -> Iterator[tuple[Parameter, str, np.ndarray]]:
-        """Derivatives [1/SI] by linearisation: parameter, run, and column (size,), zero in other
-        runs.
-
-        `steps` [SI] are changes of the parameters, within their bounds. Derivatives that the model
-        does not linearise are absent.
-        """
-        if not isinstance(self.model, Linearised):
-            return
-        for run in self.runs:
-            here = {p: step for p, step in steps.items() if p.run in (None, run)}
-            variations = [
-                values_in_run(self.model, run, {**values, p.key: values[p.key] + step}, hypothesis)
-                for p, step in here.items()
-            ]
+        hypothesis: Hypothesis,
+        variations: Sequence[tuple[Mapping[str, float], Hypothesis]],
+    ) -> list["LinearisedChange"]:
+        """Changes of the residuals from `values` and `hypothesis` to each of the nearby
+        `variations`, as far as the model linearises its runs."""
+        changes = [np.zeros(self.size) for _ in variations]
+        known: list[tuple[str, ...]] = [() for _ in variations]
+        for run in self.runs if isinstance(self.model, Linearised) else ():
             base = values_in_run(self.model, run, values, hypothesis)
-            changes = self.model.changes(run, *base, variations) if variations else None
-            if changes is None:
+            nearby = [values_in_run(self.model, run, *variation) for variation in variations]
+            found = self.model.changes(run, *base, nearby) if nearby else None
+            if found is None:
                 continue
             self.simulations += LINEARISATION_RUNS
-            for (p, step), change in zip(here.items(), changes, strict=True):
+            for place, change in enumerate(found):
                 if change is not None:
-                    yield p, run, self._whitened_change(run, change) / step
+                    changes[place] += self._whitened_change(run, change)
+                    known[place] += (run,)
+        return [LinearisedChange(*pair) for pair in zip(changes, known, strict=True)]
 
     def _whitened_change(self, run: str, change: Mapping[str, np.ndarray]) -> np.ndarray:
         """Change (size,) of the residuals by a change of a run's predicted readings."""

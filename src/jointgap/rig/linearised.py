@@ -11,7 +11,7 @@ from jointgap.core.candidates import Effects, Variation
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.dynamics.parameters import Parameters
 from jointgap.rig.drives import RunPlan, Values
-from jointgap.rig.periodic import LinearMotion, periodic_orbit
+from jointgap.rig.periodic import Evaluation, LinearMotion, Orbit, periodic_orbit
 from jointgap.rig.simulate_run import (
     Columns,
     Prepared,
@@ -46,29 +46,24 @@ def linearised_changes(
     orbit = periodic_orbit(base.driven.numbers, *settled, base.tolerance)
     if orbit is None:
         return None
-    return _ReadingsNearby(campaign, plan, base, LinearMotion(orbit)).changes(variations)
+    return _ReadingsNearby(campaign, plan, base, orbit).changes(variations)
 
 
 class _ReadingsNearby:
     """The readings of a run near a periodic motion."""
 
-    def __init__(self, campaign: Campaign, plan: RunPlan, base: Prepared, motion: LinearMotion):
-        self._campaign, self._plan, self._base, self._motion = campaign, plan, base, motion
+    def __init__(self, campaign: Campaign, plan: RunPlan, base: Prepared, orbit: Orbit):
+        self._campaign, self._plan, self._base = campaign, plan, base
         channels = [name for name in plan.channels if name != "crank_angle"]
         self._columns = list(dict.fromkeys([*channels, "crank_torque"]))
-        self._between = _Interpolation(motion.orbit.points.ravel())
-
-    def _read(self, run: Prepared, change: np.ndarray | float = 0.0) -> Readings:
-        motion = self._motion_of(run.driven.numbers, change)
-        return read(self._campaign, self._plan, run, motion)
+        self._motion = LinearMotion(orbit, self._columns)
+        self._between = _Interpolation(orbit.angles)
 
     def _motion_of(
         self, p: Parameters, change: np.ndarray | float = 0.0
     ) -> Callable[[np.ndarray], Columns]:
-        """The motion with the parameters `p` and a `change` of the states; see
-        `LinearMotion.observed`."""
-        samples = self._motion.observed(p, change)
-        at_points = np.column_stack([samples[name] for name in self._columns])
+        """The motion with the parameters `p` and a `change` (n, c) of the orbit's channels."""
+        at_points = self._motion.channels + change
 
         def motion(angles: np.ndarray) -> Columns:
             columns = self._between(angles, at_points).T
@@ -77,17 +72,20 @@ class _ReadingsNearby:
 
         return motion
 
+    def _read(self, run: Prepared, motion: Callable[[np.ndarray], Columns]) -> Readings:
+        return read(self._campaign, self._plan, run, motion)
+
     def changes(self, variations: Sequence[Variation]) -> list[Readings | None] | None:
         """Changes of the readings by each of the variations; None if the motion is not stable."""
         base = self._base.driven.numbers
         unchanged = self._motion_of(base)
-        readings = read(self._campaign, self._plan, self._base, unchanged)
+        readings = self._read(self._base, unchanged)
 
         def torque(p: Parameters, angles: np.ndarray) -> np.ndarray:
             return unchanged(angles)["crank_torque"]
 
         runs: dict[int, Prepared] = {}
-        forcing: dict[int, np.ndarray] = {}
+        forcing: dict[int, Evaluation] = {}
         for place, (values, effects) in enumerate(variations):
             limited, _, share = simulated_effects(effects)
             if share < 1.0:
@@ -100,13 +98,14 @@ class _ReadingsNearby:
                 runs[place] = run
             elif (forced := self._motion.forcing(run.driven.numbers)) is not None:
                 runs[place], forcing[place] = run, forced
-        states = self._motion.changes(list(forcing.values())) if forcing else ()
-        if states is None:
+        channels = self._motion.changes(list(forcing.values()))
+        if channels is None:
             return None
-        change_of = dict(zip(forcing, states, strict=True))
+        change_of = dict(zip(forcing, channels, strict=True))
         found: list[Readings | None] = [None] * len(variations)
         for place, run in runs.items():
-            changed = self._read(run, change_of.get(place, 0.0))
+            motion = self._motion_of(run.driven.numbers, change_of.get(place, 0.0))
+            changed = self._read(run, motion)
             found[place] = {name: changed[name] - readings[name] for name in readings}
         return found
 

@@ -24,7 +24,6 @@ from jointgap.dynamics.integrate import Progress
 from jointgap.dynamics.joints import FLIGHT
 from jointgap.dynamics.numba_cache import compiled
 from jointgap.dynamics.parameters import MOTOR, Parameters
-from jointgap.dynamics.runge_kutta import instant
 from jointgap.dynamics.sampling import SAMPLE, fill_samples
 from jointgap.dynamics.simulation import IntegrationResult, integrate_on
 
@@ -35,159 +34,68 @@ COARSE_ANGLES = 720
 """Angles per revolution that show where sliding reverses."""
 
 _EVEN_SHARE = 0.5  # [1] Share of the intervals that is evenly distributed
-_SUBDIVISION = 50  # Parts of a coarse interval in which a reversal is found
+_SUBDIVISION = 20  # Parts of a coarse interval in which a reversal is found
 _LARGEST_MULTIPLIER = 0.5  # [1] Above, a disturbance lasts for more than some revolutions
 _PERIODIC = 1e-6  # [1, of the largest rate] Difference of the rates after a revolution
 _CHECKED = 40  # Every such point is compared with the next revolution
 _POSITION_STEP, _VELOCITY_STEP = 1e-11, 1e-7  # [m], [m/s] Differences by the states
 _LONG_AGO = -1e6  # [s] Begin of a contact whose impact has no effect any more
 
-# Places of positions and velocities among the states and auxiliary states: clearance vectors by
-# joint, and a rod's deflection
-_VECTORS = (
-    ((0, 1), (4, 5)),
-    ((2, 3), (6, 7)),
-    ((STATES, STATES + 1), (STATES + 4, STATES + 5)),
-)
-_BENDING = ((STATES + 3,), (STATES + 7,))
+# By joint: places of its clearance vector and of its rate among states and auxiliary states, and
+# its number in the names of the samples
+_PLACES = {
+    "crank_pin": ((0, 1), (4, 5), "2"),
+    "piston_pin": ((2, 3), (6, 7), "3"),
+    "crank_pivot": ((STATES, STATES + 1), (STATES + 4, STATES + 5), "1"),
+}
 
 
-class Contacts(NamedTuple):
-    """State of the joints' contacts; see `jointgap.dynamics.runge_kutta.Instant`."""
-
-    modes: tuple
-    approaches: tuple
-    begins: tuple
-
-
-@compiled
-def _rates(p, time, z, contacts, velocities, rates):
-    """Time [s] per crank angle [rad]; the derivatives of the states `velocities` with respect to
-    the crank angle are written to `rates`."""
-    y = (z[0], z[1], z[2], z[3], z[4], z[5], z[6], z[7])
-    x = (z[8], z[9], z[10], z[11], z[12], z[13], z[14], z[15], z[16], z[17], z[18])
-    here = instant(p, time, y, x, contacts.modes, contacts.approaches, contacts.begins)
-    pace = 1.0 / here.crank.speed
-    for i in range(velocities.size):
-        place = velocities[i]
-        if place < STATES:
-            rates[i] = here.clearance_rates[place] * pace
-        else:
-            rates[i] = here.auxiliary_rates[place - STATES] * pace
-    return pace
-
-
-@compiled
-def rates_along(p, times, states, contacts, velocities):
-    """Time (n,) [s] per crank angle [rad], and derivatives (n, d) of the states `velocities` with
-    respect to the crank angle, at `states` (n, 19)."""
-    pace, rates = np.empty(times.size), np.empty((times.size, velocities.size))
-    for n in range(times.size):
-        pace[n] = _rates(p, times[n], states[n], contacts, velocities, rates[n])
-    return pace, rates
-
-
-@compiled
-def state_derivatives(p, times, states, contacts, velocities, varied, steps):
-    """Derivatives (n, d, q) of the rates of `rates_along` with respect to the states `varied`, by
-    differences over `steps` (q,)."""
-    size, count = velocities.size, varied.size
-    found = np.empty((times.size, size, count))
-    base, shifted, z = np.empty(size), np.empty(size), np.empty(states.shape[1])
-    for n in range(times.size):
-        z[:] = states[n]
-        _rates(p, times[n], z, contacts, velocities, base)
-        for j in range(count):
-            place = varied[j]
-            z[place] += steps[j]
-            _rates(p, times[n], z, contacts, velocities, shifted)
-            z[place] = states[n, place]
-            for i in range(size):
-                found[n, i, j] = (shifted[i] - base[i]) / steps[j]
-    return found
-
-
-class VaryingStates(NamedTuple):
-    """Places of the states that vary, d positions [m] and their rates [m/s], among the 19 states
-    and auxiliary states."""
-
-    positions: np.ndarray
-    velocities: np.ndarray
-
-    @property
-    def all(self) -> np.ndarray:
-        return np.concatenate(self)
-
-
-def varying_states(p: Parameters) -> VaryingStates | None:
-    """Clearance vectors of loose joints and a rod's deflection; None with bristles or a motor,
-    which have further states."""
-    if p.switches.bristles or p.drive.kind == MOTOR:
+def _loose_joints(p: Parameters) -> list[str] | None:
+    """The loose joints, whose clearance vectors are the states; None with bristles, a bending rod
+    or a motor, which have further states."""
+    if p.switches.bristles or p.bodies.rod_angular_frequency or p.drive.kind == MOTOR:
         return None
-    pairs = [pair for name, pair in zip(JOINTS, _VECTORS, strict=True) if getattr(p, name).loose]
-    if p.bodies.rod_angular_frequency:
-        pairs.append(_BENDING)
-    return VaryingStates(
-        *(np.array([i for pair in pairs for i in pair[k]], np.int64) for k in range(2))
-    )
+    return [name for name in JOINTS if getattr(p, name).loose] or None
 
 
 class Orbit(NamedTuple):
-    """One revolution of a periodic motion, divided into intervals.
-
-    The points are the Gauss points and the end of each interval.
-    """
+    """One revolution of a periodic motion, divided into intervals."""
 
     p: Parameters
     edges: np.ndarray  # (k + 1,) crank angles [rad] of the intervals' ends
-    points: np.ndarray  # (k, STAGES + 1) crank angles [rad] of the points
-    motion: IntegrationResult  # at the points
-    contacts: Contacts
+    angles: np.ndarray  # (n,) crank angles [rad] of their Gauss points, n = k STAGES
+    motion: IntegrationResult  # at these
+    joints: list[str]  # The loose ones
 
 
-def _contacts(p: Parameters, motion: IntegrationResult) -> Contacts | None:
-    """The contacts of a motion in which none begins or ends and none remembers its begin; else
-    None."""
+def _lasts(p: Parameters, motion: IntegrationResult) -> bool:
+    """Whether no contact begins or ends in a motion, and none remembers its begin."""
     modes = motion.modes
     if motion.events.size or (modes != modes[0]).any():
-        return None
-    begins = []
+        return False
     for number, name in enumerate(JOINTS):
         joint, begin = getattr(p, name), motion.begins[-1, number]
-        touching = joint.loose and modes[0, number] != FLIGHT
         faded = motion.times[0] - begin > joint.memory_time + joint.fading_time
-        if touching and not faded and joint.damping > 0.0:
-            return None
-        begins.append(_LONG_AGO if touching else begin)
-    return Contacts(
-        tuple(np.int64(mode) for mode in modes[0]),
-        tuple(float(speed) for speed in motion.approaches[-1]),
-        tuple(map(float, begins)),
-    )
-
-
-def _joined(motion: IntegrationResult) -> np.ndarray:
-    """States and auxiliary states (n, 19)."""
-    return np.hstack([motion.states, motion.auxiliary_states])
+        if joint.loose and modes[0, number] != FLIGHT and joint.damping > 0.0 and not faded:
+            return False
+    return True
 
 
 def _slips(p: Parameters, observed: dict[str, np.ndarray]) -> list[np.ndarray]:
     """Sliding speeds (n,) over the speed of their regularisation [1]: of the loose joints and of
     the slider."""
-    turning = {
-        "crank_pin": ("2", "rod_angular_velocity", "crank_speed"),
-        "piston_pin": ("3", "rod_angular_velocity", None),
-        "crank_pivot": ("1", "crank_speed", None),
-    }
     slips = [observed["slider_velocity"] / p.effects.slider_sign_speed]
-    for name, (number, body, partner) in turning.items():
-        joint = getattr(p, name)
+    rotations = {
+        "crank_pin": (observed["rod_angular_velocity"], observed["crank_speed"]),
+        "piston_pin": (observed["rod_angular_velocity"], 0.0),
+        "crank_pivot": (observed["crank_speed"], 0.0),
+    }
+    for name, (body, partner) in rotations.items():
+        joint, number = getattr(p, name), _PLACES[name][2]
         if joint.loose:
             swing = observed[f"r{number}"] * observed[f"gamma{number}_dot"]
-            rotation = joint.body_radius * observed[body]
-            if partner:
-                rotation = rotation - joint.partner_radius * observed[partner]
-            slips.append((swing + joint.side * rotation) / joint.friction_speed)
+            turning = joint.body_radius * body - joint.partner_radius * partner
+            slips.append((swing + joint.side * turning) / joint.friction_speed)
     return slips
 
 
@@ -228,16 +136,17 @@ def periodic_orbit(
 
     `coarse` is the periodic motion at `coarse_angles` of the revolution before, `progress` its end.
     """
-    if varying_states(p) is None or _contacts(p, coarse) is None:
+    joints = _loose_joints(p)
+    if joints is None or not _lasts(p, coarse):
         return None
     edges = _edges(_slips(p, coarse.observed(p)), begin, count)
-    nodes, _ = gauss_collocation(STAGES)
-    points = edges[:-1, None] + np.diff(edges)[:, None] * np.append(nodes, 1.0)
-    points[:, -1] = edges[1:]
-    motion, _ = integrate_on(p, progress, points.ravel(), tolerance)
-    if (contacts := _contacts(p, motion)) is None:
+    angles = (edges[:-1, None] + np.diff(edges)[:, None] * gauss_collocation(STAGES)[0]).ravel()
+    motion, _ = integrate_on(p, progress, angles, tolerance)
+    if not _lasts(p, motion):
         return None
-    return Orbit(p, edges, points, motion, contacts)
+    # the time since their begin has no effect, also with other parameters
+    motion = motion._replace(begins=np.where(np.isfinite(motion.begins), _LONG_AGO, np.inf))
+    return Orbit(p, edges, angles, motion, joints)
 
 
 @cache
@@ -344,73 +253,119 @@ def collocated(lengths, weights, pace, derivatives, of_positions, of_velocities,
         state = found[n, stages]
 
 
+class Evaluation(NamedTuple):
+    """Equations of motion along an orbit, with d positions."""
+
+    velocities: np.ndarray  # (n, d) derivatives of the positions by the crank angle
+    rates: np.ndarray  # (n, d) derivatives of the velocities by the crank angle
+    channels: np.ndarray  # (n, c)
+
+    def minus(self, other: "Evaluation") -> "Evaluation":
+        return Evaluation(*(a - b for a, b in zip(self, other, strict=True)))
+
+
 class LinearMotion:
-    """Equations of motion linearised along an orbit."""
+    """The equations of motion and `channels` (columns of `SAMPLE`), linearised along an orbit."""
 
-    def __init__(self, orbit: Orbit):
-        self.orbit = orbit
-        p, self._varying = orbit.p, varying_states(orbit.p)
-        inner = np.arange(orbit.points.size) % (STAGES + 1) < STAGES
-        self._angles = orbit.points[:, :-1].ravel()
-        self._states = _joined(orbit.motion.part(inner))
-        times, contacts, varying = crank_times(p, self._angles), orbit.contacts, self._varying
-        self._pace, self._rates = rates_along(p, times, self._states, contacts, varying.velocities)
-        steps = np.repeat([_POSITION_STEP, _VELOCITY_STEP], varying.positions.size)
-        self._derivatives = state_derivatives(
-            p, times, self._states, contacts, varying.velocities, varying.all, steps
+    def __init__(self, orbit: Orbit, channels: Sequence[str]):
+        self.orbit, self._channels = orbit, channels
+        positions, velocities = (
+            [place for name in orbit.joints for place in _PLACES[name][k]] for k in range(2)
         )
+        self._samples = np.empty(orbit.angles.size, SAMPLE)  # one room: new memory is slow
+        times = crank_times(orbit.p, orbit.angles)
+        self._base = self._evaluated(orbit.p, orbit.motion, times)
+        states = np.hstack([orbit.motion.states, orbit.motion.auxiliary_states])
+        by_states = []
+        for places, step in ((positions, _POSITION_STEP), (velocities, _VELOCITY_STEP)):
+            for place in places:
+                shifted = states.copy()
+                shifted[:, place] += step
+                motion = orbit.motion._replace(
+                    states=shifted[:, :STATES].copy(), auxiliary_states=shifted[:, STATES:].copy()
+                )
+                change = self._evaluated(orbit.p, motion, times).minus(self._base)
+                by_states.append((change.rates / step, change.channels / step))
+        self._rates_by_states, self._channels_by_states = (
+            np.stack(columns, axis=-1) for columns in zip(*by_states, strict=True)
+        )
+        self._pace = (1.0 / self._samples["crank_speed"]).reshape(-1, STAGES)
 
-    def forcing(self, p: Parameters) -> np.ndarray | None:
-        """Change (2, n, d) by other parameters of the derivatives of positions and velocities with
-        respect to the crank angle; None if they are not periodic, or if other states vary."""
-        varying, contacts = varying_states(p), self.orbit.contacts
-        if varying is None or not np.array_equal(varying.all, self._varying.all):
+    @property
+    def channels(self) -> np.ndarray:
+        """The channels (n, c) of the orbit."""
+        return self._base.channels
+
+    def _evaluated(self, p: Parameters, motion: IntegrationResult, times: np.ndarray) -> Evaluation:
+        """The equations of motion with the parameters `p` at the states of a motion."""
+        samples = self._samples[: times.size]
+        fill_samples(p, motion._replace(times=times), samples)
+        pace = 1.0 / samples["crank_speed"]
+        velocities, rates = [], []
+        states = np.hstack([motion.states, motion.auxiliary_states])
+        for name in self.orbit.joints:
+            (x, y), rate, number = _PLACES[name]
+            r, r_dot, r_ddot, turning, turning_rate = (
+                samples[column.format(number)]
+                for column in ("r{}", "r{}_dot", "r{}_ddot", "gamma{}_dot", "gamma{}_ddot")
+            )
+            along = pace * (r_ddot - r * turning**2) / r
+            across = pace * (turning_rate + 2.0 * r_dot * turning / r)
+            rates += [
+                along * states[:, x] - across * states[:, y],
+                along * states[:, y] + across * states[:, x],
+            ]
+            velocities += [pace * states[:, place] for place in rate]
+        channels = [samples[name] for name in self._channels]
+        return Evaluation(*(np.stack(rows, axis=1) for rows in (velocities, rates, channels)))
+
+    def forcing(self, p: Parameters) -> Evaluation | None:
+        """Change by other parameters at the states of the orbit; None if it is not periodic, or
+        with other loose joints."""
+        if _loose_joints(p) != self.orbit.joints:
             return None
-        times = crank_times(p, self._angles)
-        pace, rates = rates_along(p, times, self._states, contacts, varying.velocities)
+        motion, angles = self.orbit.motion, self.orbit.angles
+        found = self._evaluated(p, motion, crank_times(p, angles))
         checked = slice(None, None, _CHECKED)
-        later = crank_times(p, self._angles[checked] + tau)
-        _, repeated = rates_along(p, later, self._states[checked], contacts, varying.velocities)
-        difference = np.abs(repeated - rates[checked]).max(axis=0, initial=0.0)
-        if not (difference <= _PERIODIC * np.abs(rates).max(axis=0, initial=0.0)).all():
+        later = self._evaluated(p, motion.part(checked), crank_times(p, angles[checked] + tau))
+        difference = np.abs(later.rates - found.rates[checked]).max(axis=0)
+        if not (difference <= _PERIODIC * np.abs(found.rates).max(axis=0)).all():
             return None
-        changed_pace = (pace - self._pace)[:, None] * self._states[:, varying.velocities]
-        return np.stack([changed_pace, rates - self._rates])
+        return found.minus(self._base)
 
-    def changes(self, forcing: Sequence[np.ndarray]) -> np.ndarray | None:
-        """Periodic changes (m, n, 2 d) of the varying states at the orbit's points, by m results of
-        `forcing`; None if disturbances do not decay within some revolutions."""
+    def changes(self, forcing: Sequence[Evaluation]) -> np.ndarray | None:
+        """Periodic changes (m, n, c) of the channels by m results of `forcing`; None if
+        disturbances do not decay within some revolutions."""
+        if not forcing:
+            return np.empty((0, *self.channels.shape))
         lengths = np.diff(self.orbit.edges)
-        count, size, width = lengths.size, self._varying.positions.size, len(forcing)
-        shape = 2, count, STAGES, size, 2 * size + width
-        forced = np.zeros(shape)
-        forced[..., 2 * size :] = np.stack(forcing, axis=-1).reshape(*shape[:-1], width)
+        count, size, width = lengths.size, self._base.rates.shape[1], len(forcing)
+        unforced = np.zeros((2 * size, *self._base.rates.shape))
+        of_positions, of_velocities = (
+            np.stack([*unforced, *(change[k] for change in forcing)], axis=-1).reshape(
+                count, STAGES, size, -1
+            )
+            for k in range(2)
+        )
         start = np.hstack([np.eye(2 * size), np.zeros((2 * size, width))])
         found = np.empty((count, STAGES + 1, *start.shape))
-        derivatives = self._derivatives.reshape(count, STAGES, size, 2 * size)
-        weights, pace = gauss_collocation(STAGES)[1], self._pace.reshape(count, STAGES)
-        collocated(lengths, weights, pace, derivatives, *forced, start, found)
+        collocated(
+            lengths,
+            gauss_collocation(STAGES)[1],
+            self._pace,
+            self._rates_by_states.reshape(count, STAGES, size, 2 * size),
+            of_positions,
+            of_velocities,
+            start,
+            found,
+        )
         over_revolution, particular = np.split(found[-1, -1], [2 * size], axis=1)
         multipliers = np.abs(np.linalg.eigvals(over_revolution))
         if not (multipliers < _LARGEST_MULTIPLIER).all():
             return None
         start = np.linalg.solve(np.eye(2 * size) - over_revolution, particular)
-        solutions = found.reshape(-1, 2 * size + width)
-        periodic = solutions[:, 2 * size :] + solutions[:, : 2 * size] @ start
-        return periodic.reshape(-1, 2 * size, width).transpose(2, 0, 1)
-
-    def observed(self, p: Parameters, change: np.ndarray | float = 0.0) -> np.ndarray:
-        """All quantities at the orbit's points, as records of `SAMPLE` (n,), with the parameters
-        `p` and a `change` (n, 2 d) of the varying states."""
-        orbit = self.orbit
-        states = _joined(orbit.motion)
-        states[:, self._varying.all] += change
-        motion = orbit.motion._replace(
-            times=crank_times(p, orbit.points.ravel()),
-            states=np.ascontiguousarray(states[:, :STATES]),
-            auxiliary_states=np.ascontiguousarray(states[:, STATES:]),
-            begins=np.tile(orbit.contacts.begins, (states.shape[0], 1)),
-        )
-        samples = np.empty(states.shape[0], SAMPLE)
-        fill_samples(p, motion, samples)
-        return samples
+        by_states = self._channels_by_states.reshape(count, STAGES, -1, 2 * size)
+        response = (by_states @ found[:, :-1]).reshape(*self.channels.shape, -1)
+        periodic = response[..., 2 * size :] + response[..., : 2 * size] @ start
+        direct = np.stack([change.channels for change in forcing], axis=-1)
+        return (direct + periodic).transpose(2, 0, 1)
