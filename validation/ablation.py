@@ -1,0 +1,298 @@
+"""What each step and setting of the identification is worth, on trials with known effects.
+
+A variant leaves out one step, or halves or doubles one setting. Each analysis is a process with a
+limit of processor time; its record is a file, so an interrupted ablation resumes.
+"""
+
+import json
+import math
+import multiprocessing
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from jointgap.core.errors import InputError
+from jointgap.core.files import write_text
+from jointgap.core.page import Heading, Page, Paragraph, TableBlock, to_markdown
+from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
+from validation.analyse import analyse_trial
+from validation.kinds import CLEARANCES, Trial
+from validation.score import score_trial
+from validation.trial import make_trial
+
+COMPLETE = "complete"
+"""Name of the variant with all steps and the default settings."""
+
+UNFINISHED = "unfinished"
+"""Outcome of an analysis that reached its limit of processor time."""
+
+OUTCOMES = ("right", "partly", "ambiguous", "unexplained", "missed", "wrong", "failed", UNFINISHED)
+
+_FACTORS = {"halved": 0.5, "doubled": 2.0}
+
+
+@dataclass(frozen=True)
+class Variant:
+    """An identification with one change."""
+
+    name: str
+    settings: IdentificationSettings = DEFAULT_SETTINGS
+
+
+def all_variants() -> dict[str, Variant]:
+    """By name: the complete identification, and one variant for each change."""
+    variants = [Variant(COMPLETE)]
+    for path, value in _numbers(DEFAULT_SETTINGS):
+        for word, factor in _FACTORS.items():
+            changed = scaled(value, factor)
+            if changed != value:
+                settings = _with_number(DEFAULT_SETTINGS, path, changed)
+                variants.append(Variant(f"{'.'.join(path)} {word}", settings))
+    return {variant.name: variant for variant in variants}
+
+
+def scaled(value: Any, factor: float) -> Any:
+    """A setting times `factor`. Of a share above one half the distance to 1 is scaled; whole
+    numbers stay whole and at least 1."""
+    if isinstance(value, tuple):
+        return tuple(scaled(number, factor) for number in value)
+    if isinstance(value, int):
+        return max(1, round(value * factor))
+    if 0.5 < value < 1.0:
+        return max(0.0, 1.0 - factor * (1.0 - value))
+    return value * factor
+
+
+def _numbers(settings: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Path and value of each number and tuple of numbers."""
+    for field in fields(settings):
+        value, place = getattr(settings, field.name), (*path, field.name)
+        if is_dataclass(value):
+            yield from _numbers(value, place)
+        elif not isinstance(value, bool) and isinstance(value, int | float | tuple):
+            yield place, value
+
+
+def _with_number(settings: Any, path: Sequence[str], value: Any) -> Any:
+    first, *more = path
+    inner = _with_number(getattr(settings, first), more, value) if more else value
+    return replace(settings, **{first: inner})
+
+
+def _analyse(campaign: Path, variant: Variant) -> dict[str, Any]:
+    return analyse_trial(campaign, variant.settings, others=False)
+
+
+def chosen_trials(plans: Sequence[Trial], choice: str) -> list[Trial]:
+    """The trials with `even` or `odd` numbers, `all`, or those with numbers such as ``0,4``."""
+    halves = {"even": (0,), "odd": (1,), "all": (0, 1)}
+    if choice in halves:
+        return [plan for plan in plans if plan.number % 2 in halves[choice]]
+    by_number = {str(plan.number): plan for plan in plans}
+    numbers = choice.split(",")
+    if unknown := [number for number in numbers if number not in by_number]:
+        raise InputError(
+            f"trials: '{unknown[0]}' is no trial; give even, odd, all, or numbers from 0 to"
+            f" {len(plans) - 1} with commas"
+        )
+    return [by_number[number] for number in numbers]
+
+
+def in_process(function: Callable[[], Any], seconds: float = 0.0) -> tuple[Any, str]:
+    """The result of `function` in a process of its own, and why there is none ("" if there is).
+
+    The process ends after `seconds` of processor time; 0: no limit.
+    """
+    context = multiprocessing.get_context("fork")
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=_send_result, args=(function, seconds, sender))
+    process.start()
+    sender.close()
+    try:
+        result, error = receiver.recv(), ""
+    except EOFError:
+        result, error = None, "the process ended early"
+    process.join()
+    if error and process.exitcode == -signal.SIGPROF:
+        error = UNFINISHED
+    return result, error
+
+
+def _send_result(function: Callable[[], Any], seconds: float, sender: Any) -> None:
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    sender.send(function())
+
+
+def ablate(
+    plans: Sequence[Trial],
+    seed: int,
+    folder: Path,
+    variants: Sequence[Variant],
+    seconds: float = 150.0,
+    budget: float = 3600.0,
+    analyse: Callable[[Path, Variant], dict[str, Any]] = _analyse,
+) -> pd.DataFrame:
+    """Analyse trials of a set with `seed` by all `variants`; one row for each analysis that
+    `folder` holds of them.
+
+    The first variant analyses all trials. Then the others follow, with the cheapest trial first,
+    until `budget` CPU-seconds are spent. An analysis ends unfinished after `seconds` CPU-seconds.
+    """
+    for plan in plans:
+        _draw(plan, seed, folder)
+    first, *others = variants
+    spent = 0.0
+    for plan in plans:
+        spent += _analysed(folder, first, plan, seconds, analyse, spent < budget)
+    costs = {plan: _read(_place(folder, first, plan)).get("seconds", math.inf) for plan in plans}
+    for plan in sorted(plans, key=costs.__getitem__):
+        for variant in others:
+            spent += _analysed(folder, variant, plan, seconds, analyse, spent < budget)
+    return table_of_analyses(folder, plans)
+
+
+def _draw(plan: Trial, seed: int, folder: Path) -> None:
+    """Write the campaign and the truth of a trial if they do not exist."""
+    path = folder / "truth" / f"{plan.id}.json"
+    if not path.is_file():
+        truth, error = in_process(partial(make_trial, plan, seed, folder / "campaigns" / plan.id))
+        if error:
+            raise RuntimeError(f"trial {plan.id}: {error}")
+        _write(path, truth)
+
+
+def _analysed(
+    folder: Path, variant: Variant, plan: Trial, seconds: float, analyse: Callable, begin: bool
+) -> float:
+    """CPU-seconds of an analysis, 0 if it exists already; a new one only if it may `begin`."""
+    path = _place(folder, variant, plan)
+    if path.is_file() or not begin:
+        return 0.0
+    record, error = in_process(partial(analyse, folder / "campaigns" / plan.id, variant), seconds)
+    if error:
+        record = {"id": plan.id, "error": error, "seconds": seconds}
+    _write(path, record)
+    print(f"{variant.name}: {plan.number}: {record['seconds']:.1f} CPU-s {error}", flush=True)
+    return record["seconds"]
+
+
+def _place(folder: Path, variant: Variant, plan: Trial) -> Path:
+    return folder / "analyses" / variant.name / f"{plan.id}.json"
+
+
+def _read(path: Path) -> dict[str, Any]:
+    return json.loads(path.read_bytes()) if path.is_file() else {}
+
+
+def _write(path: Path, record: Mapping[str, Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_text(path, json.dumps(record, indent=1, allow_nan=False) + "\n")
+
+
+def table_of_analyses(folder: Path, plans: Sequence[Trial]) -> pd.DataFrame:
+    """One row for each analysis of `plans` in `folder`: score, variant, group of the trial,
+    simulated runs and revolutions."""
+    rows = []
+    for plan in plans:
+        truth = _read(folder / "truth" / f"{plan.id}.json")
+        for path in sorted((folder / "analyses").glob(f"*/{plan.id}.json")):
+            record = _read(path)
+            row = score_trial(truth, record)
+            if record.get("error") == UNFINISHED:
+                row["outcome"] = UNFINISHED
+            spent = record.get("verdict", {}).get("costs", {}).get("total", {})
+            costs = {key: spent.get(key, math.nan) for key in ("runs", "revolutions")}
+            rows.append({"variant": path.parent.name, "group": group_of(plan), **row, **costs})
+    return pd.DataFrame(rows)
+
+
+def group_of(plan: Trial) -> str:
+    """Group of trials with similar costs."""
+    if plan.base == "chaotic":
+        return "motion never repeats"
+    if plan.kind == "triple":
+        return f"three effects, {plan.base} joints"
+    if plan.kind == "pair":
+        return f"two effects, {plan.base} joints"
+    if set(plan.effects) & set(CLEARANCES):
+        return "hidden clearance"
+    return f"one effect or none, {plan.base} joints"
+
+
+def by_group(analyses: pd.DataFrame) -> pd.DataFrame:
+    """Outcomes and costs of one variant by group of trials."""
+    groups = analyses.groupby("group")
+    counts = pd.crosstab(analyses["group"], analyses["outcome"])
+    found = [outcome for outcome in OUTCOMES if outcome in counts]
+    costs = {
+        "CPU-s, median": groups["seconds"].median().round(1),
+        "CPU-s, 90 %": groups["seconds"].quantile(0.9).round(1),
+        "revolutions, median": groups["revolutions"].median().round(),
+    }
+    return pd.concat([groups.size().rename("trials"), counts[found], pd.DataFrame(costs)], axis=1)
+
+
+def against_complete(analyses: pd.DataFrame) -> pd.DataFrame:
+    """Each variant against the complete identification on the same trials: verdicts that change,
+    right ones lost and gained, and the ratio of the costs [%]."""
+    complete = analyses[analyses["variant"] == COMPLETE].set_index("id")
+    rows = []
+    for name, part in analyses[analyses["variant"] != COMPLETE].groupby("variant", sort=False):
+        changed = part.set_index("id")
+        changed = changed[changed.index.isin(complete.index)]
+        usual = complete.loc[changed.index]
+        same = (changed[["verdict", "named"]] == usual[["verdict", "named"]]).all(axis=1)
+        was_right, is_right = usual["outcome"] == "right", changed["outcome"] == "right"
+        known = changed["revolutions"].notna() & usual["revolutions"].notna()
+        revolutions = changed["revolutions"][known].sum() / usual["revolutions"][known].sum()
+        seconds = changed["seconds"].sum() / usual["seconds"].sum()
+        rows.append(
+            {
+                "variant": name,
+                "trials": len(changed),
+                "other verdict": int((~same).sum()),
+                "right lost": int((was_right & ~is_right).sum()),
+                "right gained": int((is_right & ~was_right).sum()),
+                "revolutions [%]": round(100 * revolutions, 1),
+                "CPU-s [%]": round(100 * seconds, 1),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def write_ablation(name: str, analyses: pd.DataFrame, folder: Path) -> str:
+    """Write ``analyses.csv`` and the page ``ablation.md`` to `folder`; the page."""
+    write_text(folder / "analyses.csv", analyses.to_csv(index=False, float_format="%.6g"))
+    complete = by_group(analyses[analyses["variant"] == COMPLETE])
+    page = Page(
+        f"Steps and settings: {name}",
+        (
+            Heading("Complete identification"),
+            Paragraph(
+                "An analysis that reaches its limit of processor time is unfinished and counts"
+                " with the limit."
+            ),
+            _block(complete.reset_index()),
+            Heading("Variants"),
+            Paragraph(
+                "Each variant leaves out one step, or halves or doubles one setting (of a share"
+                " above one half: its distance to 1). It is compared with the complete"
+                " identification on the same trials."
+            ),
+            _block(against_complete(analyses)),
+        ),
+    )
+    text = to_markdown(page)
+    write_text(folder / "ablation.md", text)
+    return text
+
+
+def _block(table: pd.DataFrame) -> TableBlock:
+    texts = table.astype(object).where(table.notna(), "").astype(str)
+    rows, numbers = texts.itertuples(index=False), len(table.columns) - 1
+    return TableBlock(tuple(table), tuple(rows), "l" + numbers * "r")
