@@ -143,11 +143,11 @@ def ablate(
     The first variant analyses all trials. Then the others follow, with the cheapest trial first,
     until `budget` CPU-seconds are spent. An analysis ends unfinished after `seconds` CPU-seconds.
     """
-    for plan in plans:
-        _draw(plan, seed, folder)
     first, *others = variants
     spent = 0.0
     for plan in plans:
+        if spent < budget:
+            _draw(plan, seed, folder)
         spent += _analysed(folder, first, plan, seconds, analyse, spent < budget)
     costs = {plan: _read(_place(folder, first, plan)).get("seconds", math.inf) for plan in plans}
     for plan in sorted(plans, key=costs.__getitem__):
@@ -199,10 +199,9 @@ def table_of_analyses(folder: Path, plans: Sequence[Trial]) -> pd.DataFrame:
     simulated runs and revolutions."""
     rows = []
     for plan in plans:
-        truth = _read(folder / "truth" / f"{plan.id}.json")
         for path in sorted((folder / "analyses").glob(f"*/{plan.id}.json")):
             record = _read(path)
-            row = score_trial(truth, record)
+            row = score_trial(_read(folder / "truth" / f"{plan.id}.json"), record)
             if record.get("error") == UNFINISHED:
                 row["outcome"] = UNFINISHED
             spent = record.get("verdict", {}).get("costs", {}).get("total", {})
@@ -268,26 +267,23 @@ def against_complete(analyses: pd.DataFrame) -> pd.DataFrame:
 def write_ablation(name: str, analyses: pd.DataFrame, folder: Path) -> str:
     """Write ``analyses.csv`` and the page ``ablation.md`` to `folder`; the page."""
     write_text(folder / "analyses.csv", analyses.to_csv(index=False, float_format="%.6g"))
-    complete = by_group(analyses[analyses["variant"] == COMPLETE])
-    page = Page(
-        f"Steps and settings: {name}",
-        (
-            Heading("Complete identification"),
-            Paragraph(
-                "An analysis that reaches its limit of processor time is unfinished and counts"
-                " with the limit."
-            ),
-            _block(complete.reset_index()),
+    blocks = [
+        Heading("Complete identification"),
+        Paragraph("An unfinished analysis counts with its limit of processor time."),
+        _block(by_group(analyses[analyses["variant"] == COMPLETE]).reset_index()),
+    ]
+    variants = against_complete(analyses)
+    if len(variants):
+        blocks += [
             Heading("Variants"),
             Paragraph(
                 "Each variant leaves out one step, or halves or doubles one setting (of a share"
                 " above one half: its distance to 1). It is compared with the complete"
                 " identification on the same trials."
             ),
-            _block(against_complete(analyses)),
-        ),
-    )
-    text = to_markdown(page)
+            _block(variants),
+        ]
+    text = to_markdown(Page(f"Steps and settings: {name}", tuple(blocks)))
     write_text(folder / "ablation.md", text)
     return text
 
