@@ -93,34 +93,24 @@ def report(name: str, table: str, folder: str) -> None:
 
 def ablate(*arguments: str) -> None:
     import argparse
-    from fnmatch import fnmatch
 
-    from validation.ablation import (
-        COMPLETE,
-        ablate,
-        all_variants,
-        chosen_trials,
-        write_ablation,
-    )
+    from validation.ablation import ablate, chosen_trials, chosen_variants, write_ablation
     from validation.kinds import plan_trials, read_set
 
     parser = argparse.ArgumentParser("python -m validation ablate")
     for name in ("sets", "name", "folder"):
         parser.add_argument(name)
     parser.add_argument("--trials", default="even", help="even, odd, all, or numbers: 0,4")
-    parser.add_argument("--variants", default="*", help=f"a pattern: 'stopping.*', {COMPLETE}")
+    parser.add_argument(
+        "--variants", default="sections", help="complete, sections, settings, or 'stopping.*'"
+    )
     parser.add_argument("--seconds", type=float, default=150.0, help="limit of an analysis")
     parser.add_argument("--budget", type=float, default=3600.0, help="then no analysis begins")
     chosen = parser.parse_args(arguments)
     trial_set = read_set(chosen.sets, chosen.name)
     plans = chosen_trials(plan_trials(trial_set), chosen.trials)
-    variants = [
-        variant
-        for name, variant in all_variants().items()
-        if name == COMPLETE or fnmatch(name, chosen.variants)
-    ]
-    folder, limits = Path(chosen.folder), (chosen.seconds, chosen.budget)
-    analyses = ablate(plans, trial_set.seed, folder, variants, *limits)
+    folder, variants = Path(chosen.folder), chosen_variants(chosen.variants)
+    analyses = ablate(plans, trial_set.seed, folder, variants, chosen.seconds, chosen.budget)
     print(write_ablation(chosen.name, analyses, folder))
 
 

@@ -10,6 +10,7 @@ import multiprocessing
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
+from fnmatch import fnmatch
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,9 @@ UNFINISHED = "unfinished"
 
 OUTCOMES = ("right", "partly", "ambiguous", "unexplained", "missed", "wrong", "failed", UNFINISHED)
 
+KINDS = ("sections", "settings")
+"""Kinds of variants: all settings of a section, and one setting, halved or doubled."""
+
 _FACTORS = {"halved": 0.5, "doubled": 2.0}
 
 
@@ -41,19 +45,38 @@ class Variant:
     """An identification with one change."""
 
     name: str
+    kind: str = COMPLETE  # or one of KINDS
     settings: IdentificationSettings = DEFAULT_SETTINGS
+    changed: str = ""  # the changed setting, or the section of the settings
 
 
-def all_variants() -> dict[str, Variant]:
-    """By name: the complete identification, and one variant for each change."""
+def all_variants() -> list[Variant]:
+    """The complete identification, then a variant for each change."""
     variants = [Variant(COMPLETE)]
-    for path, value in _numbers(DEFAULT_SETTINGS):
-        for word, factor in _FACTORS.items():
-            changed = scaled(value, factor)
-            if changed != value:
-                settings = _with_number(DEFAULT_SETTINGS, path, changed)
-                variants.append(Variant(f"{'.'.join(path)} {word}", settings))
-    return {variant.name: variant for variant in variants}
+    sections = [(field.name,) for field in fields(DEFAULT_SETTINGS)]
+    for kind, paths in (("sections", sections), ("settings", _numbers(DEFAULT_SETTINGS))):
+        for path in paths:
+            for word, factor in _FACTORS.items():
+                settings = _with_scaled(DEFAULT_SETTINGS, path, factor)
+                if settings != DEFAULT_SETTINGS:
+                    changed = ".".join(path)
+                    variants.append(Variant(f"{changed} {word}", kind, settings, changed))
+    return variants
+
+
+def chosen_variants(choice: str) -> list[Variant]:
+    """The complete identification and the variants of a kind (`KINDS`), or with names that match a
+    pattern such as ``stopping.*``."""
+    complete, *others = all_variants()
+    kept = [
+        variant for variant in others if variant.kind == choice or fnmatch(variant.name, choice)
+    ]
+    if not kept and choice != COMPLETE:
+        raise InputError(
+            f"variants: '{choice}' matches none; give {COMPLETE}, {', '.join(KINDS)}, or a pattern"
+            f" such as '{others[-1].changed.partition('.')[0]}.*'"
+        )
+    return [complete, *kept]
 
 
 def scaled(value: Any, factor: float) -> Any:
@@ -61,6 +84,8 @@ def scaled(value: Any, factor: float) -> Any:
     numbers stay whole and at least 1."""
     if isinstance(value, tuple):
         return tuple(scaled(number, factor) for number in value)
+    if isinstance(value, bool):
+        return value
     if isinstance(value, int):
         return max(1, round(value * factor))
     if 0.5 < value < 1.0:
@@ -68,24 +93,51 @@ def scaled(value: Any, factor: float) -> Any:
     return value * factor
 
 
-def _numbers(settings: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Path and value of each number and tuple of numbers."""
+def _numbers(settings: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """Path of each number and tuple of numbers."""
     for field in fields(settings):
-        value, place = getattr(settings, field.name), (*path, field.name)
+        value = getattr(settings, field.name)
         if is_dataclass(value):
-            yield from _numbers(value, place)
-        elif not isinstance(value, bool) and isinstance(value, int | float | tuple):
-            yield place, value
+            yield from _numbers(value, (*path, field.name))
+        elif not isinstance(value, bool):
+            yield *path, field.name
 
 
-def _with_number(settings: Any, path: Sequence[str], value: Any) -> Any:
-    first, *more = path
-    inner = _with_number(getattr(settings, first), more, value) if more else value
-    return replace(settings, **{first: inner})
+def _with_scaled(settings: Any, path: Sequence[str], factor: float) -> Any:
+    """The settings with a scaled number, or with all scaled numbers of a section."""
+    if not is_dataclass(settings):
+        return scaled(settings, factor)
+    names = path[:1] or [field.name for field in fields(settings)]
+    return replace(
+        settings,
+        **{name: _with_scaled(getattr(settings, name), path[1:], factor) for name in names},
+    )
 
 
-def _analyse(campaign: Path, variant: Variant) -> dict[str, Any]:
-    return analyse_trial(campaign, variant.settings, others=False)
+def watched(settings: Any, read: set[str], path: str = "") -> Any:
+    """Equal settings that add the path of each number to `read` when it is read."""
+    names = {field.name for field in fields(settings)}
+
+    class Watched(type(settings)):
+        def __getattribute__(self, name: str) -> Any:
+            value = super().__getattribute__(name)
+            if name in names and not is_dataclass(value):
+                read.add(path + name)
+            return value
+
+    copy = object.__new__(Watched)
+    for name in names:
+        value = getattr(settings, name)
+        inner = watched(value, read, f"{path}{name}.") if is_dataclass(value) else value
+        object.__setattr__(copy, name, inner)
+    return copy
+
+
+def analyse_variant(campaign: Path, variant: Variant) -> dict[str, Any]:
+    """The record of `analyse_trial` with ``settings_read``, the paths of the settings in use."""
+    read: set[str] = set()
+    record = analyse_trial(campaign, watched(variant.settings, read), others=False)
+    return record | {"settings_read": sorted(read)}
 
 
 def chosen_trials(plans: Sequence[Trial], choice: str) -> list[Trial]:
@@ -135,25 +187,36 @@ def ablate(
     variants: Sequence[Variant],
     seconds: float = 150.0,
     budget: float = 3600.0,
-    analyse: Callable[[Path, Variant], dict[str, Any]] = _analyse,
+    analyse: Callable[[Path, Variant], dict[str, Any]] = analyse_variant,
 ) -> pd.DataFrame:
     """Analyse trials of a set with `seed` by all `variants`; one row for each analysis that
     `folder` holds of them.
 
     The first variant analyses all trials. Then the others follow, with the cheapest trial first,
-    until `budget` CPU-seconds are spent. An analysis ends unfinished after `seconds` CPU-seconds.
+    until `budget` CPU-seconds are spent. An analysis ends unfinished after `seconds` CPU-seconds. A
+    setting that the first variant did not read changes nothing: then its record is repeated.
     """
     first, *others = variants
-    spent = 0.0
+    spent, known = 0.0, {}
     for plan in plans:
         if spent < budget:
             _draw(plan, seed, folder)
-        spent += _analysed(folder, first, plan, seconds, analyse, spent < budget)
-    costs = {plan: _read(_place(folder, first, plan)).get("seconds", math.inf) for plan in plans}
-    for plan in sorted(plans, key=costs.__getitem__):
+            spent += _analysed(folder, first, plan, seconds, analyse)
+        known[plan] = _read(_place(folder, first, plan))
+    for plan in sorted(plans, key=lambda plan: known[plan].get("seconds", math.inf)):
         for variant in others:
-            spent += _analysed(folder, variant, plan, seconds, analyse, spent < budget)
+            if is_unused(variant, known[plan]):
+                _write(_place(folder, variant, plan), known[plan])
+            elif spent < budget:
+                spent += _analysed(folder, variant, plan, seconds, analyse)
     return table_of_analyses(folder, plans)
+
+
+def is_unused(variant: Variant, record: Mapping[str, Any]) -> bool:
+    """Whether the analysis of a `record` did not read the changed settings of a variant."""
+    return "settings_read" in record and not any(
+        f"{path}.".startswith(f"{variant.changed}.") for path in record["settings_read"]
+    )
 
 
 def _draw(plan: Trial, seed: int, folder: Path) -> None:
@@ -167,11 +230,11 @@ def _draw(plan: Trial, seed: int, folder: Path) -> None:
 
 
 def _analysed(
-    folder: Path, variant: Variant, plan: Trial, seconds: float, analyse: Callable, begin: bool
+    folder: Path, variant: Variant, plan: Trial, seconds: float, analyse: Callable
 ) -> float:
-    """CPU-seconds of an analysis, 0 if it exists already; a new one only if it may `begin`."""
+    """CPU-seconds of an analysis; 0 if its record exists."""
     path = _place(folder, variant, plan)
-    if path.is_file() or not begin:
+    if path.is_file():
         return 0.0
     record, error = in_process(partial(analyse, folder / "campaigns" / plan.id, variant), seconds)
     if error:

@@ -2,7 +2,7 @@
 
 import json
 import time
-from dataclasses import asdict
+from dataclasses import asdict, fields, replace
 
 import pandas as pd
 import pytest
@@ -18,9 +18,11 @@ from validation.ablation import (
     all_variants,
     by_group,
     chosen_trials,
+    chosen_variants,
     group_of,
     in_process,
     scaled,
+    watched,
     write_ablation,
 )
 from validation.kinds import Trial
@@ -29,32 +31,68 @@ PLANS = [Trial("nothing", "ideal", number=number, id=f"00000000000{number}") for
 SECONDS = {PLANS[0].id: 3.0, PLANS[1].id: 9.0, PLANS[2].id: 1.0, PLANS[3].id: 2.0}
 
 
-def flat(settings, path=()) -> dict:
+def flat(settings, path="") -> dict:
     """Numbers by path."""
     if not isinstance(settings, dict):
         return {path: settings}
     return {
         place: value
         for key, inner in settings.items()
-        for place, value in flat(inner, (*path, key)).items()
+        for place, value in flat(inner, f"{path}.{key}".strip(".")).items()
     }
 
 
-def test_each_variant_changes_one_setting():
-    usual = flat(asdict(DEFAULT_SETTINGS))
-    variants = all_variants()
-    assert flat(asdict(variants.pop(COMPLETE).settings)) == usual
-    changed = {}
-    for name, variant in variants.items():
-        numbers = flat(asdict(variant.settings))
-        (path,) = (place for place, value in usual.items() if numbers[place] != value)
-        assert name.split() == [".".join(path), "halved" if "halved" in name else "doubled"]
-        changed.setdefault(path, []).append(numbers[path])
-    assert changed.keys() == usual.keys()
-    assert changed["stopping", "max_steps"] == [
-        DEFAULT_SETTINGS.stopping.max_steps // 2,
-        2 * DEFAULT_SETTINGS.stopping.max_steps,
+USUAL = flat(asdict(DEFAULT_SETTINGS))
+
+
+def changes(variant) -> dict:
+    """The changed numbers of a variant."""
+    return {
+        path: value
+        for path, value in flat(asdict(variant.settings)).items()
+        if USUAL[path] != value
+    }
+
+
+def test_a_variant_changes_one_setting_or_a_section():
+    complete, *variants = all_variants()
+    assert complete.name == COMPLETE and not changes(complete)
+    singles = [variant for variant in variants if variant.kind == "settings"]
+    for variant in singles:
+        assert list(changes(variant)) == [variant.changed]
+    assert {variant.changed for variant in singles} == USUAL.keys()
+    steps = DEFAULT_SETTINGS.stopping.max_steps
+    by_name = {variant.name: variant for variant in variants}
+    assert changes(by_name["stopping.max_steps halved"]) == {"stopping.max_steps": steps // 2}
+    assert changes(by_name["stopping.max_steps doubled"]) == {"stopping.max_steps": 2 * steps}
+    section = {path for path in USUAL if path.startswith("stopping.")}
+    assert changes(by_name["stopping doubled"]).keys() == section
+
+
+def test_variants_are_chosen_by_kind_or_name():
+    def names(choice):
+        first, *others = [variant.name for variant in chosen_variants(choice)]
+        assert first == COMPLETE
+        return others
+
+    assert names(COMPLETE) == []
+    assert names("stopping halved") == ["stopping halved"]
+    assert names("damping.f*") == [
+        f"damping.{name} {word}" for name in ("factor", "first") for word in ("halved", "doubled")
     ]
+    assert len(names("sections")) <= 2 * len(fields(DEFAULT_SETTINGS))
+    assert len(names("*")) == len(names("sections")) + len(names("settings"))
+    with pytest.raises(InputError, match="'stoping' matches none; give complete, sections"):
+        chosen_variants("stoping")
+
+
+def test_settings_in_use_are_recorded():
+    read = set()
+    settings = watched(DEFAULT_SETTINGS, read)
+    assert settings.stopping.max_steps == DEFAULT_SETTINGS.stopping.max_steps
+    assert read == {"stopping.max_steps"}
+    assert asdict(settings) == asdict(DEFAULT_SETTINGS)
+    assert replace(settings.damping, factor=3.0).factor == 3.0
 
 
 @pytest.mark.parametrize(
@@ -140,6 +178,20 @@ def test_variants_begin_with_the_cheapest_trial_and_end_at_the_budget(drawn, cap
     complete = [[COMPLETE, str(number)] for number in range(4)]
     others = [["a halved", "2"], ["a doubled", "2"], ["a halved", "3"]]  # 15 + 1 + 1 + 2 CPU-s
     assert lines == complete + others
+
+
+def test_a_setting_that_is_not_read_is_not_tried(drawn, capsys):
+    def analysed_with_stopping(campaign, variant):
+        return analysed(campaign, variant) | {"settings_read": ["stopping.max_steps"]}
+
+    names = "stopping doubled", "damping doubled", "stopping.max_steps doubled"
+    variants = [variant for variant in all_variants() if variant.name in (COMPLETE, *names)]
+    analyses = ablation.ablate(PLANS[:1], 1, drawn, variants, 60.0, 60.0, analysed_with_stopping)
+    printed = capsys.readouterr().out
+    assert "damping" not in printed and "stopping.max_steps doubled" in printed
+    verdicts = analyses.set_index("variant")["verdict"]
+    assert verdicts["damping doubled"] == verdicts[COMPLETE] == "no_disagreement"
+    assert verdicts["stopping doubled"] == verdicts["stopping.max_steps doubled"] == "named"
 
 
 def test_an_interrupted_ablation_resumes(drawn):
