@@ -214,8 +214,12 @@ def ablate(
 
 def is_unused(variant: Variant, record: Mapping[str, Any]) -> bool:
     """Whether the analysis of a `record` did not read the changed settings of a variant."""
-    return "settings_read" in record and not any(
-        f"{path}.".startswith(f"{variant.changed}.") for path in record["settings_read"]
+    return (
+        bool(variant.changed)
+        and "settings_read" in record
+        and not any(
+            f"{path}.".startswith(f"{variant.changed}.") for path in record["settings_read"]
+        )
     )
 
 
