@@ -100,7 +100,7 @@ def ablate(*arguments: str) -> None:
     parser = argparse.ArgumentParser("python -m validation ablate")
     for name in ("sets", "name", "folder"):
         parser.add_argument(name)
-    parser.add_argument("--trials", default="even", help="even, odd, all, or numbers: 0,4")
+    parser.add_argument("--trials", default="even", help="even, odd, all, or numbers or ids")
     parser.add_argument(
         "--variants", default="sections", help="complete, sections, settings, or 'stopping.*'"
     )

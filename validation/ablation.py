@@ -141,18 +141,18 @@ def analyse_variant(campaign: Path, variant: Variant) -> dict[str, Any]:
 
 
 def chosen_trials(plans: Sequence[Trial], choice: str) -> list[Trial]:
-    """The trials with `even` or `odd` numbers, `all`, or those with numbers such as ``0,4``."""
+    """The trials with `even` or `odd` numbers, `all`, or those with numbers or ids as ``0,4``."""
     halves = {"even": (0,), "odd": (1,), "all": (0, 1)}
     if choice in halves:
         return [plan for plan in plans if plan.number % 2 in halves[choice]]
-    by_number = {str(plan.number): plan for plan in plans}
-    numbers = choice.split(",")
-    if unknown := [number for number in numbers if number not in by_number]:
+    by_name = {name: plan for plan in plans for name in (str(plan.number), plan.id)}
+    names = choice.split(",")
+    if unknown := [name for name in names if name not in by_name]:
         raise InputError(
-            f"trials: '{unknown[0]}' is no trial; give even, odd, all, or numbers from 0 to"
+            f"trials: '{unknown[0]}' is no trial; give even, odd, all, or ids or numbers from 0 to"
             f" {len(plans) - 1} with commas"
         )
-    return [by_number[number] for number in numbers]
+    return [by_name[name] for name in names]
 
 
 def in_process(function: Callable[[], Any], seconds: float = 0.0) -> tuple[Any, str]:

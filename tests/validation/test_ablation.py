@@ -133,7 +133,7 @@ def test_trials_are_chosen_by_half_or_number():
     assert [plan.number for plan in chosen_trials(PLANS, "even")] == [0, 2]
     assert [plan.number for plan in chosen_trials(PLANS, "odd")] == [1, 3]
     assert chosen_trials(PLANS, "all") == PLANS
-    assert [plan.number for plan in chosen_trials(PLANS, "3,0")] == [3, 0]
+    assert [plan.number for plan in chosen_trials(PLANS, f"3,{PLANS[0].id}")] == [3, 0]
     with pytest.raises(InputError, match=r"'7' is no trial; .*numbers from 0 to 3"):
         chosen_trials(PLANS, "1,7")
 
