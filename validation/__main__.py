@@ -102,7 +102,7 @@ def ablate(*arguments: str) -> None:
         parser.add_argument(name)
     parser.add_argument("--trials", default="even", help="even, odd, all, or numbers or ids")
     parser.add_argument(
-        "--variants", default="sections", help="complete, sections, settings, or 'stopping.*'"
+        "--variants", default="steps", help="complete, steps, sections, settings, or 'stopping.*'"
     )
     parser.add_argument("--seconds", type=float, default=150.0, help="limit of an analysis")
     parser.add_argument("--budget", type=float, default=3600.0, help="then no analysis begins")

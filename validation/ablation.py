@@ -20,6 +20,7 @@ import pandas as pd
 from jointgap.core.errors import InputError
 from jointgap.core.files import write_text
 from jointgap.core.page import Heading, Page, Paragraph, TableBlock, to_markdown
+from jointgap.identification.search import STEPS, Step
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from validation.analyse import analyse_trial
 from validation.kinds import CLEARANCES, Trial
@@ -34,8 +35,8 @@ UNFINISHED = "unfinished"
 
 OUTCOMES = ("right", "partly", "ambiguous", "unexplained", "missed", "wrong", "failed", UNFINISHED)
 
-KINDS = ("sections", "settings")
-"""Kinds of variants: all settings of a section, and one setting, halved or doubled."""
+KINDS = ("steps", "sections", "settings")
+"""Kinds of variants: one step left out; all settings of a section, or one, halved or doubled."""
 
 _FACTORS = {"halved": 0.5, "doubled": 2.0}
 
@@ -47,12 +48,16 @@ class Variant:
     name: str
     kind: str = COMPLETE  # or one of KINDS
     settings: IdentificationSettings = DEFAULT_SETTINGS
+    steps: Sequence[Step] = STEPS
     changed: str = ""  # the changed setting, or the section of the settings
 
 
 def all_variants() -> list[Variant]:
     """The complete identification, then a variant for each change."""
     variants = [Variant(COMPLETE)]
+    for step in STEPS:
+        others = tuple(other for other in STEPS if other is not step)
+        variants.append(Variant(f"without {step.name}", "steps", steps=others))
     sections = [(field.name,) for field in fields(DEFAULT_SETTINGS)]
     for kind, paths in (("sections", sections), ("settings", _numbers(DEFAULT_SETTINGS))):
         for path in paths:
@@ -60,7 +65,8 @@ def all_variants() -> list[Variant]:
                 settings = _with_scaled(DEFAULT_SETTINGS, path, factor)
                 if settings != DEFAULT_SETTINGS:
                     changed = ".".join(path)
-                    variants.append(Variant(f"{changed} {word}", kind, settings, changed))
+                    name = f"{changed} {word}"
+                    variants.append(Variant(name, kind, settings, changed=changed))
     return variants
 
 
@@ -136,7 +142,7 @@ def watched(settings: Any, read: set[str], path: str = "") -> Any:
 def analyse_variant(campaign: Path, variant: Variant) -> dict[str, Any]:
     """The record of `analyse_trial` with ``settings_read``, the paths of the settings in use."""
     read: set[str] = set()
-    record = analyse_trial(campaign, watched(variant.settings, read), others=False)
+    record = analyse_trial(campaign, watched(variant.settings, read), variant.steps, others=False)
     return record | {"settings_read": sorted(read)}
 
 

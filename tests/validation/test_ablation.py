@@ -8,10 +8,12 @@ import pandas as pd
 import pytest
 
 from jointgap.core.errors import InputError
+from jointgap.identification.search import STEPS
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from validation import ablation
 from validation.ablation import (
     COMPLETE,
+    KINDS,
     UNFINISHED,
     Variant,
     against_complete,
@@ -69,6 +71,14 @@ def test_a_variant_changes_one_setting_or_a_section():
     assert changes(by_name["stopping doubled"]).keys() == section
 
 
+def test_a_variant_leaves_out_one_step():
+    variants = [variant for variant in all_variants() if variant.kind == "steps"]
+    left_out = [[step for step in STEPS if step not in variant.steps] for variant in variants]
+    assert left_out == [[step] for step in STEPS]
+    assert [variant.name for variant in variants] == [f"without {step.name}" for step in STEPS]
+    assert all(not changes(variant) for variant in variants)
+
+
 def test_variants_are_chosen_by_kind_or_name():
     def names(choice):
         first, *others = [variant.name for variant in chosen_variants(choice)]
@@ -81,8 +91,8 @@ def test_variants_are_chosen_by_kind_or_name():
         f"damping.{name} {word}" for name in ("factor", "first") for word in ("halved", "doubled")
     ]
     assert len(names("sections")) <= 2 * len(fields(DEFAULT_SETTINGS))
-    assert len(names("*")) == len(names("sections")) + len(names("settings"))
-    with pytest.raises(InputError, match="'stoping' matches none; give complete, sections"):
+    assert len(names("*")) == sum(len(names(kind)) for kind in KINDS)
+    with pytest.raises(InputError, match="'stoping' matches none; give complete, steps, sections"):
         chosen_variants("stoping")
 
 
