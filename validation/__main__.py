@@ -107,6 +107,9 @@ def ablate(*arguments: str) -> None:
     parser.add_argument("--seconds", type=float, default=150.0, help="limit of an analysis")
     parser.add_argument("--budget", type=float, default=3600.0, help="then no analysis begins")
     chosen = parser.parse_args(arguments)
+    for name in ("seconds", "budget"):
+        if not (value := getattr(chosen, name)) > 0.0:
+            raise InputError(f"--{name}: is {value:g}; give CPU-seconds above 0")
     trial_set = read_set(chosen.sets, chosen.name)
     plans = chosen_trials(plan_trials(trial_set), chosen.trials)
     folder, variants = Path(chosen.folder), chosen_variants(chosen.variants)

@@ -204,6 +204,19 @@ def test_a_setting_that_is_not_read_is_not_tried(drawn, capsys):
     assert verdicts["stopping doubled"] == verdicts["stopping.max_steps doubled"] == "named"
 
 
+@pytest.mark.integration
+def test_a_drawn_trial_is_analysed_by_variants(tmp_path):
+    trial = Trial("single", "ideal", 5.0, ("crank_coulomb_friction",), number=8, id="0123456789ab")
+    names = ("windows doubled", "decision.min_delta_bic doubled")
+    variants = [variant for variant in all_variants() if variant.name in (COMPLETE, *names)]
+    analyses = ablation.ablate([trial], 11, tmp_path, variants).set_index("variant")
+    assert analyses["outcome"].eq("right").all() and len(analyses) == 3
+    assert analyses["revolutions"].gt(0.0).all() and analyses["seconds"].gt(0.0).all()
+    # joints are ideal and one effect is sufficient, so windows are not simulated
+    assert analyses["seconds"]["windows doubled"] == analyses["seconds"][COMPLETE]
+    assert analyses["seconds"]["decision.min_delta_bic doubled"] != analyses["seconds"][COMPLETE]
+
+
 def test_an_interrupted_ablation_resumes(drawn):
     def interrupted(campaign, variant):
         raise AssertionError("analysed again")
