@@ -20,7 +20,7 @@ from jointgap.identification.noise import (
     first_values,
     noise_of_model,
 )
-from jointgap.identification.search import STEPS, Search, Step
+from jointgap.identification.search import STEPS, Earlier, Search, Step
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.identification.thresholds import Screening, screen_candidates
 from jointgap.identification.verdict import UNEXPLAINED, Decision
@@ -94,19 +94,22 @@ class Identification:
         """
         values = first_values(self.model, self.settings)
         noise = noise_of_model(self.model, values, self.settings)
-        identified = self._fit_with(noise, values)
+        identified = self._fit_with(noise, values, self.steps)
         if (lower := self._lower_noise(identified)) is not None:
-            identified = self._fit_with(lower, identified.baseline.base.mapping)
+            steps = (Earlier(identified.search), *self.steps)
+            identified = self._fit_with(lower, identified.baseline.base.mapping, steps)
         return identified
 
-    def _fit_with(self, noise: Noises, values: Mapping[str, float]) -> Identified:
+    def _fit_with(
+        self, noise: Noises, values: Mapping[str, float], steps: Sequence[Step]
+    ) -> Identified:
         """The identification with a known noise, from `values` of the nuisances by key [SI]."""
         model, settings, seed = self.model, self.settings, self.seed
         baseline = recalibrate(model, noise, values, settings)
         screening = screen_candidates(
             baseline, self.false_alarm_rate, degrees_of_freedom(noise), seed
         )
-        search = Search(baseline, *screening, self.steps, self.has_clearances).run()
+        search = Search(baseline, *screening, steps, self.has_clearances).run()
         decision, families = with_families(baseline, decide(search), screening.limits)
         if decision.verdict == UNEXPLAINED:
             decision = self._with_force_law(baseline, decision, screening)
@@ -133,23 +136,27 @@ class Identification:
         """The noise of the residual with the effects; None unless that of a series which is not
         stated is far below its first estimate.
 
-        With a clearance, differences between cycles contain impacts that come at other phases.
+        With a clearance, differences between cycles contain impacts that come at other phases. The
+        root mean square of the residual counts where it differs little from that of the cycles.
         """
         if identified.decision.verdict == UNEXPLAINED:
             return None
-        table = identified.prediction.residuals
         column = "augmented" if identified.decision.proposed else "base"
+        table = identified.prediction.residuals
+        by_series = dict(list(table.groupby(["run", "channel"], sort=False)))
         residuals = {}
         for series in self.model.series:
-            rows = table[(table["run"] == series.run) & (table["channel"] == series.channel)]
-            residual = np.full(series.value.shape, np.nan)
-            residual[rows["sample"]] = rows["measured"] - rows[column]
-            residuals[series.key] = residual
-        settings = self.settings.noise
-        again = estimate_noise(self.model, residuals, settings)
-        falls = [
-            np.mean(again[key].sd) * settings.reported_mismatch < np.mean(noise.sd)
-            for key, noise in identified.noise.items()
-            if noise.source != "stated"
-        ]
-        return again if any(falls) else None
+            rows = by_series[series.key]
+            residuals[series.key] = np.full(series.value.shape, np.nan)
+            residuals[series.key][rows["sample"]] = rows["measured"] - rows[column]
+        again, falls = estimate_noise(self.model, residuals, self.settings.noise), False
+        for key, noise in again.items():
+            if noise.source != "stated":
+                spread = float(np.sqrt(np.nanmean(np.square(residuals[key]))))
+                ratio = spread / float(np.sqrt(np.mean(np.square(noise.sd))))
+                factor = self.settings.noise.reported_mismatch
+                if 1.0 < ratio < factor:
+                    again[key] = replace(noise, sd=ratio * noise.sd)
+                first = identified.noise[key].sd
+                falls |= bool(np.mean(again[key].sd) * factor < np.mean(first))
+        return again if falls else None

@@ -17,6 +17,7 @@ from jointgap.identification.baseline import Baseline
 from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.initial_fit import fit_screened, labels_of, without_other_effects
+from jointgap.identification.likelihood import fitted
 from jointgap.identification.problem import Hypothesis
 from jointgap.identification.screening import (
     LinearizedFit,
@@ -379,6 +380,31 @@ class Exchanges:
             if hypothesis in smaller:
                 proposals += search.proposals(self.name, regression.singles(), about)
         return proposals
+
+
+@dataclass(frozen=True)
+class Earlier:
+    """The sufficient explanations of an earlier search with another noise, from their values."""
+
+    search: Search
+    name: str = "earlier explanations"
+
+    def propose(self, search: Search) -> Iterable[Proposal]:
+        if not search.is_new(self.name):
+            return []
+        sufficient = filter(self.search.is_sufficient, self.search.fits.values())
+        problem, differences = search.problem, search.baseline.differences
+
+        def fit_again(fit: Fit) -> Callable[[float], Sequence[Fit]]:
+            return lambda _: [
+                fitted(problem, fit.hypothesis, fit.mapping, differences=differences, near=fit)
+            ]
+
+        return [
+            Proposal(self.name, fit.hypothesis, -math.inf, -math.inf, fit_again(fit))
+            for fit in sufficient
+            if fit.hypothesis
+        ]
 
 
 STEPS: tuple[Step, ...] = (
