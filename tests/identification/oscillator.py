@@ -128,7 +128,10 @@ class Windows:
         edges = np.linspace(0.0, TURNS * math.tau / SPEEDS[self.run], len(slow) + 1)
         return States(edges, slow, Handed(np.zeros((len(slow), 1))))
 
-    def filter_states(self, measured, noise, per_turn, jump, turns):
+    def deviance_of(self, predicted, measured, noise):
+        return self.model.deviance({})
+
+    def filter_states(self, measured, noise, per_turn, jump, turns, most=math.inf):
         """States at rest."""
         self.model.per_turn = per_turn
         self.model.filtered.append((self.values, self.effects, jump, turns))

@@ -106,6 +106,27 @@ def test_the_filter_finds_the_states_from_noisy_readings(found):
     assert np.median(np.abs(away), axis=0).max() < 0.02
 
 
+def test_loose_joints_are_more_likely_than_ideal_ones_where_joints_are_loose(found):
+    _, windows, true, own = found
+    noise = {name: np.full(value.size, 0.01 * np.std(value)) for name, value in true.items()}
+    by_ideal = windows.deviance_of(read(rig(loose=())), true, noise)
+    assert own.deviance < 0.1 * by_ideal
+    assert windows.deviance_of(true, true, noise) == 0.0
+    # gaps do not count, and few large residuals weigh less than their squares
+    one = {"crank_torque": np.where(np.arange(true["crank_torque"].size) == 3, 9.0, np.nan)}
+    unit = {"crank_torque": np.ones(true["crank_torque"].size)}
+    zero = {"crank_torque": np.zeros(true["crank_torque"].size)}
+    assert windows.deviance_of(zero, one, unit) == pytest.approx(9.0 * math.log(10.0))
+
+
+def test_the_filter_ends_at_a_given_deviance(found):
+    _, windows, true, own = found
+    noise = {name: np.full(value.size, 0.01 * np.std(value)) for name, value in true.items()}
+    most = 0.25 * own.deviance
+    ended = windows.filter_states(true, noise, 16, 0.01, math.inf, most)
+    assert most < ended.deviance < 0.5 * own.deviance and ended.readings < own.readings
+
+
 def test_samples_of_a_window_without_simulation_are_missing(found):
     model, windows, _, own = found
     slow = own.states.slow.copy()

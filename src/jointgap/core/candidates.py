@@ -407,6 +407,7 @@ class WindowedRun(Protocol):
         per_turn: int,
         jump: float,
         turns: float,
+        most: float = math.inf,
     ) -> StateEstimate:
         """Estimate the states of all windows by a filter.
 
@@ -420,7 +421,18 @@ class WindowedRun(Protocol):
             Standard deviation of the jump between the end of a window and the next start state.
         turns : float
             Length of the analysed part from the start of the record, in revolutions.
+        most : float
+            Deviance above which the filter may end early; the states are then incomplete.
         """
+
+    def deviance_of(
+        self,
+        predicted: Mapping[str, np.ndarray],
+        measured: Mapping[str, np.ndarray],
+        noise: Mapping[str, np.ndarray],
+    ) -> float:
+        """Deviance of readings that were predicted without estimated states, comparable with that
+        of `filter_states`; parameters as there."""
 
     def states_from(self, slow: np.ndarray, per_turn: int) -> Any:
         """States of `per_turn` windows per revolution from known values `slow` (k, d); None if

@@ -34,6 +34,7 @@ _NEWTON, _CLOSE = (
 )  # largest number of steps to the equilibrium, and its tolerance of the forces [1]
 _LOST = 100.0  # [1] squared residual of each reading in a failed window
 _NEGLIGIBLE = 0.3  # [1] decrease of a window's squares below which iteration stops
+_WIDEST = 10.0  # [rad^2], [crank speeds^2] bound of a state's variance
 _LEAST_FORCE = 1e-4  # [N] of a contact in equilibrium without load
 
 
@@ -82,6 +83,47 @@ def resting(p: Parameters, count: int) -> Carried:
         np.zeros((count, 3)),
         np.zeros((count, 3)),
     )
+
+
+@compiled
+def _solve(matrix, right):
+    """Solve for `right` (d, m) in place, by elimination with pivoting; `matrix` (d, d) is lost.
+
+    Returns the logarithm of its determinant's magnitude. The routines of numpy take seconds to
+    compile.
+    """
+    d, columns = right.shape
+    log_determinant = 0.0
+    for i in range(d):
+        pivot = i
+        for row in range(i + 1, d):
+            if abs(matrix[row, i]) > abs(matrix[pivot, i]):
+                pivot = row
+        for j in range(d):
+            matrix[i, j], matrix[pivot, j] = matrix[pivot, j], matrix[i, j]
+        for j in range(columns):
+            right[i, j], right[pivot, j] = right[pivot, j], right[i, j]
+        log_determinant += math.log(abs(matrix[i, i]))
+        for row in range(i + 1, d):
+            share = matrix[row, i] / matrix[i, i]
+            for j in range(i, d):
+                matrix[row, j] -= share * matrix[i, j]
+            for j in range(columns):
+                right[row, j] -= share * right[i, j]
+    for i in range(d - 1, -1, -1):
+        for j in range(columns):
+            for row in range(i + 1, d):
+                right[i, j] -= matrix[i, row] * right[row, j]
+            right[i, j] /= matrix[i, i]
+    return log_determinant
+
+
+@compiled
+def _inverse(matrix):
+    """The inverse of a matrix (d, d)."""
+    inverse = np.eye(len(matrix))
+    _solve(matrix.copy(), inverse)
+    return inverse
 
 
 @compiled
@@ -160,14 +202,15 @@ def _balance(p, time, angle, rate, depth, radial, auxiliary, modes, approaches, 
                 for i in range(3):
                     if touching[i]:
                         matrix[i, j] = (moved[i] - out[i]) / more
+        change = np.zeros((3, 1))
         for j in range(3):
-            out[j] = -out[j] if touching[j] else 0.0
-        change = np.linalg.solve(matrix, out)
+            change[j, 0] = -out[j] if touching[j] else 0.0
+        _solve(matrix, change)
         for j in range(3):
             if touching[j]:
                 joint = _joint(p, j)
-                largest = max(largest, abs(change[j]) / (force[j] + 1e-3))
-                force[j] = max(force[j] + change[j], _LEAST_FORCE)
+                largest = max(largest, abs(change[j, 0]) / (force[j] + 1e-3))
+                force[j] = max(force[j] + change[j, 0], _LEAST_FORCE)
                 depth[j] = (force[j] / joint.stiffness) ** (1.0 / joint.exponent)
         if largest < _CLOSE:
             break
@@ -232,17 +275,18 @@ def _part(found, first, last):
 
 
 @compiled
-def _run(p, k, slow, speed, carried, rows, tolerance, room, end, after):
+def _run(p, k, slow, run):
     """Integrate window `k` from the state `slow` (d,); returns whether it succeeded.
 
-    Its samples are those of the `rows`, the last one at its end. The state there and its other
-    values become row `k` of `end` and `after`.
+    Its samples are those of the rows, the last one at its end. The state there and its other values
+    become row `k` of `run.end` and `run.after`.
     """
+    speed, rows, end, after = abs(p.drive.speed), run.rows, run.end, run.after
     found, first, last = rows.found, rows.bounds[k], rows.bounds[k + 1]
     part = _part(found, first, last)
-    progress = _begin(p, part.times[0], k, slow, speed, carried)
+    progress = _begin(p, part.times[0], k, slow, speed, run.carried)
     status, _, _, _ = integrate(
-        p, progress, part, rows.angles[first:last], tolerance, rows.limits[k], room
+        p, progress, part, rows.angles[first:last], run.tolerance, rows.limits[k], run.room
     )
     if status != DONE:
         return False
@@ -273,14 +317,6 @@ def _run(p, k, slow, speed, carried, rows, tolerance, room, end, after):
             flies = modes[j] == FLIGHT
             after.off[k, j] = polar[j, 0] / joint.clearance if flies else depth[j] - balance[j]
     return True
-
-
-@compiled
-def _run_all(p, slow, carried, rows, tolerance, room, end, after, done):
-    """`_run` for all windows; `done` (k,) contains their success."""
-    speed = abs(p.drive.speed)
-    for k in range(len(slow)):
-        done[k] = _run(p, k, slow[k], speed, carried, rows, tolerance, room, end, after)
 
 
 class Rows(NamedTuple):
@@ -321,28 +357,6 @@ def rows_of(p: Parameters, edges: np.ndarray, angles: np.ndarray) -> Rows:
     return Rows(all_angles, np.searchsorted(of[order], np.arange(count + 1)), sample, found, limits)
 
 
-def simulate_windows(
-    p: Parameters, rows: Rows, slow: np.ndarray, carried: Carried, tolerance: float
-) -> tuple[dict[str, np.ndarray], np.ndarray, Carried, np.ndarray]:
-    """Channels (m,) at the samples of the `rows`, by column of `jointgap.dynamics.sampling.SAMPLE`;
-    states (k, d) at the ends of the windows, further values there, and the success (k,) of each
-    window.
-
-    NaN in failed windows.
-    """
-    end, after, done = np.full(slow.shape, np.nan), _like(carried), np.zeros(len(slow), bool)
-    room = room_for_stages()
-    _run_all(p, slow, carried, rows, tolerance, room, end, after, done)
-    window = np.repeat(np.arange(done.size), np.diff(rows.bounds))
-    chosen = np.flatnonzero((rows.sample >= 0) & done[window])
-    columns, count = rows.found.part(chosen).observed(p), int(rows.sample.max()) + 1
-    out = {}
-    for name, values in columns.items():
-        out[name] = np.full(count, np.nan)
-        out[name][rows.sample[chosen]] = values
-    return out, end, after, done
-
-
 @compiled
 def _like(carried):
     return Carried(
@@ -358,12 +372,14 @@ def _like(carried):
 @compiled
 def _copy_row(before, k, after, later):
     """Copy row `k` of `before` to row `later` of `after`."""
-    after.auxiliary[later] = before.auxiliary[k]
-    after.modes[later] = before.modes[k]
-    after.approaches[later] = before.approaches[k]
-    after.begins[later] = before.begins[k]
-    after.off[later] = before.off[k]
-    after.radial[later] = before.radial[k]
+    for i in range(AUXILIARY_STATES):
+        after.auxiliary[later, i] = before.auxiliary[k, i]
+    for j in range(3):
+        after.modes[later, j] = before.modes[k, j]
+        after.approaches[later, j] = before.approaches[k, j]
+        after.begins[later, j] = before.begins[k, j]
+        after.off[later, j] = before.off[k, j]
+        after.radial[later, j] = before.radial[k, j]
 
 
 class Readings(NamedTuple):
@@ -383,12 +399,19 @@ class FilterSettings(NamedTuple):
 
     # [rad], [crank speeds] standard deviation of a state relative to the end of the previous window
     jump: float
-    first: float = 1.0  # the same for the first state relative to the best guess
+    most: float = math.inf  # deviance at which the filter ends
+    first: float = 1.0  # as `jump`, for the first state relative to the best guess
     heavy: float = 9.0  # degrees of freedom of the heavy-tailed residuals
     iterations: int = 6
     bad: float = 4.0  # mean squared residual above which the filter may have diverged
     angle_step: float = 1e-4  # [rad] of difference quotients
     rate_step: float = 2e-4  # [crank speeds]
+    renewed_below: float = 0.5  # [1] gain ratio below which derivatives are computed again
+
+
+def heavy_squares(residual: np.ndarray, heavy: float = FilterSettings(1.0).heavy) -> np.ndarray:
+    """Squares of whitened residuals (n,) as the filter counts them: few large ones weigh less."""
+    return heavy * np.log1p(residual**2 / heavy)
 
 
 @compiled
@@ -423,171 +446,309 @@ def _turned_by(after, before, out):
             out[i] -= 2.0 * math.pi * math.floor(out[i] / (2.0 * math.pi) + 0.5)
 
 
-class _Filtering(NamedTuple):
-    """Data and work arrays of the filter."""
+class _Windows(NamedTuple):
+    """Data and work arrays of a simulation or filter."""
 
     rows: Rows
-    readings: Readings
-    settings: FilterSettings
     tolerance: float  # [m]
     carried: Carried  # initial values of the windows
     after: Carried  # the same at their ends
+    end: np.ndarray  # (k, d) states at the ends
     room: np.record  # stages of a step
+
+
+class _Filtering(NamedTuple):
+    """Data and work arrays of the filter; the accepted state is the best trial state so far."""
+
+    readings: Readings
+    settings: FilterSettings
     samples: np.ndarray  # (n,) of the rows, and the same as numbers (n, s)
     numbers: np.ndarray
     residual: np.ndarray  # (m,) of the accepted state, and of a trial state
     moved: np.ndarray
-    jacobian: np.ndarray  # (m, d)
+    jacobian: np.ndarray  # (m, d) derivatives of the residuals
     forward: np.ndarray  # (d, d) derivatives of the state at the end
-    sensed: np.ndarray  # (d, d) information of the readings on the state
+    end: np.ndarray  # (d,) at the end of the accepted state
     change: np.ndarray  # (d,)
-    end: np.ndarray  # (k, d) states at the ends, of the accepted state and of a trial state
-    tried_end: np.ndarray
 
 
 @compiled
-def _trial(p, k, state, of, into, end):
+def _trial(p, k, state, run, of):
     """Simulate window `k` from a `state`; returns number and squares of residuals, 0 and infinity
     for a failure."""
-    rows, speed = of.rows, abs(p.drive.speed)
-    if not _run(p, k, state, speed, of.carried, rows, of.tolerance, of.room, end, of.after):
+    rows = run.rows
+    if not _run(p, k, state, run):
         return 0, math.inf
-    return _misfit(
-        p,
-        rows.found,
-        rows.bounds[k],
-        rows.bounds[k + 1],
-        of.samples,
-        of.numbers,
-        of.readings,
-        of.settings.heavy,
-        into,
-    )
+    first, last, heavy = rows.bounds[k], rows.bounds[k + 1], of.settings.heavy
+    return _misfit(p, rows.found, first, last, of.samples, of.numbers, of.readings, heavy, of.moved)
+
+
+@compiled
+def _accept(k, n, run, of):
+    """Accept the last trial state of window `k`, with `n` residuals."""
+    for j in range(n):  # copies of slices compile slowly
+        of.residual[j] = of.moved[j]
+    for i in range(of.end.size):
+        of.end[i] = run.end[k, i]
+    if k + 1 < len(run.end):
+        _copy_row(run.after, k, run.carried, k + 1)
 
 
 @compiled
 def _pull(state, mean, precision, change):
     """Squared deviation of a `state` from its `mean`."""
     _turned_by(state, mean, change)
-    return change @ (precision @ change)
+    total = 0.0
+    for i in range(change.size):
+        for j in range(change.size):
+            total += change[i] * precision[i, j] * change[j]
+    return total
 
 
 @compiled
-def _refined_state(p, k, state, mean, precision, of):
-    """The best state of window `k` near `state`, by Levenberg-Marquardt steps, with its squares of
-    residuals and of the deviation from its `mean`."""
-    d, settings = state.size, of.settings
-    n, total = _trial(p, k, state, of, of.residual, of.end)
-    damping = 1e-3
+def _differentiate(p, k, state, n, run, of):
+    """Derivatives by the accepted state of window `k`, by differences."""
+    for i in range(state.size):
+        step = of.settings.angle_step if i % 2 == 0 else of.settings.rate_step
+        other = state.copy()
+        other[i] += step
+        m, _ = _trial(p, k, other, run, of)
+        _turned_by(run.end[k], of.end, of.change)
+        for j in range(n):
+            of.jacobian[j, i] = (of.moved[j] - of.residual[j]) / step if m == n else 0.0
+        for j in range(state.size):
+            of.forward[j, i] = of.change[j] / step if m == n else (1.0 if i == j else 0.0)
+
+
+@compiled
+def _update(k, step, n, run, of):
+    """Broyden's update of the derivatives after a `step` (d,) to the last trial state."""
+    square = 0.0
+    for i in range(step.size):
+        square += step[i] ** 2
+    _turned_by(run.end[k], of.end, of.change)
+    for j in range(n):
+        missed = of.moved[j] - of.residual[j]
+        for i in range(step.size):
+            missed -= of.jacobian[j, i] * step[i]
+        for i in range(step.size):
+            of.jacobian[j, i] += missed * step[i] / square
+    for j in range(step.size):
+        missed = of.change[j]
+        for i in range(step.size):
+            missed -= of.forward[j, i] * step[i]
+        for i in range(step.size):
+            of.forward[j, i] += missed * step[i] / square
+
+
+@compiled
+def _information(n, of):
+    """Information (d, d) of the readings on the accepted state."""
+    d = of.change.size
+    out = np.zeros((d, d))
+    for i in range(d):
+        for j in range(i + 1):
+            for row in range(n):
+                out[i, j] += of.jacobian[row, i] * of.jacobian[row, j]
+            out[j, i] = out[i, j]
+    return out
+
+
+@compiled
+def _refined_state(p, k, state, n, total, mean, precision, run, of):
+    """The best state of window `k` near the accepted `state`, by Levenberg-Marquardt steps, with
+    its squares of residuals and of the deviation from its `mean`."""
+    d, settings, damping, stale = state.size, of.settings, 1e-3, True
     for _ in range(settings.iterations):
         if n == 0:
             break
         here = total + _pull(state, mean, precision, of.change)
         off = of.change.copy()
+        if stale:
+            _differentiate(p, k, state, n, run, of)
+        hessian, gradient = _information(n, of), np.zeros((d, 1))
         for i in range(d):
-            step = settings.angle_step if i % 2 == 0 else settings.rate_step
-            other = state.copy()
-            other[i] += step
-            m, _ = _trial(p, k, other, of, of.moved, of.tried_end)
-            _turned_by(of.tried_end[k], of.end[k], of.change)
-            for j in range(n):
-                of.jacobian[j, i] = (of.moved[j] - of.residual[j]) / step if m == n else 0.0
             for j in range(d):
-                of.forward[j, i] = of.change[j] / step if m == n else (1.0 if i == j else 0.0)
-        jacobian = of.jacobian[:n]
-        of.sensed[:] = jacobian.T @ jacobian
-        hessian, gradient = of.sensed + precision, jacobian.T @ of.residual[:n] + precision @ off
-        if gradient @ np.linalg.solve(hessian, gradient) < _NEGLIGIBLE:
+                hessian[i, j] += precision[i, j]
+                gradient[i, 0] += precision[i, j] * off[j]
+            for row in range(n):
+                gradient[i, 0] += of.jacobian[row, i] * of.residual[row]
+        newton, promised = gradient.copy(), 0.0
+        _solve(hessian.copy(), newton)
+        for i in range(d):
+            promised += gradient[i, 0] * newton[i, 0]
+        if promised < _NEGLIGIBLE:
             break
-        better = False
+        better, there, step = False, math.inf, np.zeros(d)
         for _ in range(4):
-            damped = hessian.copy()
+            damped, newton = hessian.copy(), gradient.copy()
             for i in range(d):
                 damped[i, i] *= 1.0 + damping
-            step_to, other = np.linalg.solve(damped, gradient), state.copy()
+            _solve(damped, newton)
             for i in range(d):
                 reach = 0.8 if i % 2 == 0 else 3.0
-                other[i] -= min(max(step_to[i], -reach), reach)
-            m, squares = _trial(p, k, other, of, of.moved, of.tried_end)
-            there = squares + _pull(other, mean, precision, of.change)
+                step[i] = -min(max(newton[i, 0], -reach), reach)
+            _, squares = _trial(p, k, state + step, run, of)
+            there = squares + _pull(state + step, mean, precision, of.change)
             if there < here:
-                better, state, total = True, other, squares
-                of.residual[:n] = of.moved[:n]
-                of.end[k] = of.tried_end[k]
+                better = True
                 break
             damping = max(8.0 * damping, 1e-3)
-        if not better or (here - there < 0.02 * here and here - there < 3.0):
+        if not better:
             break
+        _update(k, step, n, run, of)
+        state, total = state + step, squares
+        _accept(k, n, run, of)
+        if here - there < 0.02 * here and here - there < 3.0:
+            break
+        stale = here - there < settings.renewed_below * promised
         damping *= 0.2
     return state, n, total, _pull(state, mean, precision, of.change)
 
 
 @compiled
-def find_states(p, of, guesses, first_is_known, others, slow):
+def _first_state(p, k, guesses, first_is_known, run, of):
+    """Accept the best of the `guesses` for window `k`; the first of them if that is known and
+    fits well. Returns it with number and squares of its residuals."""
+    state, n, total = guesses[0].copy(), 0, math.inf
+    for g in range(len(guesses)):
+        if g > 0 and first_is_known and total <= of.settings.bad * n:
+            break
+        m, squares = _trial(p, k, guesses[g], run, of)
+        if squares < total:
+            state, n, total = guesses[g].copy(), m, squares
+            _accept(k, m, run, of)
+    return state, n, total
+
+
+@compiled
+def _find_states(p, run, of, guesses, first_is_known, others, slow, squares, sizes):
     """Estimate the states of all windows one after the other, each from the end of the previous
     one.
 
     An iterated extended Kalman filter. The first state is near the best of the `guesses`, or near
     the first of them if that is known and fits well. For a window with large residuals the one of
-    the `others` (k, d) is tried too, unless it is NaN. Fills `slow` (k, d) and the initial values
-    of the windows. Returns sums over the windows: squares of residuals and jumps, and log
-    determinants, which give the log marginal likelihood; and squares (k,) and numbers (k,) of the
-    residuals.
+    the `others` (k, d) is tried too, unless it is NaN. Fills `slow` (k, d), the initial values of
+    the windows, and squares (k,) and numbers (k,) of the residuals. Returns sums over the windows:
+    squares of residuals and jumps, and log determinants, which give the log marginal likelihood.
     """
     count, d = slow.shape
-    rows, settings = of.rows, of.settings
-    squares, sizes = np.zeros(count), np.zeros(count)
+    rows, settings = run.rows, of.settings
     mean, covariance = guesses[0].copy(), np.eye(d) * settings.first**2
     cost = log_determinant = 0.0
     for k in range(count):
+        if cost + log_determinant > settings.most:
+            break
         prior = covariance + (settings.jump**2 if k > 0 else 0.0) * np.eye(d)
-        precision, state, least = np.linalg.inv(prior), mean.copy(), math.inf
+        precision, state = _inverse(prior), mean.copy()
         if k == 0:
-            for g in range(guesses.shape[0]):
-                m, total = _trial(p, k, guesses[g], of, of.moved, of.tried_end)
-                if total < least and (g == 0 or not first_is_known or least > settings.bad * m):
-                    least, state = total, guesses[g].copy()
+            state, n, total = _first_state(p, k, guesses, first_is_known, run, of)
             mean = state.copy()
-        elif not math.isnan(others[k, 0]):
-            for other in (mean, others[k]):
-                m, total = _trial(p, k, other, of, of.moved, of.tried_end)
-                if (
-                    total < (least if least < math.inf else total + 1.0)
-                    and least > settings.bad * m
-                ):
-                    lost = least < math.inf and total < 0.5 * least
-                    state = other.copy()
-                    if lost:  # do not start from the end of a failed window
-                        mean, prior = other.copy(), np.eye(d) * settings.first**2
-                        precision = np.linalg.inv(prior)
-                least = min(least, total)
-        state, n, total, pull = _refined_state(p, k, state, mean, precision, of)
-        # the last trial state may have been rejected
-        n, total = _trial(p, k, state, of, of.residual, of.end)
-        slow[k] = state
+        else:
+            n, total = _trial(p, k, state, run, of)
+            if total < math.inf:
+                _accept(k, n, run, of)
+            if not math.isnan(others[k, 0]) and total > settings.bad * n:
+                m, tried = _trial(p, k, others[k], run, of)
+                if tried < total:
+                    _accept(k, m, run, of)
+                    state = others[k].copy()
+                    if tried < 0.5 * total < math.inf:  # do not start from a failed window's end
+                        mean, prior = state.copy(), np.eye(d) * settings.first**2
+                        precision = _inverse(prior)
+                    n, total = m, tried
+        state, n, total, pull = _refined_state(p, k, state, n, total, mean, precision, run, of)
+        for i in range(d):
+            slow[k, i] = state[i]
         if n > 0:
             squares[k], sizes[k] = total, n
+            sensed = _information(n, of)
+            # of 1 + prior sensed, as of the sum of both precisions times the prior
+            posterior = np.eye(d)
+            precise = sensed + precision
+            log_determinant += _solve(precise, posterior) + _solve(prior.copy(), np.eye(d))
             cost += total + pull
-            log_determinant += np.linalg.slogdet(np.eye(d) + prior @ of.sensed)[1]
-            covariance = of.forward @ np.linalg.inv(of.sensed + precision) @ of.forward.T
-            values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+            covariance = np.zeros((d, d))
             for i in range(d):
-                values[i] = min(max(values[i], 1e-12), 10.0)
-            covariance = (vectors * values) @ vectors.T
-            mean = of.end[k].copy()
-            if k + 1 < count:
-                _copy_row(of.after, k, of.carried, k + 1)
-        elif rows.bounds[k + 1] - rows.bounds[k] > 2 or total == math.inf:
+                for j in range(d):
+                    for a in range(d):
+                        for b in range(d):
+                            covariance[i, j] += (
+                                of.forward[i, a] * posterior[a, b] * of.forward[j, b]
+                            )
+            # standard deviations stay below sqrt(_WIDEST)
+            limited = np.eye(d) + covariance / _WIDEST
+            _solve(limited, covariance)
+            mean = of.end.copy()
+        elif total == math.inf:
             squares[k] = total
             turned = rows.angles[rows.bounds[k + 1] - 1] - rows.angles[rows.bounds[k]]
             for i in range(0, d, 2):
                 mean[i], mean[i + 1] = state[i] + state[i + 1] * turned, state[i + 1]
             covariance = np.eye(d)
         else:  # no readings
-            mean, covariance = of.end[k].copy(), prior
-            if k + 1 < count:
-                _copy_row(of.after, k, of.carried, k + 1)
-    return cost, log_determinant, squares, sizes
+            mean, covariance = of.end.copy(), prior
+    return cost, log_determinant
+
+
+@compiled
+def run_windows(p, run, of, estimate, guesses, first_is_known, others, slow, squares, sizes):
+    """Simulate all windows from the states `slow` (k, d), or with `estimate` find these states.
+
+    One function for both, as each one that contains the integration takes long to compile.
+    Simulated windows have `squares` 0, failed ones infinity.
+    """
+    if estimate:
+        return _find_states(p, run, of, guesses, first_is_known, others, slow, squares, sizes)
+    for k in range(len(slow)):
+        squares[k] = 0.0 if _run(p, k, slow[k], run) else math.inf
+    return 0.0, 0.0
+
+
+_NO_READINGS = Readings(np.empty(0, np.int64), *np.zeros((2, 0)), *np.zeros((2, 0, 0)))
+
+
+def _filtering(
+    readings: Readings, settings: FilterSettings, rows: int, most: int, d: int
+) -> _Filtering:
+    """Work arrays of the filter for windows with up to `most` readings and d numbers a state."""
+    numbers = np.zeros((rows, len(SAMPLE.names)))
+    return _Filtering(
+        readings,
+        settings,
+        np.frombuffer(numbers, dtype=SAMPLE),
+        numbers,
+        np.zeros(most),
+        np.zeros(most),
+        np.zeros((most, d)),
+        np.zeros((d, d)),
+        np.zeros(d),
+        np.zeros(d),
+    )
+
+
+def simulate_windows(
+    p: Parameters, rows: Rows, slow: np.ndarray, carried: Carried, tolerance: float
+) -> tuple[dict[str, np.ndarray], np.ndarray, Carried, np.ndarray]:
+    """Channels (m,) at the samples of the `rows`, by column of `jointgap.dynamics.sampling.SAMPLE`;
+    states (k, d) at the ends of the windows, further values there, and the success (k,) of each
+    window.
+
+    NaN in failed windows.
+    """
+    end, after, squares = np.full(slow.shape, np.nan), _like(carried), np.zeros(len(slow))
+    run = _Windows(rows, tolerance, carried, after, end, room_for_stages())
+    of = _filtering(_NO_READINGS, FilterSettings(1.0), 1, 0, slow.shape[1])
+    run_windows(p, run, of, False, slow[:1], False, slow, slow, squares, np.zeros(len(slow)))
+    done = np.isfinite(squares)
+    window = np.repeat(np.arange(done.size), np.diff(rows.bounds))
+    chosen = np.flatnonzero((rows.sample >= 0) & done[window])
+    columns, count = rows.found.part(chosen).observed(p), int(rows.sample.max()) + 1
+    out = {}
+    for name, values in columns.items():
+        out[name] = np.full(count, np.nan)
+        out[name][rows.sample[chosen]] = values
+    return out, end, after, done
 
 
 class Found(NamedTuple):
@@ -615,31 +776,21 @@ def filtered(
     others: np.ndarray,
     tolerance: float,
 ) -> tuple[Found, Sums]:
-    """States of the first `count` windows of the `rows`, by `find_states` with the same
-    arguments."""
+    """States of the first `count` windows of the `rows`, by a filter.
+
+    The first state is near the best of the `guesses` (g, d), or near the first of them if that is
+    known and fits well. For a window with large residuals the one of the `others` (k, d) is tried
+    too, unless it is NaN. The filter ends where the deviance exceeds that of the `settings`.
+    """
     d, carried = others.shape[1], resting(p, count)
-    slow, numbers = np.zeros((count, d)), np.zeros((rows.angles.size, len(SAMPLE.names)))
+    slow, squares, sizes = np.zeros((count, d)), np.zeros(count), np.zeros(count)
     most = int(np.max(np.diff(rows.bounds[: count + 1]))) * readings.columns.size
-    of = _Filtering(
-        rows,
-        readings,
-        settings,
-        tolerance,
-        carried,
-        _like(carried),
-        room_for_stages(),
-        np.frombuffer(numbers, dtype=SAMPLE),
-        numbers,
-        np.zeros(most),
-        np.zeros(most),
-        np.zeros((most, d)),
-        np.eye(d),
-        np.zeros((d, d)),
-        np.zeros(d),
-        np.zeros((count, d)),
-        np.zeros((count, d)),
+    of = _filtering(readings, settings, rows.angles.size, most, d)
+    end = np.zeros((count, d))
+    run = _Windows(rows, tolerance, carried, _like(carried), end, room_for_stages())
+    cost, determinant = run_windows(
+        p, run, of, True, guesses, first_is_known, others, slow, squares, sizes
     )
-    cost, determinant, squares, sizes = find_states(p, of, guesses, first_is_known, others, slow)
     lost = ~np.isfinite(squares)
     # a failed window counts as much as one that misses all of its readings
     usual = (

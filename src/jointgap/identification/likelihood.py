@@ -263,25 +263,47 @@ class Estimate:
             )
         return found
 
-    def find_states(self, jump: float, turns: float = math.inf) -> float:
-        """Find the states by the filter at a jump; return the deviance per reading."""
-        deviance, readings = 0.0, 0.0
-        per_turn, self._columns = self._windows_a_turn(), None
+    def find_states(self, jump: float, turns: float = math.inf, most: float = math.inf) -> float:
+        """Find the states in the first `turns` revolutions by the filter at a jump; return the
+        deviance.
+
+        If it exceeds `most`, the filter ends early.
+        """
+        deviance, per_turn, self._columns = 0.0, self._windows_a_turn(), None
         for run in self.problem.runs:
-            windowed, parts = (
-                self._windowed(run, self.values),
-                [p for p in self.problem.parts if p.series.run == run],
-            )
-            measured = {
-                part.series.channel: np.where(part.used, part.series.value, np.nan)
-                for part in parts
-            }
-            noise = {part.series.channel: part.noise.spread for part in parts}
-            found = windowed.filter_states(measured, noise, per_turn, jump, turns)
+            windowed = self._windowed(run, self.values)
+            readings = self._readings(run, windowed, turns)
+            found = windowed.filter_states(*readings, per_turn, jump, turns, most - deviance)
+            deviance += found.deviance
+            if deviance > most:
+                break
             self._runs[run] = _Run(self.problem, run, windowed, found.states)
             self._slow[run] = found.states.slow.copy()
-            deviance, readings = deviance + found.deviance, readings + found.readings
-        return deviance / max(readings, 1.0)
+        return deviance
+
+    def deviance_without(self, turns: float = math.inf) -> float:
+        """The deviance of the same readings by the base, whose states are not estimated."""
+        deviance = 0.0
+        for run in self.problem.runs:
+            windowed = self._windowed(run, self.values)
+            predicted = self.problem.predict(run, self.mapping)
+            deviance += windowed.deviance_of(predicted, *self._readings(run, windowed, turns))
+        return deviance
+
+    def _readings(
+        self, run: str, windowed: WindowedRun, turns: float
+    ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """Readings that depend on the states in the first `turns` revolutions of a run, NaN for
+        gaps, and their noise, by channel."""
+        measured, noise = {}, {}
+        for part in self.problem.parts:
+            if part.series.run == run and part.series.channel in windowed.channels:
+                time = part.series.time
+                share = (time - time[0]) / max(time[-1] - time[0], 1e-300)
+                used = part.used & (share * windowed.turns < turns)
+                measured[part.series.channel] = np.where(used, part.series.value, np.nan)
+                noise[part.series.channel] = part.noise.spread
+        return measured, noise
 
     def _windows_a_turn(self) -> int:
         """Number of windows per revolution with enough readings for each state variable."""

@@ -1,5 +1,6 @@
 """Screening of candidates by linearisation."""
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -21,6 +22,8 @@ from jointgap.identification.fit import (
 )
 from jointgap.identification.problem import Hypothesis, Part, Problem, label_of
 from jointgap.identification.settings import DEFAULT_SETTINGS, ScreeningSettings
+
+_RATES_A_BLOCK = 64
 
 
 def likely_frequencies(
@@ -58,7 +61,7 @@ def likely_frequencies(
     basis, left = _beyond_nuisances(residual, jacobian)
     carriers = [np.where(timed & (run == name), carrier, 0.0) for name in dict.fromkeys(run)]
     time = np.where(timed, time, 0.0)
-    power = np.array([_power(2 * np.pi * hertz * time, carriers, basis, left) for hertz in tried])
+    power = _powers(2.0 * np.pi * tried, time, carriers, basis, left)
     inner = np.arange(1, power.size - 1)
     peaks = inner[(power[inner] >= power[inner - 1]) & (power[inner] > power[inner + 1])]
     return [
@@ -93,7 +96,7 @@ def likely_orders(
     tried = np.array([value for value in order.search_values if value <= np.pi / max(finest, 1e-9)])
     basis, left = _beyond_nuisances(residual, jacobian)
     carriers, angle = [np.where(known, carrier, 0.0)], np.where(known, angle, 0.0)
-    power = [_power(k * angle, carriers, basis, left) for k in tried]
+    power = _powers(tried, angle, carriers, basis, left)
     return [
         float(tried[i])
         for i in sorted(range(tried.size), key=lambda i: -power[i])[: settings.max_frequencies]
@@ -132,16 +135,36 @@ def _beyond_nuisances(residual: np.ndarray, jacobian: np.ndarray) -> tuple[np.nd
     return basis, residual - basis @ (basis.T @ residual)
 
 
-def _power(
-    phase: np.ndarray, carriers: Sequence[np.ndarray], basis: np.ndarray, left: np.ndarray
-) -> float:
-    """Squared residual explained by cosine and sine of `phase`, separately for each carrier."""
-    columns = np.column_stack(
-        [carrier * wave for carrier in carriers for wave in (np.cos(phase), np.sin(phase))]
-    )
-    columns -= basis @ (basis.T @ columns)
-    weight = np.linalg.lstsq(columns, left, rcond=None)[0]
-    return float(left @ (columns @ weight))
+def _powers(
+    rates: np.ndarray,
+    phase: np.ndarray,
+    carriers: Sequence[np.ndarray],
+    basis: np.ndarray,
+    left: np.ndarray,
+) -> np.ndarray:
+    """Squared residual `left` (n,) explained by cosine and sine of each of the `rates` (m,) times
+    the `phase` (n,), separately for each carrier (n,), by normal equations.
+
+    Carriers act in different rows. A block of rates at a time saves memory.
+    """
+    size, powers = 2 * len(carriers), [np.empty(0)]
+    for block in (
+        np.array_split(rates, math.ceil(rates.size / _RATES_A_BLOCK)) if rates.size else ()
+    ):
+        square, shared, side = np.zeros((block.size, size, size)), [], []
+        for i, carrier in enumerate(carriers):
+            rows = np.flatnonzero(carrier)
+            turned = np.exp(1j * np.outer(phase[rows], block)) * carrier[rows, None]
+            waves = np.stack([turned.real, turned.imag])
+            place = slice(2 * i, 2 * i + 2)
+            square[:, place, place] = np.einsum("anf,bnf->fab", waves, waves)
+            shared.append(np.einsum("nk,anf->fak", basis[rows], waves, optimize=True))
+            side.append(np.einsum("n,anf->fa", left[rows], waves, optimize=True))
+        shared, side = np.concatenate(shared, axis=1), np.concatenate(side, axis=1)
+        square -= shared @ shared.transpose(0, 2, 1)
+        inverse = np.linalg.pinv(square, rcond=1e-12, hermitian=True)
+        powers.append(np.einsum("fi,fij,fj->f", side, inverse, side))
+    return np.concatenate(powers)
 
 
 @dataclass(frozen=True)

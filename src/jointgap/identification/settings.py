@@ -137,13 +137,10 @@ class WindowSettings:
     size_factor: float = 1.4  # [1] Factor between tried clearances: half the width of the basin
     tried_sizes: int = 4  # Best clearances that are tried with all shapes
     fitted_sizes: int = 2  # Best of these that are fitted
-    # [1] Largest deviance per reading of a clearance that is fitted: hidden ones had 1.6 to 4.5
-    # (experience)
-    likely_deviance: float = 5.0
     leading: int = 4  # Largest number of effects fitted in windows
-    leading_share: float = (
-        0.5  # [1, of the largest predicted gain] Least predicted gain of a fitted effect
-    )
+    # [1, of the largest gain] Least gain of a fitted clearance by the filter, and least predicted
+    # gain of a second effect
+    leading_share: float = 0.5
 
 
 @dataclass(frozen=True)

@@ -115,51 +115,58 @@ def _fitted(
 
 def likely_clearances(baseline: Baseline) -> list[Start]:
     """The best clearance sizes that are not neighbours, each with the best of its shapes, best
-    first; none if the best one is unlikely.
+    first; none if ideal joints are more likely.
 
-    Many sizes of each clearance are tried by the filter over one revolution.
+    The filter rates sizes of each clearance over one revolution. A size is likely if its marginal
+    likelihood exceeds the likelihood of ideal joints, by a share of what the best one gains.
     """
-    problem, settings, found = baseline.problem, baseline.problem.settings.windows, {}
+    problem, settings = baseline.problem, baseline.problem.settings.windows
     candidates = problem.model.candidates
     start = {key: value for key, value in baseline.nominal.mapping.items() if "@" in key}
     grids = {one.label: _sizes(one, settings.size_factor) for one in candidates if one.search_range}
     by_label = {one.label: one for one in candidates}
 
-    def values_of(label: str, place: int, shape: int = 0) -> dict[str, float]:
+    def estimate(label: str, place: int, shape: int = 0) -> Estimate:
         candidate = by_label[label]
-        guess, size = (
-            candidate.initial_guesses[shape],
-            candidate.vanishing_amplitude + grids[label][place],
-        )
-        shapes = {key: value for key, value in guess.items() if key not in candidate.amplitudes}
-        own = shapes | {candidate.amplitudes[0]: float(size)}
-        return dict(start) | {f"{label}.{key}": value for key, value in own.items()}
+        guess = candidate.initial_guesses[shape]
+        values = {key: value for key, value in guess.items() if key not in candidate.amplitudes}
+        size = candidate.vanishing_amplitude + grids[label][place]
+        values |= {candidate.amplitudes[0]: float(size)}
+        own = {f"{label}.{key}": value for key, value in values.items()}
+        return Estimate(problem, (candidate,), start | own)
 
     def deviance(label: str, place: int, shape: int = 0) -> float:
+        nonlocal least
         try:
-            estimate = Estimate(problem, (by_label[label],), values_of(label, place, shape))
-            return estimate.find_states(settings.jumps[0], turns=1.0)
+            value = estimate(label, place, shape).find_states(settings.jumps[0], 1.0, least)
         except FAILURES:
             return math.inf
+        least = min(least, ideal - settings.leading_share * (ideal - value))
+        return value
 
-    for label, sizes in grids.items():
-        if has_windows(problem, (by_label[label],), values_of(label, 0)):
-            found |= {(label, place): deviance(label, place) for place in range(sizes.size)}
+    searched = [
+        label
+        for label in grids
+        if has_windows(problem, (first := estimate(label, 0)).hypothesis, first.mapping)
+    ]
+    if not searched:
+        return []
+    ideal = least = estimate(searched[0], 0).deviance_without(turns=1.0)
+    # every third size first, so that most others end early
+    places = [(label, place) for label in searched for place in range(grids[label].size)]
+    rated = {at: deviance(*at) for at in sorted(places, key=lambda at: at[1] % 3 != 1)}
     best: list[tuple[str, int]] = []
-    for label, place in sorted(found, key=found.__getitem__):
-        if all(label != other or abs(place - there) > 1 for other, there in best):
+    for label, place in sorted(rated, key=rated.__getitem__):
+        apart = all(label != other or abs(place - there) > 1 for other, there in best)
+        if apart and rated[label, place] < least:
             best.append((label, place))
     tried = []
     for label, place in best[: settings.tried_sizes]:
         shapes = range(1, len(by_label[label].initial_guesses))
         others = [(deviance(label, place, shape), label, place, shape) for shape in shapes]
-        tried.append(min([(found[label, place], label, place, 0), *others]))
-    if not tried or min(tried)[0] > settings.likely_deviance:
-        return []
-    return [
-        ((by_label[one],), values_of(one, *at))
-        for _, one, *at in sorted(tried)[: settings.fitted_sizes]
-    ]
+        tried.append(min([(rated[label, place], label, place, 0), *others]))
+    chosen = [estimate(*at) for value, *at in sorted(tried) if value <= least]
+    return [(one.hypothesis, one.mapping) for one in chosen[: settings.fitted_sizes]]
 
 
 def _sizes(candidate: Candidate, factor: float) -> np.ndarray:

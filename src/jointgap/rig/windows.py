@@ -177,6 +177,7 @@ class RunInWindows:
         per_turn: int,
         jump: float,
         turns: float,
+        most: float = inf,
     ) -> StateEstimate:
         """As of `WindowedRun.filter_states`: start values, as the filter ignores filters, lags and
         delays of sensors.
@@ -198,7 +199,7 @@ class RunInWindows:
         guesses = np.zeros((directions.size**joints, self.size))
         guesses[:, 0::2] = list(product(directions, repeat=joints))
         prior = np.full((count, self.size), np.nan)
-        settings = windows.FilterSettings(jump)
+        settings = windows.FilterSettings(jump, float(most))
         starts = guesses
         if count > 2 * per_turn:
             two_turns, _ = windows.filtered(
@@ -215,6 +216,16 @@ class RunInWindows:
             sums.deviance,
             sums.readings,
         )
+
+    def deviance_of(
+        self,
+        predicted: Mapping[str, np.ndarray],
+        measured: Mapping[str, np.ndarray],
+        noise: Mapping[str, np.ndarray],
+    ) -> float:
+        """As of `WindowedRun.deviance_of`."""
+        away = ((predicted[name] - measured[name]) / noise[name] for name in measured)
+        return sum(float(np.nansum(windows.heavy_squares(residual))) for residual in away)
 
     def _readings(
         self,
