@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy import optimize, stats
+from scipy.optimize import brentq
+from scipy.special import chdtri, chndtrinc
 
 from jointgap.core.candidates import Candidate, Model, Series, runs_of
 from jointgap.core.errors import InputError, SimulationError
@@ -166,18 +167,10 @@ class Detectability:
         of the settings."""
         dimensions = len(sensitivity.amplitudes)
         asked = max(
-            stats.chi2.isf(self.rate / len(self.labels), dimensions),
+            chdtri(dimensions, self.rate / len(self.labels)),
             len(sensitivity.coordinates) * np.log(self.size) + self.settings.decision.min_delta_bic,
         )
-        return float(
-            optimize.brentq(
-                lambda shift: (
-                    stats.ncx2.sf(asked, dimensions, shift) - self.settings.detectability.power
-                ),
-                1e-6,
-                20 * asked + 50,
-            )
-        )
+        return float(chndtrinc(asked, dimensions, 1.0 - self.settings.detectability.power))
 
     def _kept(self, *sensitivities: Sensitivity) -> list[int]:
         """Indices of the nuisances that no effect replaces."""
@@ -228,7 +221,7 @@ class Detectability:
 
         if least == most or excess(np.log(least)) >= 0.0:
             return float(least)
-        return float(np.exp(optimize.brentq(excess, np.log(least), np.log(most), xtol=1e-3)))
+        return float(np.exp(brentq(excess, np.log(least), np.log(most), xtol=1e-3)))
 
     def _typical_amount(self, sensitivity: Sensitivity, size: int) -> float:
         """Amount [SI] with the typical gap after recalibration; infinite if bounds forbid it."""

@@ -11,7 +11,6 @@ from itertools import combinations
 from math import degrees, log, pi, sqrt, tau
 
 import numpy as np
-from scipy.signal import butter
 
 from jointgap.config.campaign import FILTER_ORDER, UNITS, Campaign, CampaignRun, Channel
 from jointgap.config.channels import CHANNEL_KINDS, CHANNELS, FORCES
@@ -335,6 +334,8 @@ def _wrong_turns(campaign: Campaign, periods: Mapping[str, float]) -> list[Contr
 
 def _response(channel: Channel, frequencies: np.ndarray) -> np.ndarray:
     """Frequency response (k,) of a channel's filters at `frequencies` (k,) [rad/s]."""
+    from scipy.signal import butter  # slow to load
+
     s = 1j * frequencies
     response = np.ones(frequencies.size)
     if channel.bandwidth is not None:
