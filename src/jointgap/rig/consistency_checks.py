@@ -334,11 +334,11 @@ def _wrong_turns(campaign: Campaign, periods: Mapping[str, float]) -> list[Contr
 
 def _response(channel: Channel, frequencies: np.ndarray) -> np.ndarray:
     """Frequency response (k,) of a channel's filters at `frequencies` (k,) [rad/s]."""
-    from scipy.signal import butter  # slow to load
-
     s = 1j * frequencies
     response = np.ones(frequencies.size)
     if channel.bandwidth is not None:
+        from scipy.signal import butter  # slow to load
+
         top, bottom = butter(FILTER_ORDER, tau * channel.bandwidth, analog=True)
         response = np.polyval(top, s) / np.polyval(bottom, s)
         response = response if channel.filter == "causal" else np.abs(response) ** 2
