@@ -128,7 +128,9 @@ def inputs_of_scenario_job(stage):
         stages = [SCENARIO_STAGES[stage_name] for stage_name in stages_of(SCENARIOS[name])]
         written = outputs_of(stages, SCENARIO)
         paths = [path for table in stage.reads if (path := f"{SCENARIO}/{table.path}") in written]
-        paths += outputs_of([earlier for earlier in stages if earlier.name in stage.after], SCENARIO)
+        paths += outputs_of(
+            [earlier for earlier in stages if earlier.name in stage.after], SCENARIO
+        )
         compared = siblings(name) if stage.name == "compare" else ()
         return [
             *scenario_files(name, paths),
@@ -206,7 +208,9 @@ def all_scenario_files(wildcards=None):
 def all_campaign_files(wildcards=None):
     """Files of all campaigns."""
     stages = [stage for job in CAMPAIGN_STAGES.jobs().values() for stage in job]
-    return [path for name in CAMPAIGNS for path in campaign_files(name, outputs_of(stages, CAMPAIGN))]
+    return [
+        path for name in CAMPAIGNS for path in campaign_files(name, outputs_of(stages, CAMPAIGN))
+    ]
 
 
 def digest_of_report(wildcards):

@@ -6,7 +6,7 @@ from typing import Any
 
 import pandas as pd
 
-from jointgap.campaign import augment, plan, reoptimise, sentences, tables, verdict_json
+from jointgap.campaign import augment, plan, sentences, tables, verdict_json
 from jointgap.campaign.campaign_files import (
     MECHANISM,
     VERDICT,
@@ -117,6 +117,8 @@ def write_mechanism(state: CampaignState, outcome: Outcome) -> None:
 
 def write_optimum(state: CampaignState, outcome: Outcome) -> None:
     """Write the optimal link lengths without and with the effects."""
+    from jointgap.campaign import reoptimise  # slow to load
+
     models, speed = reoptimise.models_to_optimise(state.campaign, outcome, state.loads_of_runs)
     state.folder.write(schema.CAMPAIGN_OPTIMUM, reoptimise.optimal_lengths(models, speed))
 

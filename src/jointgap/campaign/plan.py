@@ -79,9 +79,9 @@ def _frames(result: Preflight) -> Frames:
     )
     merged = {frozenset(pair) for group in result.merged for pair in combinations(group, 2)}
     rows = [
-        (first, second, result.cosines.loc[first, second], frozenset((first, second)) in merged)
-        for first in labels
-        for second in labels
+        (first, second, cosine, frozenset((first, second)) in merged)
+        for first, cosines in zip(labels, result.cosines.to_numpy(), strict=True)
+        for second, cosine in zip(labels, cosines, strict=True)
     ]
     confusability = pd.DataFrame(rows, columns=CONFUSABILITY.names)
     return {"detectable": detectable, "confusability": confusability}

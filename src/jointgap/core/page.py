@@ -6,16 +6,19 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import date
+from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import quote
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from jointgap import __version__
 from jointgap.core.files import write_text
 from jointgap.core.words import format_day
+
+if TYPE_CHECKING:
+    from jinja2 import Template
 
 
 def data_address(path: Path) -> str:
@@ -201,7 +204,7 @@ def write_page(stem: Path, page: Page, figures: str = ".") -> str:
 def to_markdown(page: Page, figures: str = "figures") -> str:
     """The page as Markdown; `figures` is the folder of the figures' files, relative to the page."""
     shown = tuple(_numbered(page.blocks))
-    return _TEMPLATES.get_template("page.md.j2").render(page=page, shown=shown, figures=figures)
+    return _template("page.md.j2").render(page=page, shown=shown, figures=figures)
 
 
 def to_html(page: Page, figures: Path | str = "figures") -> str:
@@ -216,7 +219,7 @@ def to_html(page: Page, figures: Path | str = "figures") -> str:
     sections = [item for item in shown if isinstance(item.block, Heading)]
     if len(sections) > _PARTS_UP_TO:
         sections = [item for item in sections if item.block.level == 2]
-    return _TEMPLATES.get_template("page.html.j2").render(
+    return _template("page.html.j2").render(
         page=page,
         first=shown[:ahead],
         rest=shown[ahead:],
@@ -305,19 +308,25 @@ def _with_code(text: str) -> Markup:
 
 _NUMBER_AND_UNIT = re.compile(r"(?<=\d) (?=(?!to\b)[^\W\d]{1,3}\b|%)")
 
-_TEMPLATES = Environment(
-    loader=PackageLoader("jointgap.core"),
-    autoescape=lambda name: name is not None and name.endswith(".html.j2"),
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-    keep_trailing_newline=True,
-)
-_TEMPLATES.filters |= {
-    "markdown": markdown_text,
-    "markdown_cell": lambda cell: _markdown_point(cell, of_cell=True),
-    "markdown_point": _markdown_point,
-    "html_point": _html_point,
-    "with_code": _with_code,
-    "unbroken": lambda text: _NUMBER_AND_UNIT.sub("\N{NO-BREAK SPACE}", text),
-}
+
+@cache
+def _template(name: str) -> "Template":
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # slow to load
+
+    templates = Environment(
+        loader=PackageLoader("jointgap.core"),
+        autoescape=lambda name: name is not None and name.endswith(".html.j2"),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    templates.filters |= {
+        "markdown": markdown_text,
+        "markdown_cell": lambda cell: _markdown_point(cell, of_cell=True),
+        "markdown_point": _markdown_point,
+        "html_point": _html_point,
+        "with_code": _with_code,
+        "unbroken": lambda text: _NUMBER_AND_UNIT.sub("\N{NO-BREAK SPACE}", text),
+    }
+    return templates.get_template(name)

@@ -314,7 +314,7 @@ class Panel:
 
     def __init__(self, axes: "Axes", title: str, x: Quantity, y: Quantity):
         self.axes, self.title, self.x, self.y = axes, title, x, y
-        self.records: list[pd.DataFrame] = []
+        self.records: list[dict[str, np.ndarray]] = []  # Columns of `PLOTTED`
         axes.set_title(title)
         axes.set_xlabel(x.label)
         axes.set_ylabel(y.label)
@@ -498,15 +498,13 @@ class Panel:
             "y_quantity": self.y.name,
             "y_unit": self.y.unit,
         }
-        values = {
-            name: np.broadcast_to(np.asarray(value), np.size(x))
-            for name, value in ({"x": x, "y": y} | constant | more).items()
-        }
-        types = {
-            column.name: float if column.kind == "float" else object
-            for column in schema.PLOTTED.columns
-        }
-        self.records.append(pd.DataFrame(values, columns=list(types)).astype(types))
+        columns = {"x": x, "y": y} | constant | more
+        self.records.append(
+            {
+                column.name: _column(column, columns.get(column.name), np.size(x))
+                for column in schema.PLOTTED.columns
+            }
+        )
 
 
 class Sheet:
@@ -554,8 +552,20 @@ class Sheet:
     def drawing(self) -> Drawing:
         """The figure with its data."""
         records = [record for panel in self.panels for record in panel.records]
-        data = pd.concat(records, ignore_index=True)
-        return Drawing(self.figure, data)
+        columns = {
+            name: np.concatenate([record[name] for record in records])
+            for name in schema.PLOTTED.names
+        }
+        return Drawing(self.figure, pd.DataFrame(columns))
+
+
+def _column(column: schema.Column, value: Any, count: int) -> np.ndarray:
+    """A value, or `count` values, as a column of table `PLOTTED`; None is missing."""
+    if column.kind == "float":
+        values = np.asarray(np.nan if value is None else value, dtype=float)
+    else:
+        values = np.asarray(value, dtype=object)
+    return np.broadcast_to(values, count)
 
 
 def message_sheet(title: str, sentence: str) -> Drawing:

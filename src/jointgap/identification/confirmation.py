@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+from scipy.special import ndtri, stdtrit
 
 from jointgap.core.candidates import Model, Parameter
 from jointgap.identification.fit import Fit, fit_hypothesis
@@ -293,7 +293,7 @@ def _gap(parts: Sequence[_Squares]) -> dict[str, float]:
     )
     blocks, free = sum(part.blocks for part in parts), sum(part.blocks - 1 for part in parts)
     if free:
-        widening = np.sqrt(blocks / free) * stats.t.ppf(_ENDS[1], free) / stats.norm.ppf(_ENDS[1])
+        widening = np.sqrt(blocks / free) * stdtrit(free, _ENDS[1]) / ndtri(_ENDS[1])
         drawn = np.maximum(mean + widening * (drawn - mean), 0.0)
     names = [f"{name}_{end}" for end in ("low", "high") for name in ("before", "after", "fall")]
     ends = np.quantile(np.column_stack([np.sqrt(drawn), drawn[:, 0] - drawn[:, 1]]), _ENDS, axis=0)

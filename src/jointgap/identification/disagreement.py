@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from scipy.special import chdtrc
-from scipy.stats import false_discovery_control
 
 from jointgap.identification.line import fit_line
 from jointgap.identification.problem import (
@@ -318,6 +317,16 @@ def _disagreement(white: np.ndarray, basis: np.ndarray) -> tuple[float, float]:
     return float(min(1.0, len(p) * min(p))), float(np.sqrt(max(estimated, 0.0)))
 
 
+def adjusted_for_number(p: np.ndarray) -> np.ndarray:
+    """Probabilities (n,) adjusted for their number: the least rate of false discoveries at which
+    each is one (Benjamini and Hochberg 1995)."""
+    order = np.argsort(-p)
+    ranks = np.arange(p.size, 0, -1)
+    adjusted = np.empty(p.size)
+    adjusted[order] = np.minimum.accumulate(np.minimum(p[order] * (p.size / ranks), 1.0))
+    return adjusted
+
+
 def flag_bins(
     bins: pd.DataFrame,
     settings: DisagreementSettings,
@@ -335,7 +344,7 @@ def flag_bins(
         for key, rows in groups
     ]
     spans = sum(circle.spans.size for circle in circles)
-    adjusted = false_discovery_control(
+    adjusted = adjusted_for_number(
         np.concatenate([np.empty(0), *(circle.spans for circle in circles)])
     )
     p_adjusted, flagged = np.ones(len(bins)), np.zeros(len(bins), bool)

@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import lsq_linear
-from scipy.special import log_ndtr, ndtri_exp
-from scipy.stats import chi2
+from scipy.special import chdtrc, log_ndtr, ndtri_exp
 
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.errors import InputError, SimulationError
@@ -768,7 +767,7 @@ def chance(fit: Fit, candidate: Candidate) -> float:
     """Probability [1] of such amplitudes without the effect."""
     amplitudes, free, _ = _amplitudes(fit, candidate)
     statistic = wald_statistic(fit, candidate)
-    return float(chi2.sf(statistic, max(int(free.sum()), 1))) if amplitudes.size else 1.0
+    return float(chdtrc(max(int(free.sum()), 1), statistic)) if amplitudes.size else 1.0
 
 
 def _amplitudes(fit: Fit, candidate: Candidate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy.stats import chi2 as chi_squared
+from scipy.special import gammaincinv
 
 from jointgap.core.candidates import Candidate, LawFamily
 from jointgap.core.errors import InputError, SimulationError
@@ -162,7 +162,7 @@ def shape_interval(profile: ShapeProfile, family: LawFamily, level: float) -> tu
     Parameters that are inactive at the member's shape add degrees of freedom there (R. B. Davies,
     Biometrika 74 (1987) 33-43, has the exact law).
     """
-    low, high = profile.interval(float(chi_squared.ppf(level, 1)))
+    low, high = profile.interval(_chi2_quantile(level, 1))
     least, most = profile.interval(rise_to_exclude(family, level))
     if least <= family.effect_shape <= most:
         low, high = min(low, family.effect_shape), max(high, family.effect_shape)
@@ -171,7 +171,11 @@ def shape_interval(profile: ShapeProfile, family: LawFamily, level: float) -> tu
 
 def rise_to_exclude(family: LawFamily, level: float) -> float:
     """Rise of chi2 at the member's shape that excludes it at a `level` [1]."""
-    return float(chi_squared.ppf(level, 1 + family.inactive_at_default))
+    return _chi2_quantile(level, 1 + family.inactive_at_default)
+
+
+def _chi2_quantile(level: float, degrees_of_freedom: int) -> float:
+    return 2.0 * float(gammaincinv(0.5 * degrees_of_freedom, level))
 
 
 def _place(free: Fit, family: LawFamily) -> int:

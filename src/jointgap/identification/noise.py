@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 from scipy.optimize import brentq
 
 from jointgap.core.candidates import Driven, Model, Series, runs_of
@@ -226,7 +225,10 @@ def _mean_squared_bend(residual: np.ndarray, angle: np.ndarray) -> np.ndarray:
         limit = (5.0 * _robust_sd(bend[finite])) ** 2
         cycles = np.ptp(angle[finite]) / (2 * np.pi)
         width = int(min(max(3 * cycles, 24), order.size))
-        square[order] = uniform_filter1d(np.minimum(bend[order] ** 2, limit), width, mode="wrap")
+        around = (width // 2, (width - 1) // 2)
+        near = np.pad(np.minimum(bend[order] ** 2, limit), around, mode="wrap")
+        sums = np.cumsum(np.concatenate(([0.0], near)))
+        square[order] = (sums[width:] - sums[:-width]) / width
     return square
 
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy import optimize, stats
+from scipy.optimize import brentq
+from scipy.special import chdtri, chndtrinc
 
 from jointgap.core.candidates import Candidate, Model, Series, runs_of
 from jointgap.core.errors import InputError, SimulationError
@@ -57,6 +58,8 @@ class Detectability:
             dict.fromkeys(sensitivity.candidate.label for sensitivity in sensitivities.entries)
         )
         self._subspaces: dict[frozenset, SensitivitySubspaces] = {}
+        self._cosines: dict[tuple[int, frozenset], float] = {}
+        self._chi2_at_typical: dict[tuple[int, str], float] = {}
         self._typical: dict[tuple[int, int], float] = {}
         blocks = [
             sensitivities.jacobian,
@@ -125,8 +128,14 @@ class Detectability:
 
     def cosine(self, label: str, other: str) -> float:
         """Largest cosine [1] between the changes by two effects, beyond nuisances."""
-        both = self._beyond_nuisances(label, other)
-        return max((both.cosine(space, other) for space in both.of[label]), default=0.0)
+        return self._largest_cosine(self._beyond_nuisances(label, other), label, other)
+
+    def _largest_cosine(self, beyond: SensitivitySubspaces, label: str, other: str) -> float:
+        key = id(beyond), frozenset((label, other))
+        if key not in self._cosines:
+            cosines = (beyond.cosine(space, other) for space in beyond.of[label])
+            self._cosines[key] = max(cosines, default=0.0)
+        return self._cosines[key]
 
     def merged(self, labels: Sequence[str]) -> list[list[str]]:
         """Classes of effects that are indistinguishable at a typical size, in the order of
@@ -152,32 +161,29 @@ class Detectability:
         It is 0 if only the bounds of nuisances make the effect visible. Secants are ignored if
         there is a derivative.
         """
-        beyond, least = self._beyond_nuisances(other), np.inf
-        for sensitivity in self.sensitivities.of(label):
-            amount = self._typical_amount(sensitivity, 0)
-            if np.isfinite(amount):
-                left = beyond.projected(self._chi2[1][id(sensitivity)][:, :1])
-                least = min(least, amount**2 * float(np.sum(left**2)))
-        cosine = max((beyond.cosine(space, other) for space in beyond.of[label]), default=0.0)
-        return (1.0 - cosine**2) * least if np.isfinite(least) else least
+        beyond = self._beyond_nuisances(other)
+        if (id(beyond), label) not in self._chi2_at_typical:
+            least = np.inf
+            for sensitivity in self.sensitivities.of(label):
+                amount = self._typical_amount(sensitivity, 0)
+                if np.isfinite(amount):
+                    left = beyond.projected(self._chi2[1][id(sensitivity)][:, :1])
+                    least = min(least, amount**2 * float(np.sum(left**2)))
+            self._chi2_at_typical[id(beyond), label] = least
+        least = self._chi2_at_typical[id(beyond), label]
+        if not np.isfinite(least):
+            return least
+        return (1.0 - self._largest_cosine(beyond, label, other) ** 2) * least
 
     def _noncentrality(self, sensitivity: Sensitivity) -> float:
         """Noncentrality of the gain in chi2 that exceeds the threshold of the search with the power
         of the settings."""
         dimensions = len(sensitivity.amplitudes)
         asked = max(
-            stats.chi2.isf(self.rate / len(self.labels), dimensions),
+            chdtri(dimensions, self.rate / len(self.labels)),
             len(sensitivity.coordinates) * np.log(self.size) + self.settings.decision.min_delta_bic,
         )
-        return float(
-            optimize.brentq(
-                lambda shift: (
-                    stats.ncx2.sf(asked, dimensions, shift) - self.settings.detectability.power
-                ),
-                1e-6,
-                20 * asked + 50,
-            )
-        )
+        return float(chndtrinc(asked, dimensions, 1.0 - self.settings.detectability.power))
 
     def _kept(self, *sensitivities: Sensitivity) -> list[int]:
         """Indices of the nuisances that no effect replaces."""
@@ -223,12 +229,12 @@ class Detectability:
             return float("inf")
         least = min(np.sqrt(target / per_unit), most)
 
-        def excess(logarithm: float) -> float:
-            return self._left(sensitivity, size, float(np.exp(logarithm)), measure) - target
+        def excess(amount: float) -> float:  # linear in the amount unless a bound is reached
+            return np.sqrt(self._left(sensitivity, size, amount, measure)) - np.sqrt(target)
 
-        if least == most or excess(np.log(least)) >= 0.0:
+        if least == most or excess(least) >= 0.0:
             return float(least)
-        return float(np.exp(optimize.brentq(excess, np.log(least), np.log(most), xtol=1e-3)))
+        return float(brentq(excess, least, most, xtol=1e-3 * least, rtol=1e-3))
 
     def _typical_amount(self, sensitivity: Sensitivity, size: int) -> float:
         """Amount [SI] with the typical gap after recalibration; infinite if bounds forbid it."""
@@ -513,17 +519,20 @@ def _preflight(model: Model, detectability: Detectability, assumed: tuple[str, .
     effects = pd.DataFrame(rows, columns=columns)
     seen = [row["label"] for row in rows if row["detectable"]]
     labels = [row["label"] for row in rows if row["label"] in detectability.labels]
-    cosines = pd.DataFrame(np.eye(len(labels)), index=labels, columns=labels)
-    for i, label in enumerate(labels):
-        for other in labels[i + 1 :]:
-            cosines.loc[label, other] = cosines.loc[other, label] = detectability.cosine(
-                label, other
-            )
+    cosines = np.eye(len(labels))
+    for (i, label), (j, other) in itertools.combinations(enumerate(labels), 2):
+        cosines[i, j] = cosines[j, i] = detectability.cosine(label, other)
     undetectable = [
         row["label"] for row in rows if not row["detectable"] and row["label"] not in failed
     ]
     return Preflight(
-        effects, cosines, detectability.merged(seen), undetectable, failed, sizes, assumed
+        effects,
+        pd.DataFrame(cosines, index=labels, columns=labels),
+        detectability.merged(seen),
+        undetectable,
+        failed,
+        sizes,
+        assumed,
     )
 
 

@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter, lfiltic
+from scipy.linalg.blas import dtbsv
 
 from jointgap.core.candidates import Candidate, Linearised, Model, Parameter, Series, runs_of
 from jointgap.core.errors import SimulationError
@@ -110,15 +110,14 @@ def unwhiten(white: np.ndarray, noise: Noise) -> np.ndarray:
     scaled = np.full(white.size, np.nan)
     edges = np.flatnonzero(np.diff(np.concatenate(([False], np.isfinite(white), [False]))))
     for begin, end in edges.reshape(-1, 2):
-        ahead = min(begin + weights.size, end)
-        for i in range(begin, ahead):  # with fewer previous samples
-            earlier, innovation = orders[i - begin]
-            scaled[i] = innovation * white[i] + earlier @ scaled[begin:i][::-1]
-        if ahead < end:
-            past = lfiltic([sd], np.concatenate(([1.0], -weights)), scaled[begin:ahead][::-1])
-            scaled[ahead:end] = lfilter(
-                [sd], np.concatenate(([1.0], -weights)), white[ahead:end], zi=past
-            )[0]
+        # rows y_i - w_1 y_(i-1) - ... = sd white_i, with the lower orders at the beginning
+        band, driven = np.ones((weights.size + 1, end - begin)), sd * white[begin:end]
+        band[1:] = -weights[:, None]
+        for i, (earlier, innovation) in enumerate(orders[:-1][: end - begin]):
+            driven[i] = innovation * white[begin + i]
+            for lag, weight in enumerate(earlier, 1):
+                band[lag, i - lag] = -weight
+        scaled[begin:end] = dtbsv(weights.size, band, driven, lower=1, diag=1)
     return scaled
 
 

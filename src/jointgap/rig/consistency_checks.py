@@ -11,7 +11,6 @@ from itertools import combinations
 from math import degrees, log, pi, sqrt, tau
 
 import numpy as np
-from scipy.signal import butter
 
 from jointgap.config.campaign import FILTER_ORDER, UNITS, Campaign, CampaignRun, Channel
 from jointgap.config.channels import CHANNEL_KINDS, CHANNELS, FORCES
@@ -338,6 +337,8 @@ def _response(channel: Channel, frequencies: np.ndarray) -> np.ndarray:
     s = 1j * frequencies
     response = np.ones(frequencies.size)
     if channel.bandwidth is not None:
+        from scipy.signal import butter  # slow to load
+
         top, bottom = butter(FILTER_ORDER, tau * channel.bandwidth, analog=True)
         response = np.polyval(top, s) / np.polyval(bottom, s)
         response = response if channel.filter == "causal" else np.abs(response) ** 2

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
-from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
+from scipy.linalg.blas import dtbsv
 
 from jointgap.config.campaign import FILTER_ORDER, Campaign, Channel
 from jointgap.config.channels import CHANNEL_KINDS, CHANNELS
@@ -56,6 +56,8 @@ def filter_times(
 
 def low_pass(values: np.ndarray, interval: float, corner: float, causal: bool) -> np.ndarray:
     """Fourth-order Butterworth low-pass, forward and backward (no delay) unless causal."""
+    from scipy.signal import butter, sosfilt, sosfiltfilt  # slow to load
+
     sections = butter(FILTER_ORDER, corner, fs=1.0 / interval, output="sos")
     level = values[0]  # avoids a transient of the mean
     filtered = sosfilt if causal else sosfiltfilt
@@ -68,8 +70,12 @@ def lagged(values: np.ndarray, interval: float, lag: float) -> np.ndarray:
     decay = math.exp(-share)
     mean_decay = -math.expm1(-share) / share  # mean of exp(-s) over an interval
     # y_n = decay y_(n-1) + (1 - mean_decay) u_n + (mean_decay - decay) u_(n-1)
-    level = values[0]
-    return level + lfilter([1.0 - mean_decay, mean_decay - decay], [1.0, -decay], values - level)
+    change = values - values[0]
+    driven = (1.0 - mean_decay) * change
+    driven[1:] += (mean_decay - decay) * change[:-1]
+    band = np.ones((2, change.size))
+    band[1] = -decay
+    return values[0] + dtbsv(1, band, driven, lower=1, diag=1)
 
 
 def high_passed(values: np.ndarray, interval: float, cycle: float, corner: float) -> np.ndarray:
