@@ -144,6 +144,9 @@ def test_a_pair_that_explains_only_together_ranks_first():
     assert (best.label, len(others)) == ("one + two", 2)
     assert best.chi2 < 0.01 * residual @ residual
     assert best.start == pytest.approx({"one.size": -10.0, "two.size": -10.0}, rel=0.1)
+    limits = best.chi2, others[0].chi2, np.inf
+    counts = [len(regression.pairs(1.001 * most)) for most in limits]
+    assert counts == [1, 2, 3] and regression.pairs(0.999 * best.chi2) == []
     # no pair is made of two effects that replace one nuisance
     assert made_up(np.ones(9), [np.ones((9, 1))] * 2, replaces={"mass": "size"}).pairs() == []
 

@@ -263,6 +263,8 @@ def test_clearances_are_searched_if_no_single_effect_suffices(
     hidden, lowest_deviance, has_clearances, clearances, best
 ):
     def deviance(effects):
+        if not effects:
+            return 5.0  # with ideal joints
         return lowest_deviance + 10.0 * max(abs(effects["spring"]["size"] - 0.3) - 0.05, 0.0)
 
     few = windows(jumps=(1.0, 0.3, 0.03, 0.001), fitted_sizes=1)

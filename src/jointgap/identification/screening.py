@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 from typing import NamedTuple
 
@@ -537,12 +538,39 @@ class SensitivityRegression:
         """Regressions of single candidates, each with its best start, best first."""
         return self._best_of_each((sensitivity,) for sensitivity in self.sensitivities.entries)
 
-    def pairs(self) -> list[LinearizedFit]:
-        """Regressions of compatible pairs of candidates, best first."""
-        pairs = combinations(self.sensitivities.entries, 2)
-        return self._best_of_each(
-            pair for pair in pairs if not pair[0].candidate.claims & pair[1].candidate.claims
+    def pairs(self, most_chi2: float = np.inf) -> list[LinearizedFit]:
+        """Regressions of compatible pairs of candidates with at most that chi2, best first."""
+        compatible = [
+            pair
+            for pair in combinations(self.sensitivities.entries, 2)
+            if not pair[0].candidate.claims & pair[1].candidate.claims
+        ]
+        if np.isfinite(most_chi2):
+            compatible = [pair for pair in compatible if self._least_chi2(pair) <= most_chi2]
+        return [pair for pair in self._best_of_each(compatible) if pair.chi2 <= most_chi2]
+
+    @cached_property
+    def _beyond_nuisances(self) -> tuple[list[np.ndarray], list[np.ndarray], np.ndarray]:
+        """Columns and origins of the candidates and the residual, beyond the nuisances."""
+        nuisances = orthonormal(self._jacobian)
+
+        def beyond(rows: np.ndarray) -> np.ndarray:
+            return rows - nuisances @ (nuisances.T @ rows)
+
+        columns, origins = (
+            [beyond(rows) for rows in part] for part in (self._columns, self._origins)
         )
+        return columns, origins, beyond(self._residual)
+
+    def _least_chi2(self, chosen: Sequence[Sensitivity]) -> float:
+        """chi2 of the regression without bounds, which none within bounds is below."""
+        columns, origins, residual = self._beyond_nuisances
+        labels = {s.candidate.regress_with for s in chosen}
+        together = [s for s in self.sensitivities.entries if s.candidate.label in labels]
+        places = [self._index[id(s)] for s in chosen]
+        span = orthonormal(np.hstack([columns[self._index[id(s)]] for s in (*chosen, *together)]))
+        target = residual + sum(origins[place] for place in places)
+        return float(target @ target - np.sum((span.T @ target) ** 2))
 
     def _best_of_each(self, chosen: Iterable[Sequence[Sensitivity]]) -> list[LinearizedFit]:
         best: dict[str, LinearizedFit] = {}

@@ -342,8 +342,8 @@ class MaskedPairs:
             return []
         misfit = base.chi2 - problem.size
         most = base.chi2 - problem.settings.decision.min_explained_share * misfit
-        pairs = [pair for pair in regression.pairs() if pair.chi2 <= most]
-        return search.proposals(self.name, shortlist(pairs, search.settings.partners), about)
+        pairs = shortlist(regression.pairs(most), search.settings.partners)
+        return search.proposals(self.name, pairs, about)
 
 
 @dataclass(frozen=True)
