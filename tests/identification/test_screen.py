@@ -14,6 +14,7 @@ from jointgap.identification.screening import (
     SensitivityRegression,
     SensitivitySubspaces,
     crank_orders,
+    likely_frequencies,
     simulate_sensitivities,
 )
 from tests.identification.toy import stated_noise, toy
@@ -93,6 +94,32 @@ def test_harmonic_forces_are_tried_at_residual_frequencies_off_the_crank_orders(
     both = "order 14 of the crank in run slow and order 5 of the crank in run fast"
     near = {5.04: "", 7.0: "", 70.05: both}
     assert {frequency: order(frequency) for frequency in near} == near
+
+
+def test_likely_frequencies_explain_most_by_least_squares_with_the_nuisances():
+    """One cosine and sine in each run, as the phases differ."""
+    effect = {"harmonic_force": {"cosine_N": 0.2, "sine_N": 0.1, "frequency_Hz": 6.37}}
+    problem, _, base, sensitivities = screened(effect, seed=4)
+    (carrier,) = sensitivities.of("constant_force")[0].columns.T
+    time, runs = np.zeros(problem.size), np.empty(problem.size, dtype=object)
+    for part in problem.parts:
+        time[part.place], runs[part.place] = part.series.time[part.used], part.series.run
+
+    def left(frequency):
+        wave = carrier * np.exp(2j * np.pi * frequency * time)
+        waves = [part * (runs == run) for run in problem.runs for part in (wave.real, wave.imag)]
+        columns = np.column_stack([base.jacobian, *waves])
+        return np.linalg.lstsq(columns, base.residual)[1][0]
+
+    swing = next(one for one in problem.model.candidates if one.label == "harmonic_force")
+    (own,) = (p for p in swing.coordinates if p.name == "frequency_Hz")
+    settings = problem.settings.screening
+    found = likely_frequencies(problem.parts, base.residual, base.jacobian, carrier, own, settings)
+    assert len(found) == settings.max_frequencies
+    assert [left(one) for one in found] == sorted(left(one) for one in found)
+    others = np.linspace(own.low, own.high, 300)
+    order = crank_orders(problem.parts, settings)
+    assert left(found[0]) <= 1.01 * min(left(one) for one in others if not order(one))
 
 
 def test_the_sensitivity_of_a_replacing_effect_starts_at_the_nominal_nuisance():
