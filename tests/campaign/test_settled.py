@@ -5,12 +5,13 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.project import ROOT
-from jointgap.campaign import identify, reoptimise
+from jointgap.campaign import reoptimise
 from jointgap.campaign.identify import explain, locate, write_tables
 from jointgap.campaign.state import FALSE_ALARM_RATE, CampaignState
 from jointgap.campaign.verdict_json import gap_of
 from jointgap.config import load_mechanism
 from jointgap.core.errors import SimulationError
+from jointgap.identification import identification
 from jointgap.identification.disagreement import map_disagreement
 from jointgap.identification.force_law import ForceLawResult
 from jointgap.identification.verdict import Decision
@@ -33,35 +34,33 @@ def state(chain, tmp_path, monkeypatch):
     """A campaign with the model of the chain, whose fits are known."""
     state = CampaignState(ROOT / "config/campaigns/demonstration.yaml", tmp_path)
     state.model, state.inconsistent_channels, state.library = chain.model, (), []
-    chain.recalibrated.problem.not_searched.append("pairs")
-    monkeypatch.setattr(identify, "noise_of_model", lambda *_: chain.noise)
-    monkeypatch.setattr(identify, "recalibrate", lambda *_: chain.recalibrated)
-    monkeypatch.setattr(identify, "screen_candidates", lambda *_: chain.screening)
-    monkeypatch.setattr(identify, "fit_singles", lambda *_: ([], []))
-    monkeypatch.setattr(identify, "fit_pairs", lambda *_, **__: ([], []))
-    yield state
-    chain.recalibrated.problem.not_searched.clear()
+    state.steps = ()
+    monkeypatch.setattr(identification, "first_values", lambda *_: {})
+    monkeypatch.setattr(identification, "noise_of_model", lambda *_: chain.noise)
+    monkeypatch.setattr(identification, "recalibrate", lambda *_: chain.recalibrated)
+    monkeypatch.setattr(identification, "screen_candidates", lambda *_: chain.screening)
+    return state
 
 
 def explained(state, base, verdict, monkeypatch):
-    decision = Decision(verdict, base, base)
-    monkeypatch.setattr(identify, "select_hypothesis", lambda *_: decision)
+    decision = Decision(verdict, base, base, not_searched=("pairs",))
+    monkeypatch.setattr(identification, "decide", lambda *_: decision)
     return explain(state)
 
 
 def test_map_and_gaps_refer_to_the_better_base(state, chain, better, monkeypatch):
-    identified = explained(state, better, "parameters_only", monkeypatch)
+    identified, outcome = explained(state, better, "parameters_only", monkeypatch)
     problem, recalibrated = chain.recalibrated.problem, chain.recalibrated.base.residual
-    assert identified.outcome.base is better
-    assert identified.outcome.not_searched == ("pairs",)
-    locate(state, identified)
+    assert outcome.base is better
+    assert outcome.not_searched == ("pairs",)
+    locate(state, identified, outcome)
     expected, other = (
         map_disagreement(problem, residual, FALSE_ALARM_RATE).bins["mean"].tolist()
         for residual in (better.residual, recalibrated)
     )
     means = state.folder.read("map_bins")["mean"].tolist()
     assert means == pytest.approx(expected) != pytest.approx(other)
-    write_tables(state, identified)
+    write_tables(state, identified, outcome)
     before = gap_of(state.folder.read("gaps"), "identify")["before"]
     assert before == pytest.approx(problem.gap(better.residual))
     assert before != pytest.approx(problem.gap(recalibrated))
@@ -74,8 +73,8 @@ def test_a_force_law_is_searched_from_the_better_base(state, better, monkeypatch
         bases.append(base)
         return ForceLawResult(None, False, "no law holds")
 
-    monkeypatch.setattr(identify, "find_force_law", search)
-    outcome = explained(state, better, "unexplained", monkeypatch).outcome
+    monkeypatch.setattr(identification, "find_force_law", search)
+    _, outcome = explained(state, better, "unexplained", monkeypatch)
     assert bases == [better] and outcome.because.endswith("no law holds")
 
 

@@ -17,12 +17,12 @@ from jointgap.config.load import load_campaign
 from jointgap.core.errors import SimulationError
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import TABLES
-from jointgap.identification import hypothesis_fits
 from jointgap.identification.confirmation import confirm, fit_run_parameters
 from jointgap.identification.evidence import weigh_fit
 from jointgap.identification.fit import FAILED, fit_hypothesis
 from jointgap.identification.noise import noise_of_model
 from jointgap.identification.problem import Problem
+from jointgap.identification.search import Search, SingleEffects
 from tests.campaign.conftest import TRUTH
 from tests.identification.toy import SPEEDS, candidate_of, stated_noise, toy
 
@@ -110,7 +110,8 @@ def test_a_failed_fit_has_its_reason_in_the_ranking(chain, monkeypatch):
 
     monkeypatch.setattr(Problem, "residual", fails)
     base, limits = chain.recalibrated.base, chain.screening.limits
-    weighed = [weigh_fit(base, fit, limits) for fit in hypothesis_fits.fit_singles(*of)[0]]
+    fits = Search(*of, (SingleEffects(),)).run().made
+    weighed = [weigh_fit(base, fit, limits) for fit in fits]
     rows = ranking_frame(weighed).set_index("explanation")
     assert rows.loc["viscous", ["status", "reason"]].tolist() == [FAILED, "the slide flies off"]
     assert (rows["status"] != FAILED).sum() == len(rows) - 1

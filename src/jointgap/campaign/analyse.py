@@ -1,7 +1,8 @@
 """The stages of a campaign up to its verdict, or its page, in one process."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from jointgap.campaign import verdict_json
 from jointgap.campaign.campaign_files import COSTS, MECHANISM, SUMMARIES, VERDICT, check_same_file
@@ -13,6 +14,9 @@ from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import CAMPAIGN_OPTIMUM
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 
+if TYPE_CHECKING:
+    from jointgap.identification.search import Step
+
 
 def analyse(
     campaign: Path | str,
@@ -20,10 +24,11 @@ def analyse(
     settings: IdentificationSettings = DEFAULT_SETTINGS,
     pictures: bool = False,
     anyway: bool = False,
+    steps: "Sequence[Step] | None" = None,
 ) -> dict[str, Any]:
     """Run the stages of a campaign and return the content of ``verdict.json``; `pictures`: with
     figures and page."""
-    state = CampaignState(Path(campaign), Path(folder), settings)
+    state = CampaignState(Path(campaign), Path(folder), settings, steps)
     options: dict[str, dict[str, Any]] = {
         "measure": {"pictures": pictures},
         "identify": {"anyway": anyway, "optimum": False},  # not required for the verdict

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from typing import Any
 
 import pandas as pd
@@ -16,79 +15,30 @@ from jointgap.campaign.campaign_files import (
     recorded_costs,
     recorded_failure,
 )
-from jointgap.campaign.outcome import (
-    Outcome,
-    compressed,
-    family_frame,
-    outcome_of,
-    with_force_law,
-)
+from jointgap.campaign.outcome import Outcome, compressed, family_frame, outcome_of
 from jointgap.campaign.state import CampaignState
 from jointgap.config.load import mechanism_as_written
 from jointgap.core import schema
 from jointgap.core.files import write_text
 from jointgap.core.results_folder import ResultsFolder
-from jointgap.identification.baseline import Baseline, recalibrate
-from jointgap.identification.confirmation import Confirmed, confirm
 from jointgap.identification.disagreement import map_disagreement
-from jointgap.identification.evidence import final_verdict
-from jointgap.identification.force_law import find_force_law
-from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
-from jointgap.identification.law_family import FamilyInterval, with_families
-from jointgap.identification.model_selection import select_hypothesis
-from jointgap.identification.noise import degrees_of_freedom, noise_of_model
-from jointgap.identification.screening import Sensitivities
-from jointgap.identification.thresholds import screen_candidates
-from jointgap.identification.verdict import UNEXPLAINED
+from jointgap.identification.identification import Identification, Identified
+from jointgap.identification.search import STEPS
 
 
-@dataclass(frozen=True)
-class Identified:
-    """Result of the identification."""
-
-    baseline: Baseline  # Its problem contains the noise
-    sensitivities: Sensitivities  # Of all candidates, about the base
-    outcome: Outcome
-    families: tuple[FamilyInterval, ...]
-    prediction: Confirmed
-
-
-def explain(state: CampaignState) -> Identified:
-    """Identify the missing effects of a campaign.
-
-    The noise is estimated and the model is fitted; effects and pairs are fitted, then the families
-    of their laws; a force law is searched if no effect explains the residual; the prediction of the
-    held-out runs decides.
-    """
-    model, settings = state.model, state.settings
-    baseline = recalibrate(model, noise_of_model(model, settings), settings)
-    problem, noise = baseline.problem, baseline.problem.noise  # with solver error
-    sensitivities, limits = screen_candidates(
-        baseline, state.false_alarm_rate, degrees_of_freedom(noise), state.seed
-    )
-    singles, seconds = fit_singles(baseline, sensitivities, limits)
-    inconsistent = bool(state.inconsistent_channels)
-    pairs, seconds_of_pairs = fit_pairs(
-        baseline, sensitivities, limits, singles, inconsistent=inconsistent
-    )
-    fits = [*singles, *pairs]
-    durations: dict[str, float] = {}
-    for fit, duration in zip(fits, [*seconds, *seconds_of_pairs], strict=True):
-        durations[fit.label] = durations.get(fit.label, 0.0) + duration
-    decision = select_hypothesis(baseline, sensitivities, fits, limits)
-    decision, families = with_families(baseline, decision, limits)
-    outcome = outcome_of(decision, durations)
-    if outcome.verdict == UNEXPLAINED:
-        law = find_force_law(problem, outcome.base, state.library, limits, baseline.differences)
-        outcome = with_force_law(outcome, law)
-    outcome = replace(outcome, not_searched=tuple(dict.fromkeys(problem.not_searched)))
-
-    # nominal values are kept if these suffice
-    plain = outcome.base if outcome.proposed else outcome.chosen
-    prediction = confirm(model, noise, plain, outcome.proposed, state.seed, settings)
-    remaining = state.remaining_inconsistencies(outcome.equivalent or [outcome.chosen])
-    outcome = final_verdict(outcome, prediction, remaining, settings.decision)
-    return Identified(baseline, sensitivities, compressed(outcome), families, prediction)
+def explain(state: CampaignState) -> tuple[Identified, Outcome]:
+    """Identify the missing effects of a campaign."""
+    identified = Identification(
+        state.model,
+        state.settings,
+        STEPS if state.steps is None else state.steps,
+        library=state.library,
+        false_alarm_rate=state.false_alarm_rate,
+        seed=state.seed,
+        has_clearances=not state.inconsistent_channels,
+        inconsistent_channels=state.remaining_inconsistencies,
+    ).fit()
+    return identified, compressed(outcome_of(identified.decision, identified.search.seconds))
 
 
 def identify(state: CampaignState, optimum: bool = True) -> None:
@@ -98,19 +48,19 @@ def identify(state: CampaignState, optimum: bool = True) -> None:
     """
     folder = state.folder
     with recorded_costs(folder, "identify"):
-        identified = explain(state)
-        write_tables(state, identified)
+        identified, outcome = explain(state)
+        write_tables(state, identified, outcome)
         with _optional(folder, "detectability", schema.DETECTABLE, schema.CONFUSABILITY):
             write_detectability(state, identified)
         with _optional(folder, "locate", schema.MAP_BINS, schema.MAP_WINDOWS, schema.MAP_STANDOUT):
-            locate(state, identified)
+            locate(state, identified, outcome)
         write_text(folder.path / MECHANISM, "# the mechanism could not be written\n")
         with _optional(folder, "augment", schema.MISSING_FORCE):
-            write_mechanism(state, identified.outcome)
+            write_mechanism(state, outcome)
         with _optional(folder, "reoptimise", schema.CAMPAIGN_OPTIMUM):
             if optimum:
-                write_optimum(state, identified.outcome)
-        verdict = _verdict(state, identified.outcome)
+                write_optimum(state, outcome)
+        verdict = _verdict(state, outcome)
     verdict["costs"] = costs(folder)
     write_text(folder.path / VERDICT, verdict_json.text(verdict))
 
@@ -124,29 +74,29 @@ def _optional(folder: ResultsFolder, step: str, *written: schema.Table) -> Itera
         yield
 
 
-def write_tables(state: CampaignState, identified: Identified) -> None:
+def write_tables(state: CampaignState, identified: Identified, outcome: Outcome) -> None:
     """Write noise, ranking, families of laws, residuals and gaps."""
     folder, prediction = state.folder, identified.prediction
     residuals = tables.residuals_in_file_convention(prediction.residuals, state.clockwise)
-    folder.write(schema.NOISE, tables.noise_frame(identified.baseline.problem.noise))
+    folder.write(schema.NOISE, tables.noise_frame(identified.noise))
     folder.write(schema.RESIDUALS, residuals)
     folder.write(schema.CHANNEL_ERRORS, tables.channel_errors(residuals, state.campaign))
     folder.write(schema.GAPS, prediction.gaps)
     folder.write(schema.LAW_FAMILIES, family_frame(identified.families))
-    folder.write(schema.RANKING, identified.outcome.placed_ranking)
+    folder.write(schema.RANKING, outcome.placed_ranking)
 
 
 def write_detectability(state: CampaignState, identified: Identified) -> None:
     """Write the smallest detectable sizes and the confusable effects."""
     frames = plan.detectability_tables(
-        identified.baseline, identified.sensitivities, state.false_alarm_rate
+        identified.baseline, identified.screening.sensitivities, state.false_alarm_rate
     )
     state.folder.write_all(frames)
 
 
-def locate(state: CampaignState, identified: Identified) -> None:
+def locate(state: CampaignState, identified: Identified, outcome: Outcome) -> None:
     """Map the residual of the re-fitted model by run, channel and crank angle."""
-    problem, residual = identified.baseline.problem, identified.outcome.base.residual
+    problem, residual = identified.baseline.problem, outcome.base.residual
     disagreement = map_disagreement(problem, residual, state.false_alarm_rate)
     for table, spans in {
         schema.MAP_BINS: disagreement.bins,

@@ -17,6 +17,7 @@ from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSet
 if TYPE_CHECKING:
     from jointgap.config import Effect
     from jointgap.identification.fit import Fit
+    from jointgap.identification.search import Step
     from jointgap.rig.recording import Measurements
 
 FALSE_ALARM_RATE = 0.01
@@ -35,8 +36,9 @@ class CampaignState:
         campaign: Path,
         folder: Path | None = None,
         settings: IdentificationSettings = DEFAULT_SETTINGS,
+        steps: "Sequence[Step] | None" = None,
     ):
-        self.settings = settings
+        self.settings, self.steps = settings, steps
         self.file, self.campaign = campaign, load_campaign(campaign)
         self.folder = ResultsFolder(folder or Path("results/campaigns") / self.campaign.name)
         paths = (table.path for table in schema.TABLES.values())

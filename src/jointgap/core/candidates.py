@@ -1,8 +1,8 @@
 """Interface between a mechanism model and the identification.
 
 A user's own model implements `Model`. It lists its measured data (`Series`), its uncertain
-parameters (`Parameter`) and the effects that it might lack (`Candidate`). `Driven` and `Windowed`
-are optional extensions. All quantities are in SI units.
+parameters (`Parameter`) and the effects that it might lack (`Candidate`). `Driven`, `Linearised`
+and `Windowed` are optional extensions. All quantities are in SI units.
 """
 
 import math
@@ -331,6 +331,40 @@ class Driven(Protocol):
         mapping of str to (n, k) array
             By channel [unit of the channel]: the change by one standard deviation of each of k
             independent errors. Unaffected channels are absent.
+        """
+
+
+Variation = tuple[Mapping[str, float], Effects]
+"""Values and effects of a run near those of another one, in the form of `Model.simulate`."""
+
+
+@runtime_checkable
+class Linearised(Protocol):
+    """A model that linearises its motion, so that many derivatives cost about one simulation."""
+
+    def changes(
+        self,
+        run: str,
+        values: Mapping[str, float],
+        effects: Effects,
+        variations: Sequence[Variation],
+    ) -> Sequence[Mapping[str, np.ndarray] | None] | None:
+        """Linearised changes of the sensor readings of a run.
+
+        Parameters
+        ----------
+        run, values, effects
+            As in `Model.simulate`.
+        variations : sequence of Variation
+            Each differs little from `values` and `effects`.
+
+        Returns
+        -------
+        sequence of mapping of str to (n,) array, or None
+            For each variation the change of the readings by channel [unit of the channel]: its
+            readings minus those of `values` and `effects`. None for a variation that the
+            linearisation does not support; None instead of the sequence if it supports none, for
+            example because the motion does not become periodic.
         """
 
 

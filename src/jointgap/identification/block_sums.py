@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from jointgap.identification.fit import FAILED, FiniteDifferences, Fit, fit_hypothesis
-from jointgap.identification.problem import Hypothesis, Part, Problem
+from jointgap.identification.problem import Hypothesis, LinearisedChange, Part, Problem
 from jointgap.identification.screening import Sensitivities
 
 
@@ -53,6 +53,16 @@ class BlockSums(Problem):
                 if part.series.run not in runs:
                     summed[part.place] = out[part.place]
         return summed
+
+    def linearised(
+        self,
+        values: Mapping[str, float],
+        hypothesis: Hypothesis,
+        variations: Sequence[tuple[Mapping[str, float], Hypothesis]],
+    ) -> list[LinearisedChange]:
+        """As of `Problem.linearised`, for the sums."""
+        found = self._problem.linearised(values, hypothesis, variations)
+        return [LinearisedChange(self.sums(change), runs) for change, runs in found]
 
     def sums(self, residual: np.ndarray) -> np.ndarray:
         """Sums (size,) or (size, k) of residuals or their derivatives (n,) or (n, k)."""
@@ -104,10 +114,10 @@ def fit_from_sums(
     if any sums exceed noise by far."""
     settings = problem.settings
     for per_revolution in settings.selection.sums_per_revolution[1:]:
-        if _is_poor(fit):
+        if is_poor(fit):
             return None
         fit = fit_hypothesis(BlockSums(problem, per_revolution), fit.hypothesis, fit.mapping)
-    if _is_poor(fit):
+    if is_poor(fit):
         return None
     start = fit.mapping
     return fit_hypothesis(
@@ -125,7 +135,8 @@ def fit_through_sums(problem: Problem, fit: Fit, differences: FiniteDifferences)
     return fit_hypothesis(problem, fit.hypothesis, start, differences=differences, refresh=True)
 
 
-def _is_poor(fit: Fit) -> bool:
+def is_poor(fit: Fit) -> bool:
+    """Whether a fit leaves far more than noise."""
     return (
         fit.status == FAILED
         or fit.chi2 > fit.settings.stopping.poor_chi2_per_sample * fit.residual.size

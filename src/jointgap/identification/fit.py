@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -132,6 +132,21 @@ def _truncated_normal(
     return mean + sd * np.where(turned, -z, z)
 
 
+class Direction(NamedTuple):
+    """A parameter that is varied, and the values and hypothesis where it is."""
+
+    parameter: Parameter
+    values: Mapping[str, float]
+    hypothesis: Hypothesis
+
+
+class LinearisedColumn(NamedTuple):
+    """Derivative (n,) [1/SI] of the residuals of some `runs`; zero in the others."""
+
+    derivative: np.ndarray
+    runs: tuple[str, ...]
+
+
 class FiniteDifferences:
     """Derivatives of a problem's residuals, with adapted steps."""
 
@@ -192,16 +207,41 @@ class FiniteDifferences:
         known_derivatives: Mapping[str, np.ndarray] | None = None,
         fine: bool = False,
     ) -> np.ndarray:
-        """Derivatives of the residuals."""
-        columns = [
-            (
-                known_derivatives[p.key]
-                if known_derivatives and p.key in known_derivatives
-                else self.column(p, values, residual, hypothesis, fine)
-            )
-            for p in parameters
+        """Derivatives of the residuals: by linearisation where the model offers it and they need
+        not be `fine`, else by differences."""
+        columns = dict(known_derivatives or {})
+        unknown = [p for p in parameters if p.key not in columns]
+        linearised: list[LinearisedColumn | None] = [None] * len(unknown)
+        if not fine:
+            directions = [Direction(p, values, hypothesis) for p in unknown]
+            linearised = self.linearised(values, hypothesis, directions)
+        for p, known in zip(unknown, linearised, strict=True):
+            columns[p.key] = self.column(p, values, residual, hypothesis, fine, known)
+        return np.column_stack(
+            [columns[p.key] for p in parameters] or [np.empty((residual.size, 0))]
+        )
+
+    def linearised(
+        self,
+        values: Mapping[str, float],
+        hypothesis: Hypothesis,
+        directions: Sequence[Direction],
+    ) -> list[LinearisedColumn]:
+        """Derivatives at `values` by linearisation, as far as the model linearises its runs.
+
+        The values and hypotheses of the `directions` give the same residuals as `values` and
+        `hypothesis`, such as those of an effect of size 0.
+        """
+        steps, variations = [], []
+        for p, here, effects in directions:
+            step = self._within(p, self.settings.linearised_step * p.step)
+            steps.append(step if here[p.key] + step <= p.high else -step)
+            variations.append(({**here, p.key: here[p.key] + steps[-1]}, effects))
+        changes = self.problem.linearised(values, hypothesis, variations)
+        return [
+            LinearisedColumn(change / step, runs)
+            for (change, runs), step in zip(changes, steps, strict=True)
         ]
-        return np.column_stack(columns) if columns else np.empty((residual.size, 0))
 
     def column(
         self,
@@ -210,15 +250,22 @@ class FiniteDifferences:
         residual: np.ndarray,
         hypothesis: Hypothesis,
         fine: bool = False,
+        linearised: LinearisedColumn | None = None,
     ) -> np.ndarray:
-        """Derivative with respect to one parameter, (n,) [1/SI]."""
+        """Derivative with respect to one parameter, (n,) [1/SI]; by differences in the runs that
+        are not `linearised`."""
+        runs = self.problem.runs if parameter.run is None else (parameter.run,)
+        if linearised is not None:
+            runs = tuple(run for run in runs if run not in linearised.runs)
+            if not runs:
+                return linearised.derivative
         settings, target = self.settings, self.target
         if not fine:
             target = max(
                 target, settings.target_share_of_residual * float(np.linalg.norm(residual))
             )
         step = self._steps.get(parameter.key, parameter.step)
-        change, step = self._change(parameter, step, values, residual, hypothesis)
+        change, step = self._change(parameter, step, values, residual, hypothesis, runs)
         length, accepted = float(np.linalg.norm(change)), settings.accepted_factor
         if length > 0 and not target / accepted < length < target * accepted:
             ratio = np.clip(target / length, settings.min_step_ratio, settings.max_step_ratio)
@@ -226,21 +273,24 @@ class FiniteDifferences:
             if abs(better) < abs(step) / other or abs(better) > abs(step) * other:
                 try:
                     change, step = self._change(
-                        parameter, abs(better), values, residual, hypothesis
+                        parameter, abs(better), values, residual, hypothesis, runs
                     )
                 except (InputError, SimulationError):
                     pass  # keep the first change
         self._steps[parameter.key] = abs(step)
-        return change / step
+        derivative = change / step
+        return derivative if linearised is None else derivative + linearised.derivative
 
     def _within(self, parameter: Parameter, step: float) -> float:
         span = parameter.high - parameter.low
         return min(step, self.settings.max_share_of_range * span) if np.isfinite(span) else step
 
-    def _change(self, parameter, step, values, residual, hypothesis) -> tuple[np.ndarray, float]:
-        """Change of the residuals over a step up, or down if up is out of bounds or fails."""
+    def _change(
+        self, parameter, step, values, residual, hypothesis, runs
+    ) -> tuple[np.ndarray, float]:
+        """Change of the residuals of `runs` over a step up, or down if up is out of bounds or
+        fails."""
         here, step = values[parameter.key], self._within(parameter, step)
-        runs = None if parameter.run is None else [parameter.run]
         problems = []
         for signed in (step, -step) if here + step <= parameter.high else (-step,):
             if not parameter.low <= here + signed <= parameter.high:
@@ -411,12 +461,12 @@ class Fit:
     def label(self) -> str:
         return label_of(self.hypothesis)
 
-    @property
+    @cached_property
     def chi2(self) -> float:
         """Sum of squared whitened residuals; infinite if the fit failed."""
         return np.inf if self.status == FAILED else float(self.residual @ self.residual)
 
-    @property
+    @cached_property
     def bic(self) -> float:
         """Bayesian information criterion: chi2 + k ln n (Schwarz 1978).
 
@@ -426,7 +476,7 @@ class Fit:
         replaced = sum(len(candidate.replaces) for candidate in self.hypothesis)
         return self.chi2 + (self.active.sum() + replaced) * np.log(self.residual.size)
 
-    @property
+    @cached_property
     def active(self) -> np.ndarray:
         """Mask (k,) of parameters that influence the residual, over their range or a typical
         step."""

@@ -3,14 +3,18 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.blas import dtbsv
 
-from jointgap.core.candidates import Candidate, Model, Parameter, Series, runs_of
+from jointgap.core.candidates import Candidate, Linearised, Model, Parameter, Series, runs_of
 from jointgap.core.errors import SimulationError
 from jointgap.core.progress import report_progress
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
+
+# Simulated runs that take as long as a linearisation with ten parameters
+LINEARISATION_RUNS = 2
 
 
 @dataclass(frozen=True)
@@ -175,6 +179,13 @@ class SearchLimit:
         return reached
 
 
+class LinearisedChange(NamedTuple):
+    """Change (size,) of the residuals of `runs` by linearisation; zero in other runs."""
+
+    change: np.ndarray
+    runs: tuple[str, ...]
+
+
 class Problem:
     """The fitted or held-out samples, and the whitened residuals of a hypothesis."""
 
@@ -282,6 +293,41 @@ class Problem:
                 place, errors = self._shared[run]
                 residual[place] = errors.whiten(residual[place])
         return residual
+
+    def linearised(
+        self,
+        values: Mapping[str, float],
+        hypothesis: Hypothesis,
+        variations: Sequence[tuple[Mapping[str, float], Hypothesis]],
+    ) -> list["LinearisedChange"]:
+        """Changes of the residuals from `values` and `hypothesis` to each of the nearby
+        `variations`, as far as the model linearises its runs."""
+        changes = [np.zeros(self.size) for _ in variations]
+        known: list[tuple[str, ...]] = [() for _ in variations]
+        for run in self.runs if isinstance(self.model, Linearised) else ():
+            base = values_in_run(self.model, run, values, hypothesis)
+            nearby = [values_in_run(self.model, run, *variation) for variation in variations]
+            found = self.model.changes(run, *base, nearby) if nearby else None
+            if found is None:
+                continue
+            self.simulations += LINEARISATION_RUNS
+            for place, change in enumerate(found):
+                if change is not None:
+                    changes[place] += self._whitened_change(run, change)
+                    known[place] += (run,)
+        return [LinearisedChange(*pair) for pair in zip(changes, known, strict=True)]
+
+    def _whitened_change(self, run: str, change: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Change (size,) of the residuals by a change of a run's predicted readings."""
+        found = np.zeros(self.size)
+        for part in self.parts:
+            if part.series.run == run:
+                changed = np.where(part.used, -change[part.series.channel], np.nan)
+                found[part.place] = whiten(changed, part.noise)[part.used]
+        if run in self._shared:
+            place, errors = self._shared[run]
+            found[place] = errors.whiten(found[place])
+        return found
 
     def shared_changes(self, run: str) -> np.ndarray:
         """Change (n, e) of a run's residuals by each common error of variance 1."""

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,8 +11,10 @@ from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.progress import with_progress
 from jointgap.identification.fit import (
+    Direction,
     FiniteDifferences,
     Fit,
+    LinearisedColumn,
     bounded_step,
     bounds_of,
     compress_rows,
@@ -290,31 +293,20 @@ def simulate_sensitivities(
         ]
     taken = {name for effect in base.hypothesis for name in effect.claims}
     candidates = [candidate for candidate in candidates if not taken & candidate.claims]
-    for candidate in with_progress(steady_first(candidates), "effects to screen"):
-        steady = [
-            sensitivity
-            for sensitivity in entries
-            if sensitivity.candidate.label == candidate.carrier
-        ]
-        try:
-            origin = base.residual
-            if candidate.replaces:
-                absent = _absent(candidate, candidate.initial_guesses[0], base)
-                origin = problem.residual(absent, (*base.hypothesis, candidate))
-            guesses = candidate.initial_guesses
-            if steady:
-                guesses = oscillating_shapes(
-                    problem, candidate, base.residual, base.jacobian, steady[0].columns[:, 0]
-                )
-            for shapes in guesses:
-                try:
-                    entries.append(
-                        _sensitivity(problem, base, differences, candidate, shapes, origin)
-                    )
-                except (InputError, SimulationError) as error:
-                    failed[candidate.label] = str(error)
-        except (InputError, SimulationError) as error:
-            failed[candidate.label] = str(error)
+    for oscillating in (False, True):  # after their steady carriers
+        group = [one for one in candidates if bool(one.carrier) is oscillating]
+        starts: list[_Start] = []
+        for candidate in group:
+            try:
+                starts += _starts(problem, base, candidate, entries)
+            except (InputError, SimulationError) as error:
+                failed[candidate.label] = str(error)
+        linearised = _linearised(problem, base, differences, starts)
+        for start in with_progress(starts, "effects to screen"):
+            try:
+                entries.append(_sensitivity(problem, base, differences, start, linearised))
+            except (InputError, SimulationError) as error:
+                failed[start.candidate.label] = str(error)
     simulated = {sensitivity.candidate.label for sensitivity in entries}
     failed = {label: reason for label, reason in failed.items() if label not in simulated}
     least = problem.settings.screening.negligible_projection
@@ -360,33 +352,87 @@ def _absent(candidate: Candidate, shapes: Mapping[str, float], base: Fit) -> dic
     return kept | {f"{candidate.label}.{key}": value for key, value in own.items()}
 
 
+class _Start(NamedTuple):
+    """A candidate at zero amplitude, for one start of its shape parameters."""
+
+    candidate: Candidate
+    shapes: Mapping[str, float]
+    values: Mapping[str, float]
+    origin: np.ndarray  # Residuals there
+
+    @property
+    def secant(self) -> str:
+        """The amplitude with a finite first guess, to which a secant is used; '' if there is
+        none."""
+        return next((key for key in self.candidate.amplitudes if key in self.shapes), "")
+
+    def directions(self, problem: Problem, base: Fit) -> list[Direction]:
+        """One for each amplitude."""
+        keys = {f"{self.candidate.label}.{key}" for key in self.candidate.amplitudes}
+        both = (*base.hypothesis, self.candidate)
+        parameters = problem.parameters((self.candidate,))
+        return [Direction(p, self.values, both) for p in parameters if p.key in keys]
+
+
+def _starts(
+    problem: Problem, base: Fit, candidate: Candidate, entries: Sequence[Sensitivity]
+) -> list[_Start]:
+    """The starts of a candidate; those of an oscillating effect depend on its carrier among the
+    `entries`."""
+    origin, guesses = base.residual, candidate.initial_guesses
+    if candidate.replaces:
+        absent = _absent(candidate, guesses[0], base)
+        origin = problem.residual(absent, (*base.hypothesis, candidate))
+    carriers = [entry for entry in entries if entry.candidate.label == candidate.carrier]
+    if carriers:
+        guesses = oscillating_shapes(
+            problem, candidate, base.residual, base.jacobian, carriers[0].columns[:, 0]
+        )
+    return [
+        _Start(candidate, shapes, _absent(candidate, shapes, base), origin) for shapes in guesses
+    ]
+
+
+def _linearised(
+    problem: Problem, base: Fit, differences: FiniteDifferences, starts: Sequence[_Start]
+) -> dict[tuple[int, str], LinearisedColumn]:
+    """Derivatives by linearisation about the base, by index of the values of a start and key of the
+    amplitude; of candidates that replace a nuisance there are none, as they begin elsewhere."""
+    directions = [
+        direction
+        for start in starts
+        if not start.secant and not start.candidate.replaces
+        for direction in start.directions(problem, base)
+    ]
+    columns = differences.linearised(base.mapping, base.hypothesis, directions)
+    return {
+        (id(direction.values), direction.parameter.key): column
+        for direction, column in zip(directions, columns, strict=True)
+    }
+
+
 def _sensitivity(
     problem: Problem,
     base: Fit,
     differences: FiniteDifferences,
-    candidate: Candidate,
-    shapes: Mapping[str, float],
-    origin: np.ndarray,
+    start: _Start,
+    linearised: Mapping[tuple[int, str], LinearisedColumn],
 ) -> Sensitivity:
-    values = _absent(candidate, shapes, base)
-    amplitudes = {f"{candidate.label}.{key}" for key in candidate.amplitudes}
+    candidate, shapes, values, origin = start
     factor = problem.settings.screening.secant_factor
-    both = (*base.hypothesis, candidate)
-    if finite := [key for key in candidate.amplitudes if key in shapes]:
-        (key,) = finite
+    if key := start.secant:
         # nonlinear near zero: use a secant to a finite amplitude
-        change = problem.residual(values | {f"{candidate.label}.{key}": shapes[key]}, both) - origin
-        return Sensitivity(
-            candidate, dict(shapes), change[:, None] / shapes[key], origin, problem.runs, factor
+        varied = {**values, f"{candidate.label}.{key}": shapes[key]}
+        change = problem.residual(varied, (*base.hypothesis, candidate)) - origin
+        columns = change[:, None] / shapes[key]
+    else:
+        columns = np.column_stack(
+            [
+                differences.column(p, at, origin, both, linearised=linearised.get((id(at), p.key)))
+                for p, at, both in start.directions(problem, base)
+            ]
         )
-    columns = [
-        differences.column(p, values, origin, both)
-        for p in problem.parameters((candidate,))
-        if p.key in amplitudes
-    ]
-    return Sensitivity(
-        candidate, dict(shapes), np.column_stack(columns), origin, problem.runs, factor
-    )
+    return Sensitivity(candidate, dict(shapes), columns, origin, problem.runs, factor)
 
 
 class SensitivityRegression:

@@ -26,6 +26,9 @@ class FiniteDifferenceSettings:
     target_per_statistic: float = 1.5
     # [1] Least target over the numerical noise: errors of derivatives up to a fifth
     target_over_numerical_noise: float = 5.0
+    # [1, of a parameter's step] Change of the parameters of linearised equations, which have no
+    # numerical noise
+    linearised_step: float = 1e-5
     probe_step: float = 1e-6  # [1, of a parameter's step] Change that only causes numerical noise
     probed_parameters: int = (
         2  # Parameters changed so; the largest change counts, as one may not influence contacts
@@ -93,13 +96,6 @@ class StoppingSettings:
 class BaselineSettings:
     """Fit of the current model."""
 
-    # If the residual exceeds noise: number of random values of the shared nuisances, and of fits
-    # from the best of them (experience)
-    drawn_values: int = 12
-    drawn_starts: int = 2
-    # [1, of chi2] Fits that differ by less, or by less than the numerical noise, are in the same
-    # minimum
-    same_minimum: float = 1e-3
     # [standard deviations of chi2] Limit for noise (one in a thousand by chance)
     noise_sigmas: float = 3.0
 
@@ -163,9 +159,7 @@ class ModelSelectionSettings:
     # with noise; and least share of a gain due to the effects, otherwise the base is re-fitted. One
     # half, as residuals are nonlinear
     linear_share: float = 0.5
-    alike_cosine: float = (
-        0.7  # [1] Cosine of sensitivities above which an effect is fitted before another is named
-    )
+    fits_per_round: int = 4  # Fits that are made before their proposals join the queue
     # Number of: leading effects of a step, fitted partners of a sufficient or leading effect,
     # masked pairs, rivals re-fitted from the best nuisances, swaps of each effect of a pair, terms
     # of each effect for a law, listed effects fitted in place of a law, single effects fitted in

@@ -14,7 +14,7 @@ from jointgap.config import Mechanism
 from jointgap.config.campaign import NUISANCES, Campaign, CampaignRun
 from jointgap.config.channels import CHANNEL_KINDS, CHANNELS, PRESSURES
 from jointgap.config.load import validate
-from jointgap.core.candidates import Candidate, Effects, Parameter, Series
+from jointgap.core.candidates import Candidate, Effects, Parameter, Series, Variation
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.formula import compile_formula
 from jointgap.core.joints import PINS
@@ -41,6 +41,7 @@ from jointgap.rig.drives import (
     measured_drive,
     starts_with_record,
 )
+from jointgap.rig.linearised import linearised_changes
 from jointgap.rig.read_files import check_runs_left
 from jointgap.rig.recording import OF_SAMPLES, Measurements, Recording, noise_of
 from jointgap.rig.sampling import (
@@ -444,6 +445,17 @@ class SliderCrankModel:
             }
         return read
 
+    def changes(
+        self, run: str, values: Values, effects: Effects, variations: Sequence[Variation]
+    ) -> list[dict[str, np.ndarray] | None] | None:
+        """Parameters as of `jointgap.core.candidates.Linearised.changes`; None for a run with
+        chaotic channels, and where `linearised_changes` gives None."""
+        plan = self.plans[run]
+        if run in self._chaotic:
+            return None
+        found = linearised_changes(self.campaign, plan, values, effects, variations)
+        return found and [change and self._at_rows(plan, change) for change in found]
+
     def windows(self, run: str, values: Values, effects: Effects = ()) -> RunInWindows | None:
         """Parameters as of `jointgap.core.candidates.Windowed.windows`."""
         plan = replace(self.plans[run], channels=self._sampled(run))
@@ -454,7 +466,9 @@ class SliderCrankModel:
         self, plan: RunPlan, values: Values, effects: Effects = (), numerics: int = 0
     ) -> dict[str, np.ndarray]:
         """Sensor readings at the rows of each channel."""
-        read = channels_read(self.campaign, plan, values, effects, numerics)
+        return self._at_rows(plan, channels_read(self.campaign, plan, values, effects, numerics))
+
+    def _at_rows(self, plan: RunPlan, read: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         return {channel: value[self._rows[plan.run.id, channel]] for channel, value in read.items()}
 
 

@@ -19,7 +19,7 @@ from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINTS, PINS
 from jointgap.dynamics.drive import crank_times
 from jointgap.dynamics.equations import AUXILIARY_STATES, STATES
-from jointgap.dynamics.integrate import beginning
+from jointgap.dynamics.integrate import Progress, beginning
 from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING, MOTOR, Parameters
 from jointgap.dynamics.simulation import IntegrationResult, integrate_on, start_state
 from jointgap.effects.own_law import FORMULA_EFFECTS
@@ -27,10 +27,13 @@ from jointgap.effects.slider_force_table import with_pressure_sensor
 from jointgap.rig import drives, sensors
 from jointgap.rig.cylinder_pressure import with_loads
 from jointgap.rig.drives import TOLERANCE, RunPlan, Values
+from jointgap.rig.periodic import COARSE_ANGLES, coarse_angles
 from jointgap.rig.recording import noise_of
 from jointgap.rig.sensors import Faults
 
 Columns = Mapping[str, np.ndarray]  # Channels of a motion (n,), by column
+# Torque [N m] on the crank at angles (n,) [rad]
+Torque = Callable[[Parameters, np.ndarray], np.ndarray]
 
 # [m] Local error with a lubricated joint: films are stiff, steps are short anyway
 FILM_TOLERANCE = 1e-11
@@ -238,9 +241,10 @@ def prepared(
     effects: Effects,
     numerics: int = 0,
     tolerance: float | None = None,
+    torque: Torque | None = None,
 ) -> Prepared:
     """A run ready for simulation with the local error `tolerance` [m] (default: that of its
-    plan)."""
+    plan); `torque` as of `_driven_run`."""
     side = plan.run.side
     nuisances = dict(values)
     faults = Faults(effects, side, values, plan.second_clock)
@@ -260,7 +264,7 @@ def prepared(
     tolerance = finer * tolerance_for(mechanism, tolerance or plan.tolerance)
     other_start = numerics == len(NUMERICS) and drives.has_unknown_start(plan.run)
     earlier = OTHER_START_REVOLUTIONS * tau if other_start else 0.0
-    driven = _driven_run(campaign, plan, mechanism, nuisances, faults, tolerance, earlier)
+    driven = _driven_run(campaign, plan, mechanism, nuisances, faults, tolerance, earlier, torque)
     change(driven.numbers)
     harmonic = driven.numbers.effects
     # phases refer to time 0 of the record, not of the simulation
@@ -312,7 +316,10 @@ def _driven_run(
     faults: Faults,
     tolerance: float,
     earlier: float,
+    torque: Torque | None,
 ) -> drives.DrivenRun:
+    """The simulation of a run; the `torque` on the crank [N m], which an encoder's coupling
+    follows, is simulated by default."""
     samples = plan.samples
     late = faults.lag * values.get("speed", samples.speed)  # a lagging encoder reads less
     later = values.get("first_angle", samples.first_angle) - samples.first_angle
@@ -339,9 +346,13 @@ def _driven_run(
 
     run = driven(faults.of_reading(samples.angle))
     if faults.follow_torque:  # which is known once the crank is in its place
-        torque = channels_at(run.numbers, run.angles, tolerance)["crank_torque"]
-        run = driven(faults.of_encoder(run.angles, torque))
+        torque = torque or _simulated_torque(tolerance)
+        run = driven(faults.of_encoder(run.angles, torque(run.numbers, run.angles)))
     return run
+
+
+def _simulated_torque(tolerance: float) -> Torque:
+    return lambda p, angles: channels_at(p, angles, tolerance)["crank_torque"]
 
 
 def read(
@@ -482,7 +493,7 @@ def channels_at(
         return _sampled(p, angles, integrate)
     # in a periodic steady state one revolution is simulated
     within = p.drive.start_angle + np.mod(angles - p.drive.start_angle, tau)
-    whole_record = {"crank_angle": angles, "time": _times(p, angles)}
+    whole_record = {"crank_angle": angles, "time": times_at(p, angles)}
     fewest, most = (max(dropped, round(back)) for dropped in SETTLED_AFTER)
     compared = _spread(within[:read], COMPARED_SAMPLES)
     earlier = _sampled(p, within[compared] + (fewest - 2) * tau, integrate)
@@ -497,6 +508,27 @@ def channels_at(
         most + 1 - math.floor(back)
     ) * tau  # not settled: simulate the record after the dropped revolutions
     return _sampled(p, angles + later, integrate) | whole_record
+
+
+def settled_revolution(
+    campaign: Campaign, plan: RunPlan, run: Prepared
+) -> tuple[Progress, IntegrationResult, float] | None:
+    """A revolution in periodic steady state: the integration's state at its end, the motion at
+    `coarse_angles`, and the crank angle [rad] of its end; None if the motion does not settle."""
+    p, start = run.driven.numbers, run.driven.numbers.drive.start_angle
+    if not drives.has_unknown_start(plan.run) or _is_kinematic(p) or not _may_repeat(p):
+        return None
+    change = _change_over_noise(campaign, plan, run.driven.angles.size)
+    compared = slice(None, None, COARSE_ANGLES // COMPARED_SAMPLES)
+    progress, history = beginning(p, *start_state(p), 0.0), []
+    fewest, most = SETTLED_AFTER
+    for revolution in range(fewest - 2, most + 1):
+        begin = start + revolution * tau
+        motion, progress = integrate_on(p, progress, coarse_angles(begin), run.tolerance)
+        history = [*history[-2:], motion.part(compared).observed(p)]
+        if len(history) == 3 and has_settled(*history, change):
+            return progress, motion, begin + tau
+    return None
 
 
 def _spread(angles: np.ndarray, count: int) -> np.ndarray:
@@ -515,7 +547,7 @@ def _sampled(
     return {name: values[places] for name, values in columns.items()}
 
 
-def _times(p: Parameters, angles: np.ndarray) -> np.ndarray:
+def times_at(p: Parameters, angles: np.ndarray) -> np.ndarray:
     """Times (n,) [s] of a prescribed crank at unsorted `angles` (n,) [rad]."""
     sorted_angles, places = np.unique(np.append(p.drive.start_angle, angles), return_inverse=True)
     return crank_times(p, sorted_angles)[places[1:]]
