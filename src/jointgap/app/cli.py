@@ -1,6 +1,7 @@
 """The command line."""
 
 import errno
+import gc
 import json
 import os
 import signal
@@ -535,6 +536,9 @@ def main() -> None:
     traceback."""
     from jointgap.core.errors import InputError, SimulationError
 
+    # Imports and figures allocate many objects and few cycles: by default, the garbage collector
+    # takes a tenth of the time of a short command.
+    gc.set_threshold(100_000)
     # One thread, even if Snakemake allows more: for small matrices further threads cost more
     # processor time than they save, and another order of summation changes the last bits.
     for library in ("OPENBLAS", "OMP", "MKL"):
