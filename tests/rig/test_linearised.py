@@ -45,12 +45,12 @@ def stacked(readings: dict, scale: dict) -> np.ndarray:
     return np.concatenate([readings[name] / max(scale[name].std(), 1e-3) for name in readings])
 
 
-def cosines(model, keys, effects=(), steps=STEPS) -> dict[str, float]:
+def cosines(model, keys, effects=(), steps=STEPS, small=1e-5) -> dict[str, float]:
     """Of each derivative with the most similar of the differences over several steps."""
     here = model.simulate("slow", model.nominal("slow"), effects)
     found = {}
-    small = [variation(model, key, 1e-5, effects) for key in keys]
-    for key, change in zip(keys, changed(model, [v for _, v in small], effects), strict=True):
+    nearby = [variation(model, key, small, effects)[1] for key in keys]
+    for key, change in zip(keys, changed(model, nearby, effects), strict=True):
         derivative = stacked(change, here)
         found[key] = 0.0
         for share in steps:
@@ -74,8 +74,10 @@ def test_nuisances_of_loose_joints(loose):
 
 @pytest.mark.parametrize("key", ["speed", "first_angle"])
 def test_nuisances_of_a_run(key, two_pins):
-    # their bounds are narrow, as the encoder is exact: wider steps exceed the numerical noise
-    assert cosines(two_pins, [key], steps=(3e3, 1e3, 3e2))[key] > 0.97
+    # the encoder is exact, so that their bounds and steps are rounding errors
+    step = next(p.step for p in two_pins.nuisances if p.name == key)
+    steps = (1e-3 / step, 3e-4 / step, 1e-4 / step)
+    assert cosines(two_pins, [key], steps=steps, small=1e-7 / step)[key] > 0.97
 
 
 @pytest.mark.parametrize(
