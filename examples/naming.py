@@ -1,17 +1,12 @@
-"""From a model and its data to the verdict, for all examples: the stages of
-docs/how_to/own_model.md."""
+"""From a model and its data to the verdict, for all examples."""
 
 from dataclasses import dataclass
 
 from jointgap.core.candidates import Model
-from jointgap.identification.baseline import Baseline, recalibrate
-from jointgap.identification.confirmation import Confirmed, confirm
-from jointgap.identification.evidence import final_verdict
+from jointgap.identification.baseline import Baseline
+from jointgap.identification.confirmation import Confirmed
 from jointgap.identification.fit import Fit, effect_estimates, nuisance_estimates
-from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
-from jointgap.identification.model_selection import select_hypothesis
-from jointgap.identification.noise import degrees_of_freedom, noise_of_model, numerics_noise
-from jointgap.identification.thresholds import screen_candidates
+from jointgap.identification.identification import Identification
 from jointgap.identification.verdict import Decision
 
 FALSE_ALARMS = 0.01
@@ -39,16 +34,8 @@ class Named:
 
 def name(model: Model) -> Named:
     """All stages from the noise to the verdict."""
-    noise = noise_of_model(model)
-    base = recalibrate(model, noise)
-    signatures, limits = screen_candidates(base, FALSE_ALARMS, degrees_of_freedom(noise))
-    alone, _ = fit_singles(base, signatures, limits)
-    together, _ = fit_pairs(base, signatures, limits, alone)
-    found = select_hypothesis(base, signatures, [*alone, *together], limits)
-    confirmed = confirm(
-        model, numerics_noise(model, found.base.mapping, noise), found.base, found.proposed
-    )
-    return Named(base, final_verdict(found, confirmed), confirmed)
+    found = Identification(model, false_alarm_rate=FALSE_ALARMS).fit()
+    return Named(found.baseline, found.decision, found.prediction)
 
 
 def estimates(found: Fit) -> list[str]:

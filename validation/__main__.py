@@ -6,6 +6,7 @@ analyse CAMPAIGN VERDICT: identify missing effects, in a folder without the grou
 score NAME FOLDER TRIALS: score the trials in results/blind/SET and publish to MLflow
 collect FOLDER TABLE CODE: add scored trials to a table of one code version
 report NAME TABLE FOLDER: write rates and figures of such a table
+ablate SETS NAME FOLDER: what each step and setting is worth (--help: trials, variants, limits)
 optimiser CAMPAIGN VERDICT OUT: effects named by a global optimiser in the same processor time
 benchmark draw FOLDER [COUNT]: write the campaigns and truth.zip, on CORES=2
 benchmark answers RECORDS OUT [METHOD]: collect the answers of a method
@@ -90,6 +91,32 @@ def report(name: str, table: str, folder: str) -> None:
     print(write_score(name, trials.fillna(dict.fromkeys(texts, "")), Path(folder)))
 
 
+def ablate(*arguments: str) -> None:
+    import argparse
+
+    from validation.ablation import ablate, chosen_trials, chosen_variants, write_ablation
+    from validation.kinds import plan_trials, read_set
+
+    parser = argparse.ArgumentParser("python -m validation ablate")
+    for name in ("sets", "name", "folder"):
+        parser.add_argument(name)
+    parser.add_argument("--trials", default="even", help="even, odd, all, or numbers or ids")
+    parser.add_argument(
+        "--variants", default="steps", help="complete, steps, sections, settings, or 'stopping.*'"
+    )
+    parser.add_argument("--seconds", type=float, default=150.0, help="limit of an analysis")
+    parser.add_argument("--budget", type=float, default=3600.0, help="then no analysis begins")
+    chosen = parser.parse_args(arguments)
+    for name in ("seconds", "budget"):
+        if not (value := getattr(chosen, name)) > 0.0:
+            raise InputError(f"--{name}: is {value:g}; give CPU-seconds above 0")
+    trial_set = read_set(chosen.sets, chosen.name)
+    plans = chosen_trials(plan_trials(trial_set), chosen.trials)
+    folder, variants = Path(chosen.folder), chosen_variants(chosen.variants)
+    analyses = ablate(plans, trial_set.seed, folder, variants, chosen.seconds, chosen.budget)
+    print(write_ablation(chosen.name, analyses, folder))
+
+
 def optimiser(campaign: str, verdict: str, out: str) -> None:
     from validation.global_optimiser import answer
 
@@ -113,7 +140,7 @@ def benchmark(verb: str, first: str, *more: str) -> None:
 if __name__ == "__main__":
     for library in ("OPENBLAS", "OMP", "MKL"):  # another order of sums would change the last bits
         os.environ[f"{library}_NUM_THREADS"] = "1"
-    functions = (conceal, analyse, score, collect, report, optimiser, benchmark)
+    functions = (conceal, analyse, score, collect, report, ablate, optimiser, benchmark)
     commands = {function.__name__: function for function in functions}
     if sys.argv[1:2] == [] or sys.argv[1] not in commands:
         sys.exit(__doc__)

@@ -6,6 +6,7 @@ import tempfile
 import time
 import traceback
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +15,22 @@ import pandas as pd
 
 from jointgap.campaign.verdict_json import read
 from jointgap.config.load import load_campaign
-from jointgap.core import parquet, schema
+from jointgap.core import schema
 from jointgap.core.results_folder import ResultsFolder
+from jointgap.identification.search import STEPS, Step
+from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 
 _THRESHOLDS = (0.02, 0.05, 0.1, 0.2, 0.4)  # of the largest coefficient, unit columns
 
 
-def analyse_trial(campaign: Path) -> dict[str, Any]:
-    """The verdict on a campaign, answers of comparison methods, and the processor time [s]."""
+def analyse_trial(
+    campaign: Path,
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
+    steps: Sequence[Step] = STEPS,
+    others: bool = True,
+) -> dict[str, Any]:
+    """The verdict on a campaign, the processor time [s], and answers of comparison methods, of
+    `others` than the package too."""
     from jointgap.campaign.analyse import analyse
 
     begin = time.process_time()
@@ -30,7 +39,7 @@ def analyse_trial(campaign: Path) -> dict[str, Any]:
         copy, results = Path(isolated) / "campaign", ResultsFolder(Path(isolated) / "results")
         shutil.copytree(campaign, copy)
         try:  # `anyway`: data faults are among the trials
-            analyse(copy / "campaign.yaml", results.path, anyway=True)
+            analyse(copy / "campaign.yaml", results.path, settings, anyway=True, steps=steps)
             record["verdict"] = read(results.path / "verdict.json")
         except Exception as error:  # counts as failed; other trials continue
             record["error"] = f"{type(error).__name__}: {error}"
@@ -40,36 +49,40 @@ def analyse_trial(campaign: Path) -> dict[str, Any]:
             doubts = results.read(schema.CONTRADICTIONS)[["run", "channel", "other", "kind"]]
             record["doubts"] = doubts.astype(str).to_dict("records")
         if "verdict" in record:
-            record |= _fit_answers(results, copy / "campaign.yaml")
+            record |= _fit_answers(results)
+            if others:
+                record |= _sparse_answer(results, copy / "campaign.yaml")
     return record
 
 
-def _fit_answers(results: ResultsFolder, campaign_file: Path) -> dict[str, Any]:
-    """Flagged bins of the map, BIC of the fits, and answers of comparison methods."""
+def _fit_answers(results: ResultsFolder) -> dict[str, Any]:
+    """Flagged bins of the map, BIC of the fits, and the answer by the smallest BIC."""
     flagged = results.read("map_bins").query("flagged")
     keys = flagged["run"].astype(str) + " " + flagged["channel"].astype(str)
     bins = (flagged["start_deg"] / 10).round().astype(int)
-    frames = []
-    for path in sorted(results.path.rglob("fits.parquet")):
-        frame = parquet.read(schema.FITS, path)
-        # of the verdict, the base alone: its effects were fitted before
-        frames.append(frame.query("kind == 'base'") if path.parent.name == "verdict" else frame)
-    fits = pd.concat(frames)
-    answers = {
+    ranking = results.read("ranking")
+    base = (ranking["bic"] + ranking["delta_bic"]).dropna().head(1)
+    fits = pd.concat([ranking, pd.DataFrame({"explanation": "base", "bic": base})])
+    return {
         "map": bins.groupby(keys).agg(list).to_dict(),
         "greedy": greedy_names(fits),
-        "bic": fits.groupby("explanation")["bic"].min().dropna().round(2).to_dict(),
+        "bic": fits.dropna(subset=["bic"]).set_index("explanation")["bic"].round(2).to_dict(),
     }
-    residuals = parquet.read(schema.RESIDUALS, results.path / "confirm" / "residuals.parquet")
+
+
+def _sparse_answer(results: ResultsFolder, campaign_file: Path) -> dict[str, Any]:
+    """The answer by sparse regression, or its error."""
+    residuals = results.read("residuals")
     try:
-        answers["sparse"] = sparse_names(campaign_file, residuals)
+        return {"sparse": sparse_names(campaign_file, residuals)}
     except Exception as error:  # not installed, or it fails on these data
-        answers |= {"sparse": None, "sparse_error": f"{type(error).__name__}: {error}"}
-    return answers
+        return {"sparse": None, "sparse_error": f"{type(error).__name__}: {error}"}
 
 
 def greedy_names(fits: pd.DataFrame) -> list[str]:
     """Labels added one at a time, each with the smallest BIC, while the BIC decreases."""
+    if "base" not in set(fits["explanation"]):
+        return []
     smallest = fits.groupby("explanation")["bic"].min().dropna()
     bic = {frozenset(name.split(" + ")): value for name, value in smallest.drop("base").items()}
     named, best = frozenset(), smallest["base"]

@@ -106,19 +106,20 @@ def plan_trials(trial_set: Any, count: int | None = None) -> list[Trial]:
 def _trials_of_kind(trial_set: Any, key: str, stream: int) -> list[Trial]:
     """Trials of one kind, independent of the number of other kinds."""
     kind, count = RECIPE["kinds"][key], getattr(trial_set, key)
-    bases, effects_per_trial = kind.get("bases", RECIPE["bases"]), kind.get("each", 1)
-    hidden = [name for word in kind["hidden"] for name in _GROUPS.get(word, (word or "",))]
+    bases, each = kind.get("bases", RECIPE["bases"]), kind.get("each", 1)
+    hidden = [name for word in kind.get("hidden", []) for name in _GROUPS.get(word, (word or "",))]
     rng, trials = np.random.default_rng([trial_set.seed, stream]), []
-    names: list[str] = []
-    while len(names) < effects_per_trial * count:
-        names += map(str, rng.permutation(hidden))
+    if "one_of_each" in kind:
+        sequences = [_names_in_turn(rng, names, count) for names in kind["one_of_each"]]
+    else:
+        names = _names_in_turn(rng, hidden, each * count)
+        sequences = [names[start::each] for start in range(each)]
     for number in range(count):
         base, loose = str(rng.choice(list(bases), p=list(bases.values()))), ""
-        first = effects_per_trial * number
-        effects = [name for name in names[first : first + effects_per_trial] if name]
+        effects = [names[number] for names in sequences if names[number]]
         while len(effects) == 2 and _name_and_joint(effects[0]) & _name_and_joint(effects[1]):
             effects[1] = str(rng.choice(hidden))
-        if "damages" in kind["hidden"]:
+        if "damages" in kind.get("hidden", []):
             trials.append(Trial(kind["kind"], base, damage=effects[0]))
             continue
         for name in effects:
@@ -134,6 +135,14 @@ def _trials_of_kind(trial_set: Any, key: str, stream: int) -> list[Trial]:
         size = RECIPE["gaps"][number % len(RECIPE["gaps"])] if effects and not shown else 0.0
         trials.append(Trial(kind["kind"], base, size, tuple(effects), loose=loose, shown=shown))
     return trials
+
+
+def _names_in_turn(rng: np.random.Generator, names: list[str], count: int) -> list[str]:
+    """At least `count` names, each as often as the others but for the last round."""
+    sequence: list[str] = []
+    while len(sequence) < count:
+        sequence += map(str, rng.permutation(names))
+    return sequence
 
 
 def _name_and_joint(label: str) -> set[str]:

@@ -6,11 +6,11 @@ import pytest
 
 from jointgap.campaign.outcome import Outcome, outcome_of
 from jointgap.core.candidates import Model
-from jointgap.identification import hypothesis_fits
 from jointgap.identification.baseline import Baseline, recalibrate
+from jointgap.identification.decide import decide
 from jointgap.identification.fit import Fit
-from jointgap.identification.model_selection import select_hypothesis
 from jointgap.identification.noise import NoiseEstimate, degrees_of_freedom, noise_of_model
+from jointgap.identification.search import STEPS, Search
 from jointgap.identification.thresholds import Screening, screen_candidates
 from tests.identification.toy import toy
 
@@ -36,11 +36,7 @@ def chain() -> Chain:
     found = noise_of_model(model)
     base = recalibrate(model, found)
     screening = screen_candidates(base, 0.01, degrees_of_freedom(found))
-    fits, seconds = hypothesis_fits.fit_singles(base, screening.sensitivities, screening.limits)
-    pairs, more = hypothesis_fits.fit_pairs(base, screening.sensitivities, screening.limits, fits)
-    fits, seconds = [*fits, *pairs], [*seconds, *more]
-    times = {one.label: each for one, each in zip(fits, seconds, strict=True)}
-    outcome = outcome_of(
-        select_hypothesis(base, screening.sensitivities, fits, screening.limits), times
-    )
+    search = Search(base, *screening, STEPS).run()
+    fits = [fit for labels, fit in search.fits.items() if labels]
+    outcome = outcome_of(decide(search), search.seconds)
     return Chain(model, base.problem.noise, base, screening, fits, outcome)

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from benchmarks.project import ROOT
-from jointgap.campaign import fits_on_disk as axes
+from jointgap.campaign import tables as axes
 from jointgap.campaign.augment import force_difference
 from jointgap.config import Mechanism, load_mechanism
 

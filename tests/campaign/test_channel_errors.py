@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 from benchmarks.project import ROOT
-from jointgap.campaign.fits_on_disk import channel_errors
+from jointgap.campaign.tables import channel_errors
 from jointgap.config.load import load_campaign
 from jointgap.core import parquet, schema
 from jointgap.core.words import format_unit

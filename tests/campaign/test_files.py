@@ -5,7 +5,6 @@ from dataclasses import replace
 from functools import partial
 from itertools import product
 from pathlib import Path
-from types import SimpleNamespace
 from unittest.mock import patch
 
 import pytest
@@ -19,7 +18,7 @@ from jointgap.campaign import plan as preflight
 from jointgap.campaign.analyse import analyse
 from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT, campaigns
 from jointgap.campaign.figures import FIGURES
-from jointgap.campaign.stages import CAMPAIGN_STAGES, measure, recalibrate
+from jointgap.campaign.stages import CAMPAIGN_STAGES, measure
 from jointgap.campaign.state import CampaignState
 from jointgap.config import load_mechanism
 from jointgap.config.load import load_campaign
@@ -56,20 +55,14 @@ def stand_in(monkeypatch, function, *stages) -> None:
         )
 
 
-def test_a_campaign_has_plan_and_data_files_and_two_parts_if_joints_are_loose(tmp_path):
-    mechanism = str(ROOT / "config/mechanisms/erkaya2009.yaml")
-    loose = written(tmp_path / "loose.yaml", name="loose", mechanism=mechanism)
-    found = campaigns([DEMONSTRATION, str(loose)], (ROOT,))
+def test_a_campaign_has_plan_and_data_files():
+    found = campaigns([DEMONSTRATION], (ROOT,))
     names = {
         "plan": ["demonstration.yaml", "ideal_joints.yaml"],
         "data": ["slow.csv", "mid.csv", "fast.csv"],
     }
     for kind, files in names.items():
         assert [Path(place).name for place in getattr(found["demonstration"], kind)] == files
-    assert {name: files.parts for name, files in found.items()} == {"demonstration": 1, "loose": 2}
-    assert {
-        files.parts for files in campaigns([DEMONSTRATION, str(loose)], (ROOT,), 5).values()
-    } == {5}
 
 
 @pytest.mark.parametrize(
@@ -84,12 +77,6 @@ def test_a_campaign_has_plan_and_data_files_and_two_parts_if_joints_are_loose(tm
 def test_an_invalid_list_of_campaigns_is_refused_with_the_fix(paths, message):
     with pytest.raises(InputError, match=message):
         campaigns(paths, (ROOT,))
-
-
-@pytest.mark.parametrize("count", [0, "many", 2.5, True, 10**9])
-def test_an_invalid_number_of_parts_is_refused(count):
-    with pytest.raises(InputError, match=r"fit_parts = .* must be a whole number of jobs from 1"):
-        campaigns([DEMONSTRATION], (ROOT,), count)
 
 
 def test_missing_data_and_braces_in_paths_are_refused(tmp_path, monkeypatch):
@@ -127,7 +114,7 @@ def test_input_files_are_never_overwritten(tmp_path, monkeypatch):
     with pytest.raises(
         InputError, match=r"mechanism\.yaml: is an input of the campaign .* give another --folder"
     ):
-        asked("conclude", tmp_path / "mine.yaml", "--folder", tmp_path)
+        asked("identify", tmp_path / "mine.yaml", "--folder", tmp_path)
     assert (tmp_path / "mechanism.yaml").read_text() == content
     monkeypatch.chdir(tmp_path)  # by default the folder of results alone is kept free
     assert CampaignState(tmp_path / "mine.yaml").folder.path == Path(
@@ -191,27 +178,11 @@ def test_the_demonstration_of_a_loose_joint_names_it_and_holds_its_clearance(tmp
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
-    """A results folder in which the data of the demonstration have been read and their noise been
-    found."""
+    """A results folder in which the data of the demonstration have been read."""
     folder = tmp_path_factory.mktemp("measured")
     case = CampaignState(written(folder / "plan.yaml"), folder / "results")
     measure(case, pictures=False)
-    recalibrate(case)
-    return case, folder
-
-
-def test_noise_of_other_data_is_refused_with_the_command_that_finds_it(measured):
-    case, folder = measured
-    assert CampaignState(folder / "plan.yaml", folder / "results").noise.keys() == case.noise.keys()
-    first = case.model.series[0]
-    for other in (replace(first, channel="guide_force"), replace(first, value=first.value[:-1])):
-        later = CampaignState(folder / "plan.yaml", folder / "results")
-        later.model = SimpleNamespace(series=[other])
-        with pytest.raises(
-            InputError,
-            match=f"channel {other.channel} of run 'slow'; repeat `jointgap recalibrate`",
-        ):
-            _ = later.noise
+    return folder
 
 
 ACCELERATION = "  slider_acceleration: {column: acc_g, unit: g_n}\n"
@@ -235,7 +206,7 @@ CHANGES = [
 @pytest.fixture
 def changed(measured):
     """Measurements after a change of the campaign file's text."""
-    folder, file = measured[1], ROOT / DEMONSTRATION
+    folder, file = measured, ROOT / DEMONSTRATION
     text = file.read_text().replace("../mechanisms", str(ROOT / "config/mechanisms"))
     text += f"folder: '{file.parent}'\n"
 
@@ -266,8 +237,8 @@ def test_another_order_of_the_runs_or_another_name_is_no_change(changed):
 @pytest.fixture
 def used_before(tmp_path):
     """A results folder with an earlier conclusion and with a file of the user."""
-    names = [VERDICT, MECHANISM, *SUMMARIES, "costs.jsonl", "reoptimise/optimum.parquet"]
-    names += ["augment/force.parquet", "figures/mine.png"]
+    names = [VERDICT, MECHANISM, *SUMMARIES, "costs.jsonl", "identify/campaign_optimum.parquet"]
+    names += ["identify/missing_force.parquet", "figures/mine.png"]
     names += [f"figures/{name}.png" for name in FIGURES]
     for name in names:
         (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -286,7 +257,7 @@ def test_results_of_another_campaign_file_are_kept(tmp_path, monkeypatch):
     damaged.write_text(
         damaged.read_text().replace("unit: ms", "unit: s").replace("t_ms", "no_such_column")
     )
-    commands = [partial(asked, name) for name in ("measure", "preflight", "analyse")]
+    commands = [partial(asked, name) for name in ("measure", "analyse")]
     commands += [
         lambda file: analyse(file, results),
         lambda file: campaigns([str(file)], (tmp_path,)),
@@ -326,11 +297,11 @@ def test_results_that_moved_with_their_campaign_file_are_still_of_it(tmp_path, m
 
 
 def test_a_failed_analysis_leaves_no_older_conclusion(used_before, monkeypatch):
-    (used_before / "fit").write_text("a file where a folder should be")
+    (used_before / "measure").write_text("a file where a folder should be")
     with pytest.raises(InputError, match="cannot be written"):
         analyse(ROOT / DEMONSTRATION, used_before)
     assert (used_before / "verdict.json").read_text() == "of another day"
-    (used_before / "fit").unlink()
+    (used_before / "measure").unlink()
 
     def fails(case, **given):
         raise SimulationError("the slide flies off")
@@ -341,4 +312,4 @@ def test_a_failed_analysis_leaves_no_older_conclusion(used_before, monkeypatch):
     left = sorted(
         str(path.relative_to(used_before)) for path in used_before.rglob("*") if path.is_file()
     )
-    assert left == ["augment/force.parquet", "figures/mine.png"]
+    assert left == ["figures/mine.png", "identify/missing_force.parquet"]

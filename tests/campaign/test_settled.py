@@ -2,18 +2,18 @@
 
 from dataclasses import replace
 
-import pandas as pd
 import pytest
 
 from benchmarks.project import ROOT
 from jointgap.campaign import reoptimise
-from jointgap.campaign.conclude import decide, locate
+from jointgap.campaign.identify import explain, locate, write_tables
 from jointgap.campaign.state import FALSE_ALARM_RATE, CampaignState
 from jointgap.campaign.verdict_json import gap_of
 from jointgap.config import load_mechanism
 from jointgap.core.errors import SimulationError
-from jointgap.identification import force_law, model_selection
+from jointgap.identification import identification
 from jointgap.identification.disagreement import map_disagreement
+from jointgap.identification.force_law import ForceLawResult
 from jointgap.identification.verdict import Decision
 
 pytestmark = pytest.mark.integration
@@ -31,46 +31,50 @@ def better(chain):
 
 @pytest.fixture
 def state(chain, tmp_path, monkeypatch):
-    """A campaign with the model of the chain, before the stage decide."""
-    monkeypatch.setattr(CampaignState, "fits", lambda *_: ([], {}))
+    """A campaign with the model of the chain, whose fits are known."""
     state = CampaignState(ROOT / "config/campaigns/demonstration.yaml", tmp_path)
-    state.model, state.noise, state.inconsistent_channels = chain.model, chain.noise, ()
-    state.baseline, state.screening, state.library = chain.recalibrated, chain.screening, []
-    state.folder.write("not_searched", pd.DataFrame({"step": ["pairs"]}), "0")
+    state.model, state.inconsistent_channels, state.library = chain.model, (), []
+    state.steps = ()
+    monkeypatch.setattr(identification, "first_values", lambda *_: {})
+    monkeypatch.setattr(identification, "noise_of_model", lambda *_: chain.noise)
+    monkeypatch.setattr(identification, "recalibrate", lambda *_: chain.recalibrated)
+    monkeypatch.setattr(identification, "screen_candidates", lambda *_: chain.screening)
     return state
 
 
-def decided(state, base, verdict, monkeypatch):
-    decision = Decision(verdict, base, base)
-    monkeypatch.setattr(model_selection, "select_hypothesis", lambda *_: decision)
-    return decide(state)
+def explained(state, base, verdict, monkeypatch):
+    decision = Decision(verdict, base, base, not_searched=("pairs",))
+    monkeypatch.setattr(identification, "decide", lambda *_: decision)
+    return explain(state)
 
 
 def test_map_and_gaps_refer_to_the_better_base(state, chain, better, monkeypatch):
-    outcome = decided(state, better, "parameters_only", monkeypatch)
+    identified, outcome = explained(state, better, "parameters_only", monkeypatch)
     problem, recalibrated = chain.recalibrated.problem, chain.recalibrated.base.residual
-    assert outcome.base is better and outcome.not_searched[0] == "pairs"
-    locate(state, outcome)
+    assert outcome.base is better
+    assert outcome.not_searched == ("pairs",)
+    locate(state, identified, outcome)
     expected, other = (
         map_disagreement(problem, residual, FALSE_ALARM_RATE).bins["mean"].tolist()
         for residual in (better.residual, recalibrated)
     )
     means = state.folder.read("map_bins")["mean"].tolist()
     assert means == pytest.approx(expected) != pytest.approx(other)
+    write_tables(state, identified, outcome)
     before = gap_of(state.folder.read("gaps"), "identify")["before"]
     assert before == pytest.approx(problem.gap(better.residual))
     assert before != pytest.approx(problem.gap(recalibrated))
 
 
 def test_a_force_law_is_searched_from_the_better_base(state, better, monkeypatch):
-    bases, nothing = [], force_law.ForceLawResult(None, False, "no law holds")
+    bases = []
 
     def search(problem, base, *_):
         bases.append(base)
-        return nothing
+        return ForceLawResult(None, False, "no law holds")
 
-    monkeypatch.setattr(force_law, "find_force_law", search)
-    outcome = decided(state, better, "unexplained", monkeypatch)
+    monkeypatch.setattr(identification, "find_force_law", search)
+    _, outcome = explained(state, better, "unexplained", monkeypatch)
     assert bases == [better] and outcome.because.endswith("no law holds")
 
 

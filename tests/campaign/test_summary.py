@@ -108,7 +108,7 @@ SHOWN = {
     SEPARATE: (FURTHER, {}),
     "| before | network | 150 | 564 | 0.038 | 0.03 | yes | – |": (NAMED, BEFORE),
     "No effect was added to the mechanism": (effects(BIAS), NONE),
-    "simulation failed: the pressure ~ assumed noise ~ channels: an unbalance": (
+    "simulation failed: the pressure ~ channels: an unbalance": (
         undetectable("crank_unbalance", "gas_pressure"),
         {"detectable": SEEN},
     ),
@@ -160,7 +160,7 @@ def test_effects_that_the_fits_distinguish_are_not_called_indistinguishable():
     pairs = [f"{delay} + gravity", f"{lag} + gravity", f"{delay} + slider_spring"]
     ranking = pd.DataFrame({"explanation": pairs, "bic": [100.0, 600.0, 104.0]})
     said = markdown(verdict, {"ranking": ranking})
-    assert said.count("Distinguished neither by the preflight nor by the fits") == 1
+    assert said.count("Distinguished neither by their sensitivities nor by the fits") == 1
     not_fitted = (
         "the weight of the bodies, a linear spring on the slider and an offset of the slide"
     )

@@ -17,7 +17,7 @@ from jsonschema import Draft202012Validator
 from benchmarks.project import ROOT
 from jointgap.app.run_summary import verdict_lines
 from jointgap.campaign import verdict_json
-from jointgap.campaign.outcome import outcome_of, with_force_law
+from jointgap.campaign.outcome import outcome_of
 from jointgap.campaign.page import page
 from jointgap.config.load import load_campaign
 from jointgap.core.candidates import Candidate, Parameter
@@ -26,7 +26,7 @@ from jointgap.core.schema import TABLES
 from jointgap.identification.confirmation import held_out_test
 from jointgap.identification.evidence import final_verdict, row_of, weigh_fit
 from jointgap.identification.fit import Fit
-from jointgap.identification.force_law import ForceLawResult
+from jointgap.identification.force_law import ForceLawResult, with_force_law
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.verdict import Evidence, HeldOut, Thresholds, verdict
 from tests.campaign.verdicts import VERDICTS
@@ -127,8 +127,8 @@ def made_from(rng):
     limits = Thresholds(0.01, rng.choice([1.05, 1.3, 4.0]), rng.choice([5.0, 12.0, 60.0]))
     bounds = {MASS.name: (MASS.nominal, MASS.low, MASS.high)}
     rows = [row_of(fit, bounds, similarity=rng.random()) for fit in found]
-    outcome = outcome_of(verdict(Evidence(row_of(base), row_of(nominal), rows, limits)), {})
-    if outcome.verdict == "unexplained" and rng.random() < 0.5:
+    decision = verdict(Evidence(row_of(base), row_of(nominal), rows, limits))
+    if decision.verdict == "unexplained" and rng.random() < 0.5:
         laws = [fit_of(rng, effects, base_chi2 * rng.random()) for effects in LAWS]
         ranking = [weigh_fit(base, law, limits) for law in laws]
         reason = (
@@ -137,7 +137,8 @@ def made_from(rng):
         found_law = ForceLawResult(
             laws[0], rng.random() < 0.5, reason, laws[1 : rng.integers(1, 3)], ranking=ranking
         )
-        outcome = with_force_law(outcome, found_law)
+        decision = with_force_law(decision, found_law)
+    outcome = outcome_of(decision, {})
     outcome = replace(
         outcome, ranking=outcome.ranking.astype({"admissible": bool})
     )  # as read from its table

@@ -12,15 +12,15 @@ from scipy.stats import truncnorm
 
 from benchmarks.project import ROOT
 from jointgap.campaign import verdict_json
-from jointgap.campaign.outcome import Outcome, ranking_frame, with_force_law
+from jointgap.campaign.outcome import Outcome, outcome_of
 from jointgap.config.load import load_campaign
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.errors import InputError
 from jointgap.core.schema import TABLES
 from jointgap.identification.evidence import weigh_fit
 from jointgap.identification.fit import HALF_WIDTHS, LEVELS, Fit
-from jointgap.identification.force_law import ForceLawResult
-from jointgap.identification.verdict import Thresholds
+from jointgap.identification.force_law import ForceLawResult, with_force_law
+from jointgap.identification.verdict import Decision, Thresholds
 
 SAMPLES = 100
 LN = float(np.log(SAMPLES))
@@ -51,7 +51,7 @@ def fitted(effects, values, chi2=64.0, nuisances=(MASS,)):
 BASE = fitted([], [1.0], 900.0)
 
 
-def outcome_of(chosen, base=BASE, equivalent=(), ranking=()):
+def named_outcome(chosen, base=BASE, equivalent=(), ranking=()):
     rows = pd.DataFrame(ranking, columns=["explanation", "bic"]).assign(admissible=True)
     return Outcome("named", chosen, base, list(equivalent), rows, because="it is so")
 
@@ -100,7 +100,7 @@ def document(outcome, campaign=CAMPAIGN, undetectable="gravity", **given):
 
 
 def test_the_document_contains_the_decision_the_map_and_the_gaps():
-    outcome = outcome_of(fitted([FRICTION], [1.5, 20.0]))
+    outcome = named_outcome(fitted([FRICTION], [1.5, 20.0]))
     content = document(outcome)
     empty = "equivalent certain not_searched doubted_channels orders held_out".split()
     fitted_gap, held_out_gap = {"before": 9.0, "after": 1.0}, {"before": 8.0, "after": 1.05}
@@ -129,7 +129,7 @@ def test_the_document_contains_the_decision_the_map_and_the_gaps():
 
 def test_without_held_out_samples_the_gap_is_that_of_the_fitted_data():
     content = document(
-        outcome_of(fitted([FRICTION], [1.5, 20.0])), gaps=gaps().query("role == 'identify'")
+        named_outcome(fitted([FRICTION], [1.5, 20.0])), gaps=gaps().query("role == 'identify'")
     )
     assert (content["verdict"], content["held_out_test"]) == ("named", "nothing_held_out")
     gap = {"identify": {"before": 9.0, "after": 1.0}, "confirm": {"before": None, "after": None}}
@@ -150,7 +150,7 @@ def test_without_held_out_samples_the_gap_is_that_of_the_fitted_data():
 )
 def test_a_nuisance_without_detectable_deviation_has_no_interval(undetectable, name, has_interval):
     base = fitted([], [0.5], nuisances=(Parameter(name, 0.5, -9.0, 9.0),))
-    stated = document(outcome_of(base), undetectable=undetectable)["nuisances"][name]
+    stated = document(named_outcome(base), undetectable=undetectable)["nuisances"][name]
     assert (stated["interval_90"] != [None, None]) == (stated["sd"] is not None) == has_interval
     assert stated["value"] == 0.5 and "kept" not in stated  # as in the mechanism file
 
@@ -168,7 +168,7 @@ def normal(value, sd, **tolerance):
 
 
 def test_an_effect_stands_with_its_site_its_gain_over_the_base_and_its_estimates():
-    (stated,) = document(outcome_of(fitted([FRICTION], [1.5, 20.0])))["effects"]
+    (stated,) = document(named_outcome(fitted([FRICTION], [1.5, 20.0])))["effects"]
     gain = pytest.approx(900.0 - 64.0 - LN)  # one parameter more, worth ln n
     parameters = {"force_N": normal(20.0, 0.2)}
     key = {"name": "friction", "site": "slider", "delta_bic": gain}
@@ -179,14 +179,14 @@ def test_an_effect_stands_with_its_site_its_gain_over_the_base_and_its_estimates
 def test_each_of_two_effects_has_its_gain_over_the_other_one(bic, gain):
     pair = fitted([FRICTION, SPRING], [1.5, 20.0, 7.0])
     ranking = [("friction", pair.bic + bic), ("spring", pair.bic + 70.0)]
-    friction, spring = document(outcome_of(pair, ranking=ranking))["effects"]
+    friction, spring = document(named_outcome(pair, ranking=ranking))["effects"]
     assert (friction["name"], friction["delta_bic"]) == ("friction", pytest.approx(70.0))
     assert (spring["name"], spring["delta_bic"]) == ("spring", gain and pytest.approx(gain))
 
 
 def test_equivalent_explanations_have_their_gains():
     rivals = [fitted([FRICTION], [1.5, 20.0], 70.0), fitted([SPRING], [1.5, 7.0], 72.0)]
-    content = document(outcome_of(BASE, equivalent=rivals))
+    content = document(named_outcome(BASE, equivalent=rivals))
     effects = [effect for (effect,) in content["equivalent"]]
     assert content["effects"] == []
     assert [effect["name"] for effect in effects] == ["friction", "spring"]
@@ -213,16 +213,16 @@ def test_terms_of_a_law_are_one_effect_with_a_formula_beside_the_other_effects()
 
 
 def test_nuisances_stand_with_value_and_standard_error_or_the_reason_why_there_is_none():
-    stated = document(outcome_of(fitted([FRICTION], [9.0, 20.0])))["nuisances"]
+    stated = document(named_outcome(fitted([FRICTION], [9.0, 20.0])))["nuisances"]
     lows, highs = zip(*(stated["mass"].pop(f"interval_{level}") for level in LEVELS), strict=True)
     assert stated == {"mass": {"value": 9.0, "sd": None, "remark": "at its bound", "kept": True}}
     assert sorted(lows, reverse=True) == list(lows) and set(highs) == {9.0}
     chosen = fitted([], [0.3, 1.5], nuisances=(START, MASS))
-    assert document(outcome_of(chosen))["nuisances"]["first_angle@back"] == normal(
+    assert document(named_outcome(chosen))["nuisances"]["first_angle@back"] == normal(
         0.3, 0.1, abs=0.02
     )
     back = CAMPAIGN.runs[0].model_copy(update={"id": "back", "direction": "clockwise"})
-    turned = document(outcome_of(chosen), CAMPAIGN.model_copy(update={"runs": (back,)}))[
+    turned = document(named_outcome(chosen), CAMPAIGN.model_copy(update={"runs": (back,)}))[
         "nuisances"
     ]
     assert turned["first_angle@back"] == normal(-0.3, 0.1, abs=0.02)
@@ -259,7 +259,7 @@ def test_what_is_certain_has_the_values_of_the_best_explanation():
     first = fitted([FRICTION, SPRING], [1.5, 20.0, 7.0], 70.0)
     rivals = [first, fitted([WAVE, FRICTION], [1.5, 4.0, 21.0], 72.0)]
     outcome = replace(
-        outcome_of(BASE, equivalent=rivals), verdict="ambiguous", certain=("friction",)
+        named_outcome(BASE, equivalent=rivals), verdict="ambiguous", certain=("friction",)
     )
     (certain,) = document(outcome)["certain"]
     assert (certain["name"], certain["parameters"]["force_N"]["value"]) == ("friction", 20.0)
@@ -274,7 +274,7 @@ def test_what_is_certain_has_the_values_of_the_best_explanation():
 def test_a_named_sensor_fault_has_those_that_predict_the_same_beside_it():
     late, lag = (replace(effect(name, "late_s"), sensor=True) for name in ("delay", "lag"))
     named, twin = (fitted([FRICTION, one], [1.5, 20.0, 2e-3], 70.0) for one in (late, lag))
-    friction, fault = document(replace(outcome_of(named), twins=[twin]))["effects"]
+    friction, fault = document(replace(named_outcome(named), twins=[twin]))["effects"]
     assert "alternatives" not in friction
     assert [
         (one["name"], one["parameters"]["late_s"]["value"]) for one in fault["alternatives"]
@@ -313,9 +313,9 @@ def test_a_formula_is_best_known_if_it_is_better_than_every_effect(chi2, chi2_of
     law = fitted([CUBE], [1.5, -2.5], chi2)
     effect = chi2_of_effect and fitted([FRICTION], [1.5, 20.0], chi2_of_effect)
     ranking = [weigh_fit(BASE, law, LIMITS)]
-    outcome = unexplained(ranking_frame([]), effect)
+    decision = Decision("unexplained", BASE, BASE, best_known=effect)
     result = ForceLawResult(law, False, "it explains little", ranking=ranking)
-    outcome = with_force_law(outcome, result)
+    outcome = outcome_of(with_force_law(decision, result), {})
     assert outcome.best_known is {"law": law, "effect": effect, None: None}[best]
     (row,) = outcome.placed_ranking.to_dict("records")
     assert row["place"] == ("best_known" if best == "law" else "")
@@ -323,9 +323,9 @@ def test_a_formula_is_best_known_if_it_is_better_than_every_effect(chi2, chi2_of
 
 def test_a_listed_effect_that_is_fitted_again_has_one_row_in_the_ranking():
     earlier, better = (fitted([FRICTION], [1.5, 20.0], chi2) for chi2 in (800.0, 70.0))
-    outcome = unexplained(ranking_frame([weigh_fit(BASE, earlier, LIMITS)]))
+    decision = Decision("unexplained", BASE, BASE, ranking=[weigh_fit(BASE, earlier, LIMITS)])
     result = ForceLawResult(better, True, "", ranking=[weigh_fit(BASE, better, LIMITS)])
-    outcome = with_force_law(outcome, result)
+    outcome = outcome_of(with_force_law(decision, result), {})
     assert (outcome.verdict, len(outcome.ranking)) == ("named", 1)
     refuted = replace(outcome, verdict="unexplained", chosen=BASE, best_known=better)
     share = document(refuted)["best_known"]["explained_share"]
@@ -340,7 +340,7 @@ def test_the_gap_after_is_that_of_the_best_candidate_or_of_the_first_equivalent_
     content = document(unexplained(ranked(("friction", best.bic, 0.2, True)), best), gaps=table)
     gap = {"before": 8.0, "after": 1.18}
     assert content["gap"]["confirm"] == content["held_out"][0]["gap"] == gap
-    equivalent = document(outcome_of(BASE, equivalent=[best]), gaps=table)
+    equivalent = document(named_outcome(BASE, equivalent=[best]), gaps=table)
     assert equivalent["gap"]["confirm"] == gap
 
 
@@ -349,7 +349,7 @@ def test_the_99_percent_interval_of_a_shape_contains_that_of_90_percent():
     row = ("slider_power_drag", "slider_power_drag", "exponent", 20.0, 19.9, 20.05, True, False)
     families = pd.DataFrame([row], columns=TABLES["law_families"].names)
     chosen = fitted([drag], [1.5, 20.0])
-    (stated,) = document(outcome_of(chosen), law_families=families)["effects"]
+    (stated,) = document(named_outcome(chosen), law_families=families)["effects"]
     shape, (family,) = stated["parameters"]["exponent"], stated["families"]
     assert shape["interval_99"] == family["interval_99"] == shape["interval_90"]
     assert shape["interval_90"][0] < 19.9 and shape["interval_90"][1] > 20.05

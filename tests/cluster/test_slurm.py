@@ -96,9 +96,8 @@ def test_the_smoke_configuration_runs_to_the_report(slurm, project):
 
 def test_a_campaign_reaches_its_verdict(slurm, project):
     campaign = 'campaigns=["config/campaigns/demonstration.yaml"]'
-    done = run_on(slurm, project, "campaigned", "--config", campaign, "fit_parts=2")
+    done = run_on(slurm, project, "campaigned", "--config", campaign)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
-    assert re.search(r"Submitted array job .*\n", done.stderr)
     verdict = json.loads((project / "results/campaigns/demonstration/verdict.json").read_text())
     assert verdict["verdict"] == "named"
 

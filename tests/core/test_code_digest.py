@@ -46,13 +46,13 @@ def test_an_edit_reruns_the_stages_of_packages_that_import_it_and_no_others(chan
     assert changed_stages("app/cli.py") == set()
     networks = changed_stages("networks/network.py")
     assert {"surrogate", "kinematics", "optimise", "track"} <= networks
-    assert not networks & {"simulate", "explore", "measure", "fit"}
+    assert not networks & {"simulate", "explore", "measure", "identify"}
     assert changed_stages("paper/printed.yaml") >= {"surrogate", "compare"}
     assert changed_stages("core/templates/page.html.j2") == set(STAGES)
     figures = changed_stages("scenario/figures.py")
     assert {"figures", "summarise"} <= figures and not figures & {"simulate", "surrogate"}
-    assert "conclude" in (figures := changed_stages("campaign/figures.py"))
-    assert not figures & {"fit", "decide"}
+    assert "show" in (figures := changed_stages("campaign/figures.py"))
+    assert not figures & {"measure", "identify"}
     assert changed_stages("designs/sensitivity.py") == {"sensitivity", "track-sweep"}
 
 
@@ -80,7 +80,7 @@ def test_a_changed_column_reruns_the_stages_that_use_its_table(monkeypatch):
     code_digest.code_digest.cache_clear()
     changed = {name for name, stage in stages.items() if stage.digest != before[name]}
     code_digest.code_digest.cache_clear()
-    assert {"conclude", "sweep-designs"} <= changed
+    assert {"identify", "sweep-designs"} <= changed
     assert not changed & {"simulate", "surrogate", "optimise"}
 
 

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from jointgap.core.candidates import LawFamily
-from jointgap.identification import law_family, model_selection
+from jointgap.identification import decide as decision_of_fits
+from jointgap.identification import law_family
+from jointgap.identification.decide import decide
 from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.law_family import (
     FamilyInterval,
@@ -17,7 +19,6 @@ from jointgap.identification.law_family import (
     with_families,
 )
 from jointgap.identification.likelihood import fitted
-from jointgap.identification.model_selection import select_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.verdict import Decision
 from tests.identification.oscillator import SPRING, linear
@@ -60,8 +61,8 @@ def profile(model: Toy) -> ShapeProfile:
 def asked(model: Toy) -> tuple[Decision, tuple[FamilyInterval, ...]]:
     """The decision after the search, with its families."""
     base, sensitivities, limits = analysed(model)
-    fits = searched(base, sensitivities, limits)
-    return with_families(base, select_hypothesis(base, sensitivities, fits, limits), limits)
+    decision = decide(searched(base, sensitivities, limits))
+    return with_families(base, decision, limits)
 
 
 def decided(model: Toy, verdict: str, *fits) -> tuple[Decision, tuple[FamilyInterval, ...]]:
@@ -208,7 +209,7 @@ def test_equivalent_laws_of_one_family_are_named_as_the_family(monkeypatch):
 def test_families_are_not_fitted_without_a_named_effect(monkeypatch):
     stated = []
     monkeypatch.setattr(
-        model_selection,
+        decision_of_fits,
         "with_intervals",
         lambda problem, fit, *rest: stated.append(fit.label) or fit,
     )

@@ -7,12 +7,8 @@ import pytest
 
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.identification.baseline import recalibrate
+from jointgap.identification.decide import decide, verdict_of
 from jointgap.identification.fit import fit_hypothesis
-from jointgap.identification.model_selection import (
-    refit_and_decide,
-    select_hypothesis,
-    swap_one_effect,
-)
 from jointgap.identification.screening import SensitivityRegression, SensitivitySubspaces
 from jointgap.identification.thresholds import screen_candidates, thresholds
 from jointgap.identification.verdict import Decision
@@ -32,9 +28,7 @@ def named(effects=None, more=(), **how) -> tuple[Decision, float]:
     """The decision and the gap of the base; `more`: further candidates."""
     model = toy(effects, **how)
     base, sensitivities, limits = analysed(replace(model, candidates=(*model.candidates, *more)))
-    fits = searched(base, sensitivities, limits)
-    fits += swap_one_effect(base, sensitivities, fits)
-    return refit_and_decide(base, sensitivities, fits, limits), base.problem.gap(base.base.residual)
+    return decide(searched(base, sensitivities, limits)), base.problem.gap(base.base.residual)
 
 
 def labels(decision):
@@ -85,11 +79,11 @@ def test_two_effects_are_named_without_a_third():
     base, sensitivities, limits = analysed(
         toy({"coulomb": {"force_N": 0.3}, "spring": {"stiffness_N_m": 5.0}}, seed=1)
     )
-    decision = refit_and_decide(base, sensitivities, searched(base, sensitivities, limits), limits)
+    decision = decide(searched(base, sensitivities, limits))
     assert (decision.verdict, labels(decision)) == ("named", {"coulomb", "spring"})
     pair = candidate_of("coulomb"), candidate_of("spring")
     fits = [fit_hypothesis(base.problem, effects) for effects in (pair, pair[::-1])]
-    decision = refit_and_decide(base, sensitivities, fits, limits)
+    decision = verdict_of(base, base.base, fits[:1], sensitivities, limits)
     assert (decision.verdict, len(decision.ranking)) == ("named", 1)
 
 
@@ -106,7 +100,7 @@ def test_forces_are_named_from_whole_runs_and_a_clearance_from_windows(hidden, c
     problem = linear(hidden=hidden, candidates=candidates, **how)
     base = recalibrate(problem.model, noise_of(problem))
     sensitivities, limits = screen_candidates(base, 0.01)
-    decision = select_hypothesis(base, sensitivities, searched(base, sensitivities, limits), limits)
+    decision = decide(searched(base, sensitivities, limits))
     assert decision.verdict == ("named" if hidden else "parameters_only")
     assert labels(decision) == hidden.keys()
     assert decision.chosen.in_windows == ("spring" in hidden)

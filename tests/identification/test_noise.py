@@ -245,7 +245,7 @@ def test_numerical_differences_are_added_to_the_noise():
     # what settings call negligible adds nothing to the noise of the baseline
     deaf = replace(DEFAULT_SETTINGS, noise=replace(DEFAULT_SETTINGS.noise, negligible_numerics=1e9))
     for settings, most in ((DEFAULT_SETTINGS, 0.5), (deaf, 0.0)):
-        parts = recalibrate(other, noise, settings).problem.parts
+        parts = recalibrate(other, noise, settings=settings).problem.parts
         assert max(np.max(part.noise.numerics) for part in parts) == pytest.approx(most)
 
 

@@ -194,8 +194,6 @@ def test_effects_common_to_all_good_explanations_are_certain():
     assert (
         certain(row(NOISE, "coulomb"), row(NOISE + 100.0, "coulomb", "torque"), base=GREAT) == ()
     )  # it is named
-    (need,) = (need for need in decided(LARGE, *pairs).needs if need.kind == "partners")
-    assert (need.label, need.fit) == ("coulomb", "coulomb + offset")
 
 
 def test_certain_effects_stay_unless_held_out_data_contradict():
@@ -294,39 +292,6 @@ def test_a_share_needs_an_excess_above_the_scatter_of_chi2():
     assert np.isnan(
         weigh(replace(row(219.0), **few), replace(row(199.0, "a"), **few), LIMITS).share
     )
-
-
-# Further fits before naming
-
-
-def needs(decision):
-    return [need[:2] for need in decision.needs]
-
-
-def test_effects_of_a_pair_and_confusable_ones_are_fitted_before_naming():
-    both = decided(GREAT, row(NOISE, "coulomb", "spring"))
-    alone = [("alone", label) for label in ("coulomb", "spring")]
-    assert needs(both) == [*alone * 2, ("alike", "coulomb + spring")]
-    assert {need.fit for need in both.needs} == {"coulomb + spring"}
-    assert needs(decided(GREAT, row(NOISE, "coulomb"))) == [("alike", "coulomb")]
-    equal = decided(GREAT, row(NOISE, "a", "b"), row(NOISE + 1.0, "c", "d"))
-    assert set(needs(equal)) == {("alone", label) for label in "abcd"} | {("alike", "a + b")}
-    pair = row(NOISE - 20.0, "a", "b", objection="b may as well be absent")  # it gains most
-    assert needs(decided(GREAT, pair)) == [("alone", "a"), ("alone", "b")]
-    asked = needs(decided(GREAT, pair, row(NOISE + 1.0, "c")))
-    assert asked == [("alone", "a"), ("alone", "b"), ("alike", "c")]
-    assert needs(decided(NOISE, row(NOISE, "a", "b"))) == []  # it gains nothing
-    # it does not gain most
-    assert needs(decided(GREAT, row(NOISE, "c"), row(NOISE, "a", "b"))) == [("alike", "c")]
-
-
-def test_confusable_effects_are_fitted_at_the_level_of_null_campaigns():
-    asked = []
-    for omnibus, chi2 in ((1.1, 1300.0), (1.5, 1300.0), (1.5, 998 * 1.5)):
-        decision = decided(GREAT, row(chi2, "viscous"), limits=replace(LIMITS, omnibus=omnibus))
-        assert decision.verdict == "unexplained"
-        asked.append(needs(decision))
-    assert asked == [[], [("alike", "viscous")], [("alike", "viscous")]]
 
 
 # Held-out data

@@ -15,10 +15,9 @@ import numpy as np
 from jointgap.core.candidates import Candidate, Effects, LawFamily, Parameter, Series
 from jointgap.core.errors import SimulationError
 from jointgap.identification.baseline import Baseline, other_numerics, recalibrate
-from jointgap.identification.fit import Fit
-from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
 from jointgap.identification.problem import Noise
 from jointgap.identification.screening import Sensitivities, simulate_sensitivities
+from jointgap.identification.search import STEPS, Search
 from jointgap.identification.thresholds import thresholds
 from jointgap.identification.verdict import Thresholds
 
@@ -270,7 +269,6 @@ def analysed(model: Toy) -> tuple[Baseline, Sensitivities, Thresholds]:
     return base, sensitivities, thresholds(base.problem, sensitivities, numerics)
 
 
-def searched(base: Baseline, sensitivities: Sensitivities, limits: Thresholds) -> list[Fit]:
-    """Fits of single effects and of pairs."""
-    fits, _ = fit_singles(base, sensitivities, limits)
-    return [*fits, *fit_pairs(base, sensitivities, limits, fits)[0]]
+def searched(base: Baseline, sensitivities: Sensitivities, limits: Thresholds) -> Search:
+    """The fits of all steps."""
+    return Search(base, sensitivities, limits, STEPS).run()

@@ -1,8 +1,9 @@
 """Hidden effects agree with the ground truth and have the requested size."""
 
+import hashlib
 import json
 import math
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -14,8 +15,17 @@ from jointgap.core.errors import InputError
 from jointgap.core.joints import PINS
 from jointgap.rig.read_files import read_measurements
 from validation.data_faults import DATA_FAULTS
-from validation.kinds import CLEARANCES, Trial, TrialSet, plan_trials
-from validation.rig import LISTED, OFF_LIST, RECIPE, draw_effect, draw_rig, read, simulate
+from validation.kinds import CLEARANCES, Trial, TrialSet, plan_trials, read_set
+from validation.rig import (
+    LISTED,
+    OFF_LIST,
+    RECIPE,
+    SENSOR_FAULTS,
+    draw_effect,
+    draw_rig,
+    read,
+    simulate,
+)
 from validation.trial import (
     GAP_TOLERANCE,
     Calibrator,
@@ -73,6 +83,55 @@ def test_a_set_has_its_counts_and_anonymous_ids():
     for count in (0, 194, 2.0, "2", True):
         with pytest.raises(InputError, match="whole number from 1 to 193"):
             plan_trials(SET, count)
+
+
+# The start of the hash of all plans of a set. Results of these sets are published, and thresholds
+# come from them
+PLANNED = {
+    "small": "fcf47e36c60d",
+    "drifting": "b12d54b15708",
+    "development": "4d6f8647ce65",
+    "rehearsal": "f5edd5fb3dc6",
+    "published": "7369a3b6b1d1",
+    "published_loose": "78f0485cc723",
+    "published_limited": "0a2893462a89",
+    "steps": "45e1c13d0bc0",
+}
+
+
+@pytest.mark.parametrize("name", PLANNED)
+def test_trials_of_a_set_stay_the_same(name):
+    plans = plan_trials(read_set("config/blind.yaml", name))
+    content = json.dumps([astuple(plan) for plan in plans])
+    assert hashlib.sha256(content.encode()).hexdigest()[:12] == PLANNED[name]
+
+
+def test_a_kind_draws_the_same_trials_whatever_the_number_of_others():
+    def clearances(trials):
+        return sorted((trial.effects, trial.base, trial.loose) for trial in trials if trial.shown)
+
+    alone = TrialSet(seed=3, clearances=COUNTS["clearances"])
+    assert clearances(plan_trials(alone)) == clearances(plan_trials(SET))
+
+
+def test_three_effects_are_a_friction_a_smooth_force_and_a_sensor_fault():
+    trials = plan_trials(TrialSet(seed=3, triples=60))
+    assert {trial.kind for trial in trials} == {"triple"}
+    assert {trial.base for trial in trials} == {"ideal", "loose"}
+    for trial in trials:
+        friction, force, fault = trial.effects
+        assert friction.endswith("coulomb_friction")
+        assert fault in SENSOR_FAULTS
+        assert force in LISTED and force not in (*SENSOR_FAULTS, *CLEARANCES, friction)
+    viscous = [trial for trial in trials if trial.effects[1].endswith("viscous_friction")]
+    biased = [trial for trial in trials if trial.effects[2] == "sensor_bias"]
+    assert len(viscous) == pytest.approx(30, abs=2) and len(biased) == 30
+
+
+def test_a_kind_may_have_one_base():
+    trials = plan_trials(TrialSet(seed=3, chaotic=38, loose=38))
+    assert [trial.base for trial in trials].count("chaotic") == 38
+    assert sum(not trial.effects for trial in trials) == 16
 
 
 def test_clearances_of_all_joints_are_hidden_and_exudyn_has_loose_joints():
@@ -168,6 +227,14 @@ def test_a_campaign_contains_the_effect_and_noise_but_no_ground_truth(tmp_path):
             assert np.nanstd(off) == pytest.approx(
                 sensor.noise_share * clean[channel].std(), rel=0.3
             ), (run, channel)
+
+
+def test_three_effects_have_the_requested_size_each(tmp_path):
+    effects = ("crank_coulomb_friction", "slider_viscous_friction", "sensor_bias")
+    trial = Trial("triple", "ideal", 5.0, effects, number=1, id="0123456789ab")
+    truth = make_trial(trial, 5, tmp_path / trial.id)
+    assert [effect["name"] for effect in truth["effects"]] == list(effects)
+    assert truth["gaps"] == pytest.approx([5.0] * 3, rel=GAP_TOLERANCE)
 
 
 def rig_with(what):

@@ -342,6 +342,8 @@ def test_every_rate_counts_its_trials():
         ("single", "ideal", 1.5, 1.5, False, True, "named", "right"),  # foreseen
         ("pair", "ideal", 5.0, 5.0, True, False, "named", "partly"),
         ("pair", "ideal", 5.0, 5.0, True, False, "named", "wrong"),
+        ("triple", "loose", 5.0, 5.0, True, False, "named", "right"),
+        ("triple", "loose", 5.0, 1.1, False, False, "named", "wrong"),  # too small
         ("off_list", "ideal", 5.0, 5.0, True, False, "unexplained", "unexplained"),
         ("off_list", "ideal", 5.0, 5.0, True, False, "named", "right"),
         ("off_list", "ideal", 5.0, 5.0, True, False, "named", "wrong"),
@@ -364,17 +366,19 @@ def test_every_rate_counts_its_trials():
         "right name": (2, 5),
         "right, of which ambiguous as foreseen": (1, 5),
         "right, small effects too that preflight does not exclude": (2, 6),
-        "wrong name, effect undetectable": (1, 2),
+        "wrong name, effect undetectable": (2, 3),
         "missed": (1, 5),
         "wrong name, effect off the list": (1, 4),
         "unexplained or the force found, effect off the list": (2, 4),
         "nothing found, nothing hidden": (1, 2),
         "both named and no third": (0, 2),
-        "undetectable": (2, 9),
-        "undetectable, as preflight says": (1, 9),
-        "failed": (1, 15),
+        "all three named and no other": (1, 1),
+        "wrong name, three effects": (0, 1),
+        "undetectable": (3, 11),
+        "undetectable, as preflight says": (1, 11),
+        "failed": (1, 17),
         "size within the 90 % interval": (2, 5),  # five halves, rounded to even
-        "nuisance within its 90 % interval": (105, 120),
+        "nuisance within its 90 % interval": (119, 136),
         "greedy BIC: wrong name": (5, 5),
     }
     assert {what: shares[what, "all"] for what in wanted} == wanted

@@ -73,14 +73,13 @@ def test_an_interrupted_campaign_resumes_in_any_folder(fresh_project, tmp_path):
     own.parent.mkdir()
     own.write_text(text.replace("../mechanisms", str(ROOT / "config/mechanisms")))
     (own.parent / "demonstration").symlink_to(ROOT / "config/campaigns/demonstration")
-    for stage in ("measure", "preflight", "recalibrate", "fit"):
-        for table in CAMPAIGN_STAGES[stage].outputs(part=0):
-            place = fresh_project / "results/campaigns/own" / table
-            place.parent.mkdir(parents=True, exist_ok=True)
-            place.touch()
+    for table in CAMPAIGN_STAGES["measure"].outputs():
+        place = fresh_project / "results/campaigns/own" / table
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.touch()
     command = ["make", "--old-file=set-up", "campaign", f"CAMPAIGN={own}"]
     jobs = planned(*command, "ARGS=--dry-run", folder=fresh_project)
-    remaining = {"pair", "conclude", "track", "report"}
+    remaining = {"identify", "show", "track", "report"}
     assert {
         name.removeprefix("campaign_") for name in jobs if name.startswith("campaign_")
     } == remaining

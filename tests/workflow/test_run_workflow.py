@@ -47,12 +47,12 @@ def test_user_options_are_passed_to_snakemake(run_workflow, tmp_path):
 
     campaign = 'campaigns=["my rig.yaml"]'
     cores = ["--cores", "2"]
-    both = ["campaigned", *cores, "--config", "fit_parts=4", "-k", "--config", campaign]
+    both = ["campaigned", *cores, "--config", "anyway=true", "-k", "--config", campaign]
     files = ["--configfile", "mine.yaml", *cores, "--configfile=more.yaml", "results/x.png"]
     joined = [*cores, "results/x.png", "--dry-run", "--configfile", "mine.yaml", "more.yaml"]
     cases = [
         (cores, [*cores, "--dry-run"]),
-        (both, ["campaigned", *cores, "-k", "--dry-run", "--config", "fit_parts=4", campaign]),
+        (both, ["campaigned", *cores, "-k", "--dry-run", "--config", "anyway=true", campaign]),
         (["--config=a=4", "results/x.png"], ["results/x.png", "--dry-run", "--config", "a=4"]),
         (files, joined),
     ]

@@ -3,7 +3,6 @@
 
 for name, stages in CAMPAIGN_STAGES.jobs().items():
     first = stages[0]
-    place = LOG_NAMES.get(name, name.replace("-", "_"))
 
     rule:
         name:
@@ -13,9 +12,10 @@ for name, stages in CAMPAIGN_STAGES.jobs().items():
         output:
             outputs_of(stages, CAMPAIGN),
         log:
-            f"{CAMPAIGN}/logs/{place}.log",
+            f"{CAMPAIGN}/logs/{name.replace('-', '_')}.log",
         conda:
             "../envs/jointgap.yaml"
+        threads: first.threads
         resources:
             mem_mb=max(stage.memory for stage in stages),
             runtime=first.minutes,
@@ -24,6 +24,6 @@ for name, stages in CAMPAIGN_STAGES.jobs().items():
             command=command_of_campaign(stages),
             code=lambda wildcards, stages=stages: [stage.digest for stage in stages],
         message:
-            f"campaign {{campaign}}: {first.does}".replace("{", "{wildcards.")
+            f"campaign {{wildcards.campaign}}: {first.does}"
         shell:
             "jointgap {params.command:q} > {log:q} 2>&1"

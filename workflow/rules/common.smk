@@ -33,7 +33,7 @@ for folder in map(str, FOLDERS):
         )
 try:
     SCENARIOS = resolve(config, FOLDERS, whole=False)
-    CAMPAIGNS = campaigns(config.get("campaigns", []), FOLDERS, config.get("fit_parts"))
+    CAMPAIGNS = campaigns(config.get("campaigns", []), FOLDERS)
     if any(scenario.optimise.constraints != Constraints() for scenario in SCENARIOS.values()):
         from jointgap.lengths.region import check_constraints  # loads scipy
 
@@ -50,11 +50,7 @@ FIGURES = {"figures": drawn(False)}
 
 
 # Names of logs and benchmark files of stages with several jobs.
-LOG_NAMES = {
-    "surrogate": "surrogate/{output}",
-    "fit": "fit_{part}",
-    "pair": "pair_{part}",
-}
+LOG_NAMES = {"surrogate": "surrogate/{output}"}
 
 
 wildcard_constraints:
@@ -113,8 +109,8 @@ def scenario_files(name, patterns):
 
 
 def campaign_files(name, patterns):
-    """Files of a campaign from patterns with {part}, a part of the fits."""
-    return list(dict.fromkeys(expand(patterns, campaign=name, part=range(CAMPAIGNS[name].parts))))
+    """Files of a campaign from patterns."""
+    return list(dict.fromkeys(expand(patterns, campaign=name)))
 
 
 def inputs_of_scenario_job(stage):
@@ -151,7 +147,7 @@ def inputs_of_campaign_job(stages):
 
     def files(wildcards):
         campaign = CAMPAIGNS[wildcards.campaign]
-        data = campaign.data if stages[0].name in ("measure", "preflight") else ()
+        data = campaign.data if stages[0].name == "measure" else ()
         return [
             *campaign.plan,
             *data,
@@ -180,22 +176,16 @@ def command_of_scenario(stage):
 
 
 def command_of_campaign(stages):
-    """For params: the command of a job of a campaign, with its part of the fits."""
-    name = stages[0].name
+    """For params: the command of a job of a campaign."""
+    stage = stages[0]
 
     def command(wildcards):
-        campaign = CAMPAIGNS[wildcards.campaign]
-        more = ["--go-on"] if name in ("preflight", "conclude") else []
-        more += ["--part", wildcards.part] if name in ("fit", "pair") else []
-        more += ["--parts", campaign.parts] if name in ("fit", "pair", "conclude") else []
-        more += ["--anyway"] if name == "recalibrate" and config.get("anyway") else []
-        return [
-            name,
-            campaign.plan[0],
-            "--folder",
-            f"results/campaigns/{wildcards.campaign}",
-            *more,
-        ]
+        campaign = wildcards.campaign
+        more = ["--go-on"] if stage.name in ("identify", "show") else []
+        more += ["--anyway"] if stage.name == "identify" and config.get("anyway") else []
+        more += ["--workers", stage.threads] if stage.threads > 1 else []
+        file, folder = CAMPAIGNS[campaign].campaign, f"results/campaigns/{campaign}"
+        return [stage.name, file, "--folder", folder, *more]
 
     return command
 

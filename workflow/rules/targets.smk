@@ -80,7 +80,7 @@ onsuccess:
     summarised = [name for name in SCENARIOS if ("summarise", name) in made]
     lines = optimum_lines(summarised, Path("results"))
     for name in CAMPAIGNS:
-        if ("campaign_conclude", name) in made:
+        if ("campaign_show", name) in made:
             folder = Path("results/campaigns", name)
             lines += ["", *verdict_lines(folder)]
             failed += [

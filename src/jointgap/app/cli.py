@@ -158,6 +158,20 @@ def analyse(campaign: Path, folder: Path | None, anyway: bool) -> None:
     end_after_failures(state.folder)
 
 
+@cli.command()
+@click.argument("campaign", type=FILE)
+def preflight(campaign: Path) -> None:
+    """Analyse identifiability of the planned CAMPAIGN.
+
+    Prints the smallest detectable size of each effect, indistinguishable effects, and the most
+    useful further speed or channel. Data files are not required; if they exist, their number of
+    samples is used.
+    """
+    from jointgap.app.preflight import preflight as analyse_plan
+
+    click.echo(analyse_plan(campaign).text)
+
+
 @cli.group()
 def new() -> None:
     """Write a campaign file or a mechanism file to start from; files that exist are not

@@ -137,7 +137,7 @@ class Verdict(Result):
         return {name: spec.title for name, spec in FIGURES.items()}
 
     def _draw(self, name: str):
-        from jointgap.campaign.conclude import figure_tables
+        from jointgap.campaign.show import figure_tables
 
         frames = figure_tables(ResultsFolder(self.folder), FIGURES[name].tables)
         return FIGURES.draw(name, frames, self.document)

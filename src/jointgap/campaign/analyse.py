@@ -1,17 +1,21 @@
-"""All stages of a campaign in one process."""
+"""The stages of a campaign up to its verdict, or its page, in one process."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from jointgap.campaign import verdict_json
 from jointgap.campaign.campaign_files import COSTS, MECHANISM, SUMMARIES, VERDICT, check_same_file
 from jointgap.campaign.figures import FIGURES
-from jointgap.campaign.stages import CAMPAIGN_STAGES, run_stage
+from jointgap.campaign.stages import CAMPAIGN_STAGES
 from jointgap.campaign.state import CampaignState
 from jointgap.core.progress import with_progress
 from jointgap.core.results_folder import ResultsFolder
-from jointgap.core.schema import ADVICE, CAMPAIGN_OPTIMUM
+from jointgap.core.schema import CAMPAIGN_OPTIMUM
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
+
+if TYPE_CHECKING:
+    from jointgap.identification.search import Step
 
 
 def analyse(
@@ -20,31 +24,30 @@ def analyse(
     settings: IdentificationSettings = DEFAULT_SETTINGS,
     pictures: bool = False,
     anyway: bool = False,
+    steps: "Sequence[Step] | None" = None,
 ) -> dict[str, Any]:
-    """Run the stages of a campaign and return the content of ``verdict.json``."""
-    state = CampaignState(Path(campaign), Path(folder), settings)
+    """Run the stages of a campaign and return the content of ``verdict.json``; `pictures`: with
+    figures and page."""
+    state = CampaignState(Path(campaign), Path(folder), settings, steps)
     options: dict[str, dict[str, Any]] = {
         "measure": {"pictures": pictures},
-        "preflight": {"optional": True, "advice": False},  # computed if the verdict needs it
-        "recalibrate": {"anyway": anyway},
-        "fit": {},
-        "pair": {},
-        "conclude": {"optimum": False, "pictures": pictures},  # not required for the verdict
+        "identify": {"anyway": anyway, "optimum": False},  # not required for the verdict
     }
+    if pictures:
+        options["show"] = {}
     check_same_file(state.file, state.folder.path)
     stages = [CAMPAIGN_STAGES[name] for name in options]
-    written = [path for stage in stages for path in stage.outputs(part=0)]
-    state.folder.check_writable(*written)
+    state.folder.check_writable(*(path for stage in stages for path in stage.outputs()))
     _remove_conclusions(state.folder)
     for stage in with_progress(stages, "stages of the analysis"):
-        run_stage(stage, state, **options[stage.name])
+        stage.function(state, **options[stage.name])
     return verdict_json.read(state.folder.path / VERDICT)
 
 
 def _remove_conclusions(folder: ResultsFolder) -> None:
     """Remove the results of an earlier analysis, so that an interrupted one does not show them as
     its own."""
-    paths = [folder.place(table) for table in (ADVICE, CAMPAIGN_OPTIMUM)]
+    paths = [folder.place(CAMPAIGN_OPTIMUM)]
     paths += [folder.path / name for name in (VERDICT, MECHANISM, *SUMMARIES, COSTS)]
     paths += [folder.path / f"figures/{name}.png" for name in FIGURES]
     paths += (folder.path / "failed").glob("*.txt")

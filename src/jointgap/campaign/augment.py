@@ -9,9 +9,9 @@ from typing import Any
 import pandas as pd
 import yaml
 
-from jointgap.campaign.fits_on_disk import clockwise
 from jointgap.campaign.labels import format_label
 from jointgap.campaign.outcome import Outcome
+from jointgap.campaign.tables import clockwise
 from jointgap.config import Effect, Mechanism, Simulate
 from jointgap.config.campaign import Campaign
 from jointgap.config.load import validate

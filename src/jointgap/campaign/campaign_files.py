@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jointgap.core import schema
 from jointgap.core.costs import costs_so_far
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.files import write_text
@@ -22,14 +21,10 @@ if TYPE_CHECKING:  # slow to load
     from jointgap.config.campaign import Campaign
     from jointgap.core.results_folder import ResultsFolder
 
-FIT_TABLES = (schema.FITS, schema.FIT_ARRAYS)
-NOISE_TABLES = (schema.NOISE, schema.NOISE_MEMORY, schema.NOISE_DRIVE)
-"""Tables of fits and noise."""
-
 MECHANISM, VERDICT = "mechanism.yaml", "verdict.json"
 SUMMARIES = ("summary.md", "summary.html")
 COSTS = "costs.jsonl"
-"""Result files of a campaign; the last one has a line for each job."""
+"""Result files of a campaign; the last one has a line for each stage up to the verdict."""
 
 
 @dataclass(frozen=True)
@@ -39,18 +34,12 @@ class CampaignFiles:
     campaign: str  # The campaign file
     plan: tuple[str, ...]  # The campaign file and its mechanism file
     data: tuple[str, ...]  # One of each run
-    parts: int  # Number of parallel jobs for the fits
 
 
-def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[str, CampaignFiles]:
+def campaigns(paths: Any, folders: Sequence[Path]) -> dict[str, CampaignFiles]:
     """The campaigns of a configuration, by name."""
     from jointgap.config.load import load_campaign
-    from jointgap.core.progress import MOST_PARTS
 
-    if parts is not None and (type(parts) is not int or not 1 <= parts <= MOST_PARTS):
-        raise InputError(
-            f"fit_parts = {parts!r} must be a whole number of jobs from 1 to {MOST_PARTS}"
-        )
     if not isinstance(paths, list) or not all(isinstance(path, str) for path in paths):
         raise InputError(
             f"campaigns = {paths!r} must be a list of campaign files, e.g."
@@ -87,8 +76,7 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
                 f"{file}: the path {braced[0]} contains braces, which Snakemake reads as a"
                 " wildcard; rename the folder or file, or run `jointgap analyse`"
             )
-        shared = parts or (2 if campaign.mechanism.applied().loose else 1)
-        found[campaign.name] = CampaignFiles(str(file), planned, data, shared)
+        found[campaign.name] = CampaignFiles(str(file), planned, data)
     return found
 
 
@@ -164,31 +152,22 @@ def failures(folder: "ResultsFolder") -> dict[str, str]:
 
 
 @contextmanager
-def recorded_costs(
-    folder: "ResultsFolder", stage: str, part: int = 0, parts: int = 1
-) -> Iterator[None]:
-    """Context of a stage, or of one of its `parts`: its costs are added to the results `folder`."""
+def recorded_costs(folder: "ResultsFolder", stage: str) -> Iterator[None]:
+    """Context of a stage: its costs are added to the results `folder`."""
     begin = costs_so_far()
     yield
     spent = {name: round(end - begin[name], 3) for name, end in costs_so_far().items()}
-    job = f"{stage}-{part}" if parts > 1 else stage
-    line = json.dumps({"stage": stage, "job": job, "parts": parts} | spent)
     folder.path.mkdir(parents=True, exist_ok=True)
-    with (folder.path / COSTS).open("a", encoding="utf-8") as file:  # of several processes
-        file.write(line + "\n")
+    with (folder.path / COSTS).open("a", encoding="utf-8") as file:
+        file.write(json.dumps({"stage": stage} | spent) + "\n")
 
 
 def costs(folder: "ResultsFolder") -> dict[str, Any]:
-    """The costs of each job, by its name, and their sum; repeated jobs count once."""
-    path, jobs = folder.path / COSTS, {}
+    """The costs of each stage, by its name, and their sum; a repeated stage counts once."""
+    path, names = folder.path / COSTS, costs_so_far()
     lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
     entries = [json.loads(line) for line in lines]
-    parts = {entry["stage"]: entry["parts"] for entry in entries}
-    names = costs_so_far()
-    for entry in entries:
-        if entry["parts"] == parts[entry["stage"]]:
-            jobs.pop(entry["job"], None)  # in the order of the latest repetitions
-            jobs[entry["job"]] = {name: entry[name] for name in names}
+    jobs = {entry["stage"]: {name: entry[name] for name in names} for entry in entries}
     total = {name: round(sum(job[name] for job in jobs.values()), 3) for name in names}
     return {"jobs": jobs, "total": total}
 

@@ -2,16 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from jointgap.campaign.fits_on_disk import fit_row
 from jointgap.core import schema
-from jointgap.identification.fit import Fit, compress_rows
-from jointgap.identification.force_law import ForceLawResult
+from jointgap.identification.fit import FAILED, Fit, compress_rows
+from jointgap.identification.initial_fit import labels_of
 from jointgap.identification.law_family import FamilyInterval
-from jointgap.identification.settings import DEFAULT_SETTINGS
+from jointgap.identification.problem import Hypothesis
 from jointgap.identification.verdict import Decision, Row
 
 
@@ -47,37 +47,9 @@ class Outcome(Decision):
         return self.ranking.assign(place=placed)
 
 
-def outcome_of(decision: Decision, seconds: Mapping[str, float]) -> Outcome:
-    """A decision with its ranking as a table; duration of the fits [s] by label."""
+def outcome_of(decision: Decision, seconds: Mapping[frozenset[str], float]) -> Outcome:
+    """A decision with its ranking as a table; duration of the fits [s] by effects."""
     return Outcome(**vars(decision) | {"ranking": ranking_frame(decision.ranking, seconds)})
-
-
-def with_force_law(outcome: Outcome, result: ForceLawResult) -> Outcome:
-    """The outcome after the search of a force law.
-
-    The law is named if it is accepted and has no rival; else it is the best known explanation if it
-    is better. A listed effect that the search fits again replaces its earlier fit in the ranking.
-    """
-    ranking = ranking_frame(result.ranking)
-    earlier = outcome.ranking[~outcome.ranking["explanation"].isin(ranking["explanation"])]
-    ranking, law = pd.concat([earlier, ranking], ignore_index=True), result.fit
-    if result.named:
-        return replace(
-            outcome,
-            verdict=result.verdict,
-            because=result.reason,
-            chosen=law,
-            best_known=None,
-            equivalent=[],
-            certain=(),
-            ranking=ranking,
-        )
-    best = outcome.best_known
-    limit = best.bic if best else outcome.base.bic - DEFAULT_SETTINGS.decision.min_delta_bic
-    if law is not None and law.bic < limit:
-        best = law
-    because = f"{outcome.because}; {result.reason}"
-    return replace(outcome, because=because, ranking=ranking, best_known=best)
 
 
 def compressed(outcome: Outcome) -> Outcome:
@@ -98,14 +70,14 @@ def compressed(outcome: Outcome) -> Outcome:
 
 
 def ranking_frame(
-    ranking: Sequence[Row], seconds: Mapping[str, float] | None = None
+    ranking: Sequence[Row], seconds: Mapping[frozenset[str], float] | None = None
 ) -> pd.DataFrame:
     """Table `RANKING` without its column place."""
     rows = []
     for row in ranking:
         is_fitted = np.isfinite(row.delta_bic)
         rows.append(
-            fit_row(row.fit, (seconds or {}).get(row.fit.label, np.nan))
+            _fit_row(row.fit, (seconds or {}).get(labels_of(row.fit.hypothesis), np.nan))
             | {
                 "parameters": len(row.fit.parameters),
                 "delta_bic": row.delta_bic if is_fitted else np.nan,
@@ -117,6 +89,28 @@ def ranking_frame(
         )
     columns = [name for name in schema.RANKING.names if name != "place"]
     return pd.DataFrame(rows, columns=columns)
+
+
+def _fit_row(fit: Fit, seconds: float) -> dict[str, Any]:
+    failed = fit.status == FAILED
+    return {
+        "explanation": fit.label,
+        "kind": _kind_of(fit.hypothesis),
+        "status": fit.status,
+        "reason": fit.reason or None,
+        "chi2": np.nan if failed else fit.chi2,
+        "samples": fit.residual.size,
+        "bic": np.nan if failed else fit.bic,
+        "simulations": fit.simulations,
+        "seconds": seconds,
+        "gap_left": fit.gap_left,
+    }
+
+
+def _kind_of(hypothesis: Hypothesis) -> str:
+    if any(candidate.name.startswith("discovered_") for candidate in hypothesis):
+        return "formula"
+    return ("base", "single", "pair", "triple")[len(hypothesis)]
 
 
 def family_frame(families: Sequence[FamilyInterval]) -> pd.DataFrame:

@@ -11,9 +11,9 @@ from jointgap.campaign import sentences as say
 from jointgap.campaign.campaign_files import MECHANISM, VERDICT
 from jointgap.campaign.facts import nuisances
 from jointgap.campaign.figures import FIGURES
-from jointgap.campaign.fits_on_disk import JOINED
-from jointgap.campaign.plan import ADVICE, assumed
+from jointgap.campaign.plan import ADVICE
 from jointgap.campaign.sentences import Verdict
+from jointgap.campaign.tables import JOINED
 from jointgap.config.campaign import NUISANCES, Campaign
 from jointgap.core import schema, words
 from jointgap.core.page import (
@@ -285,7 +285,7 @@ def _limits(
     ]
     for group in not_distinguished(verdict["preflight"]["merged"], ranking):
         effects = joined(map(labels.format_label, group))
-        lines.append(f"Distinguished neither by the preflight nor by the fits: {effects}.")
+        lines.append(f"Distinguished neither by their sensitivities nor by the fits: {effects}.")
     best = (verdict["best_known"] or {}).get("effects", ())
     listed = set()
     for explanation in (verdict["effects"], *verdict["equivalent"], best):
@@ -298,7 +298,7 @@ def _limits(
             effects = joined(
                 f"{labels.format_label(row.label)} ({row.failed})" for row in failed.itertuples()
             )
-            lines.append(f"Detectability unknown, as the preflight simulation failed: {effects}.")
+            lines.append(f"Detectability unknown, as the simulation failed: {effects}.")
         rows = detectable[detectable["detectable"]].sort_values("label")
         if verdict["verdict"] in say.ENOUGH and len(rows):
             sizes = ", ".join(
@@ -306,11 +306,6 @@ def _limits(
                 for row in rows.itertuples()
             )
             lines.append(f"Smallest detectable sizes: {sizes}.")
-        if assumed(detectable):
-            lines.append(
-                "Detectability uses assumed noise if the campaign file states none (`jointgap"
-                " preflight`)."
-            )
     absent = [label for label in verdict["preflight"]["undetectable"] if label not in listed]
     if absent:
         effects = joined(map(labels.format_label, absent))
@@ -321,7 +316,7 @@ def _limits(
 def not_distinguished(
     merged: Sequence[Sequence[str]], ranking: pd.DataFrame | None
 ) -> list[list[str]]:
-    """The groups `merged` of the preflight, without effects that the fits distinguish.
+    """The groups `merged` by sensitivities, without effects that the fits distinguish.
 
     Two effects are distinguished if the best explanation that contains one of them and the same
     with the other differ by `min_delta_bic`.

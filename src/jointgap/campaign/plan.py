@@ -1,4 +1,4 @@
-"""Stage preflight: identifiability of a planned campaign.
+"""Identifiability of effects: in a planned campaign, and in measured data.
 
 Existing files of runs give only the number of samples, the revolutions (chaotic motion) and, if all
 exist, the crank motion (driven by a motor or by a measured angle). Missing ones are planned as in
@@ -7,7 +7,7 @@ exist, the crank motion (driven by a motor or by a measured angle). Missing ones
 
 import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -15,12 +15,16 @@ import numpy as np
 import pandas as pd
 
 from jointgap.campaign.labels import format_detectable, format_label, names_to_labels, unit_of
+from jointgap.campaign.tables import BETWEEN_TEXTS
 from jointgap.config.campaign import Campaign, Channel
 from jointgap.config.channels import CHANNELS, PRESSURES
-from jointgap.core.candidates import Model
+from jointgap.core.candidates import Candidate, Model
+from jointgap.core.results_folder import Frames
 from jointgap.core.schema import CONFUSABILITY
 from jointgap.core.words import joined, number
-from jointgap.identification.preflight import advise, preflight
+from jointgap.identification.baseline import Baseline
+from jointgap.identification.preflight import Preflight, advise, detectability, preflight
+from jointgap.identification.screening import Sensitivities
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.rig.model import build_model
 from jointgap.rig.read_files import read_measurements
@@ -32,7 +36,7 @@ _FASTER, _SLOWER = 1.5, 0.5
 _PRESCRIBED = ("time", "crank_angle", "crank_speed", *PRESSURES)
 """Channels that the drive or known loads prescribe: no candidates for a further channel."""
 
-_SEPARATOR, _BETWEEN_TEXTS = " | ", "; "
+_SEPARATOR = " | "
 _MOST_ADVICE = 3  # lines
 ADVICE = "A further"  # begin of a sentence that advises a run or channel
 
@@ -42,27 +46,36 @@ def preflight_tables(
     rate: float,
     settings: IdentificationSettings = DEFAULT_SETTINGS,
     advice: bool = False,
-) -> dict[str, pd.DataFrame]:
+) -> Frames:
     """Detectability and confusability of effects; with `advice` the gain of one further speed or
     channel."""
     campaign, recordings = recorded(campaign)
     model, frames = _model_of_recorded_motion(campaign, recordings), {}
     if advice:
-        result, changes = _advise(campaign, recordings, rate, settings)
-        lists = {name: changes[name].map(", ".join) for name in ("newly_detectable", "separated")}
-        frames["advice"] = changes.assign(**lists)
+        result, frames["advice"] = _advise(campaign, recordings, rate, settings)
     if model is not None or not advice:
         model = model or build_model(campaign, None, revolutions(campaign, recordings))
         result = preflight(model, None, rate, counts(model, recordings), settings)
+    return _frames(result) | frames
+
+
+def detectability_tables(baseline: Baseline, sensitivities: Sensitivities, rate: float) -> Frames:
+    """Detectability and confusability of effects in the measured data, from the `sensitivities`
+    about the fitted model."""
+    problem, base, differences = baseline.problem, baseline.base, baseline.differences
+    return _frames(detectability(problem, base, differences, sensitivities, rate))
+
+
+def _frames(result: Preflight) -> Frames:
     effects, labels = result.effects, list(result.cosines.columns)
-    frames["detectable"] = effects.assign(
+    detectable = effects.assign(
         # a stated parameter may differ from the fitted one; its unit is in the catalogue
         unit=[
             row.unit or unit_of(*row.label.partition(":")[::2], row.parameter)
             for row in effects.itertuples()
         ],
         failed=[result.failed.get(label) for label in effects["label"]],
-        assumed=_BETWEEN_TEXTS.join(result.assumed),
+        assumed=BETWEEN_TEXTS.join(result.assumed),
     )
     merged = {frozenset(pair) for group in result.merged for pair in combinations(group, 2)}
     rows = [
@@ -70,7 +83,8 @@ def preflight_tables(
         for first in labels
         for second in labels
     ]
-    return frames | {"confusability": pd.DataFrame(rows, columns=CONFUSABILITY.names)}
+    confusability = pd.DataFrame(rows, columns=CONFUSABILITY.names)
+    return {"detectable": detectable, "confusability": confusability}
 
 
 def _advise(
@@ -78,8 +92,9 @@ def _advise(
     recordings: Mapping[str, Recording],
     rate: float,
     settings: IdentificationSettings,
-):
-    """The preflight of the campaign, and the gain of each further speed or channel."""
+    labels: Collection[str] = (),
+) -> tuple[Preflight, pd.DataFrame]:
+    """The preflight of the campaign, and table `ADVICE`; for the effects `labels` only, if any."""
     extension = extended(campaign)
     if (recording := recordings.get(campaign.runs[0].id)) is not None:
         # further runs are as long as the first one, all for fitting
@@ -88,9 +103,18 @@ def _advise(
         recordings = {**recordings, **{run.id: fitted for run in further}}
     lengths = revolutions(extension, recordings)
     plan, wider = (build_model(model, None, lengths) for model in (campaign, extension))
-    wider.candidates = plan.candidates  # no faults of the additional sensors
+    wider.candidates = _with_carriers(plan.candidates, labels)  # no faults of additional sensors
     planned = [series.key for series in plan.series]
-    return advise(wider, planned, None, rate, counts(wider, recordings), settings)
+    result, advice = advise(wider, planned, None, rate, counts(wider, recordings), settings)
+    lists = {name: advice[name].map(", ".join) for name in ("newly_detectable", "separated")}
+    return result, advice.assign(**lists)
+
+
+def _with_carriers(candidates: Sequence[Candidate], labels: Collection[str]) -> tuple:
+    """The candidates `labels` and those that they modulate; all without labels."""
+    chosen = [candidate for candidate in candidates if not labels or candidate.label in labels]
+    carriers = {candidate.carrier for candidate in chosen}
+    return tuple(c for c in candidates if c in chosen or c.label in carriers)
 
 
 def confusable_groups(confusability: pd.DataFrame) -> list[list[str]]:
@@ -109,7 +133,7 @@ def undetectable(detectable: pd.DataFrame) -> list[str]:
 
 def assumed(detectable: pd.DataFrame) -> list[str]:
     """Assumed noise by run and channel, from table `DETECTABLE`."""
-    texts = _BETWEEN_TEXTS.join(detectable["assumed"].unique()).split(_BETWEEN_TEXTS)
+    texts = BETWEEN_TEXTS.join(detectable["assumed"].unique()).split(BETWEEN_TEXTS)
     return [text for text in texts if text]
 
 
@@ -181,23 +205,34 @@ def extended(campaign: Campaign) -> Campaign:
 
 
 def separated_by(
-    advice: pd.DataFrame, explanations: list[set[str]], merged: Iterable[Iterable[str]]
+    campaign: Campaign,
+    explanations: Sequence[Collection[str]],
+    merged: Iterable[Collection[str]],
+    rate: float,
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> str:
-    """A sentence: the further measurement that separates `explanations`."""
-    best, *rivals = explanations
+    """A sentence: the further measurement that separates the first of the `explanations` from the
+    others; `merged`: groups of effects that the present data cannot distinguish."""
+    best, *rivals = map(frozenset, explanations)
     differing = {
         frozenset((effect, alternative))
         for rival in rivals
         for effect in best - rival
         for alternative in rival - best
     }
-    if not any(pair <= set(group) for pair in differing for group in merged):
-        return (
-            "According to the preflight a longer record, or one with less noise, should separate"
-            " them."
-        )
+    confusable = {pair for pair in differing for group in merged if pair <= {*group}}
+    if not confusable:
+        return "A longer record, or one with less noise, should separate them."
+    campaign, recordings = recorded(campaign)
+    labels = frozenset().union(*confusable)
+    _, advice = _advise(campaign, recordings, rate, settings, labels)
+    return _advised(advice, differing)
+
+
+def _advised(advice: pd.DataFrame, differing: Collection[frozenset[str]]) -> str:
+    """The most useful change that separates effects of a `differing` pair."""
     for row in advice.itertuples():
-        if differing & {frozenset(pair) for pair in _pairs(row.separated)}:
+        if {*differing} & {frozenset(pair) for pair in _pairs(row.separated)}:
             return f"{ADVICE} {row.change} would separate them."
     return "No single further speed or channel of those that were tested would separate them."
 

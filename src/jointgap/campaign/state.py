@@ -1,28 +1,23 @@
-"""State of a campaign: results of the stages so far."""
+"""State of a campaign: its file, its results folder, its measured data and its model."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jointgap.campaign import campaign_files as files
-from jointgap.campaign import fits_on_disk as disk
+from jointgap.campaign.tables import clockwise
 from jointgap.config.load import load_campaign
 from jointgap.core import schema
 from jointgap.core.candidates import Candidate, Model
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import ResultsFolder
-from jointgap.identification.baseline import Baseline, probed_differences
-from jointgap.identification.fit import Fit
-from jointgap.identification.noise import NoiseEstimate, degrees_of_freedom
-from jointgap.identification.problem import Problem
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
-from jointgap.identification.thresholds import Screening, screen_candidates
-from jointgap.rig.recording import Contradiction, from_frame, sentences
 
 if TYPE_CHECKING:
     from jointgap.config import Effect
+    from jointgap.identification.fit import Fit
+    from jointgap.identification.search import Step
     from jointgap.rig.recording import Measurements
 
 FALSE_ALARM_RATE = 0.01
@@ -30,8 +25,8 @@ FALSE_ALARM_RATE = 0.01
 
 
 class CampaignState:
-    """A campaign and its results folder; results of stages are set in this process or read from
-    their tables."""
+    """A campaign and its results folder; measured data are set by the stage measure in this process
+    or read from its tables."""
 
     false_alarm_rate = FALSE_ALARM_RATE
     seed = 0
@@ -41,8 +36,9 @@ class CampaignState:
         campaign: Path,
         folder: Path | None = None,
         settings: IdentificationSettings = DEFAULT_SETTINGS,
+        steps: "Sequence[Step] | None" = None,
     ):
-        self.settings = settings
+        self.settings, self.steps = settings, steps
         self.file, self.campaign = campaign, load_campaign(campaign)
         self.folder = ResultsFolder(folder or Path("results/campaigns") / self.campaign.name)
         paths = (table.path for table in schema.TABLES.values())
@@ -51,10 +47,12 @@ class CampaignState:
         self.folder.check_apart(
             inputs, (*results, files.MECHANISM, files.VERDICT, files.ORIGIN, *files.SUMMARIES)
         )
-        self.clockwise = disk.clockwise(self.campaign)
+        self.clockwise = clockwise(self.campaign)
 
     @cached_property
     def measurements(self) -> "Measurements":
+        from jointgap.rig.recording import Contradiction, from_frame
+
         read = self.folder.read
         files.check_unchanged(self.campaign, read(schema.CONFIG_SNAPSHOT))
         rows = read(schema.CONTRADICTIONS).to_dict("records")
@@ -70,6 +68,8 @@ class CampaignState:
 
     def check_agreement(self) -> None:
         """InputError if channels are inconsistent."""
+        from jointgap.rig.recording import sentences
+
         contradictions = [entry for entry in self.measurements.contradictions if entry.stops]
         if contradictions:
             raise InputError(
@@ -79,7 +79,7 @@ class CampaignState:
                 *sentences(contradictions),
             )
 
-    def remaining_inconsistencies(self, explanations: Sequence[Fit]) -> tuple[str, ...]:
+    def remaining_inconsistencies(self, explanations: Sequence["Fit"]) -> tuple[str, ...]:
         """Channels that are inconsistent even without the sensor faults of `explanations`."""
         from jointgap.rig.model import remaining_inconsistencies
 
@@ -107,49 +107,3 @@ class CampaignState:
         from jointgap.rig.model import library
 
         return list(library(self.model))
-
-    @cached_property
-    def noise(self) -> dict[tuple[str, str], NoiseEstimate]:
-        """Noise of every series with solver error, by run and channel."""
-        noise = disk.noise_from_frames(self.folder.read_all(files.NOISE_TABLES))
-        for series in self.model.series:
-            if series.key not in noise or noise[series.key].sd.shape != series.value.shape:
-                run, channel = series.key
-                raise InputError(
-                    f"campaign {self.campaign.name}: {self.folder.place(schema.NOISE)} does not"
-                    f" match the data of channel {channel} of run '{run}'; repeat `jointgap"
-                    " recalibrate` and the later stages"
-                )
-        return noise
-
-    @cached_property
-    def baseline(self) -> Baseline:
-        """The model with re-fitted nuisances, the reference of all explanations."""
-        problem = Problem(self.model, self.noise, settings=self.settings)
-        nominal, base = self._read_fits("recalibrate", problem)
-        return Baseline(problem, probed_differences(problem, base.mapping), nominal, base)
-
-    @cached_property
-    def screening(self) -> Screening:
-        """Sensitivities of all candidates, and thresholds."""
-        baseline, dof = self.baseline, degrees_of_freedom(self.noise)
-        differences = probed_differences(baseline.problem, baseline.base.mapping)
-        baseline = replace(baseline, differences=differences)
-        return screen_candidates(baseline, self.false_alarm_rate, dof, self.seed)
-
-    def fits(self, stage: str, parts: int) -> tuple[list[Fit], dict[str, float]]:
-        """Fits of all `parts` of the `stage` fit or pair, and their durations [s] by label."""
-        fits, seconds = [], {}
-        for part in range(parts):
-            place = f"{stage}/{part}"
-            fits += self._read_fits(place, self.baseline.problem)
-            rows = self.folder.read(schema.FITS, place)
-            seconds |= dict(zip(rows["explanation"], rows["seconds"], strict=True))
-        return fits, seconds
-
-    def _read_fits(self, stage: str, problem: Problem) -> list[Fit]:
-        return disk.fits_from_frames(self.folder.read_all(files.FIT_TABLES, stage), problem)
-
-    def write_fits(self, fits: Sequence[Fit], stage: str, seconds: Sequence[float] = ()) -> None:
-        """Write `fits` with complete Jacobians as those of `stage`, with their durations [s]."""
-        self.folder.write_all(disk.fits_to_frames(fits, seconds), stage)

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jointgap.campaign.fits_on_disk import JOINED, clockwise, nuisances_in_file_convention
 from jointgap.campaign.outcome import Outcome
 from jointgap.campaign.plan import confusable_groups, undetectable
+from jointgap.campaign.tables import JOINED, clockwise, nuisances_in_file_convention
 from jointgap.config.campaign import Campaign
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import Frames
@@ -114,7 +114,7 @@ def _nuisances(
 ) -> dict[str, dict[str, Any]]:
     """Estimates by key, with whether the mechanism file keeps the stated value.
 
-    No interval where the preflight cannot detect any deviation, such as of a restitution; of a
+    No interval where no deviation can be detected, such as of a restitution; of a
     nuisance that both pins share at neither of them.
     """
     labels_of: dict[str, set[str]] = {}

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, Field, ValidationError
 
@@ -18,8 +18,7 @@ from jointgap.config.yaml_files import (
     with_file,
 )
 from jointgap.core.errors import InputError, did_you_mean
-from jointgap.core.progress import MOST_PARTS
-from jointgap.core.section import ConfigModel, Name, Word, complaints, entry_name, whole_number
+from jointgap.core.section import ConfigModel, Name, Word, complaints, entry_name
 
 _MOST_LINES = 20  # of an error
 
@@ -100,6 +99,8 @@ _RESERVED = ("campaigns", "blind", "logs", "mlflow-artifacts")  # folders of oth
 class Configuration(ConfigModel):
     """The keys of a configuration besides the sections of its scenarios."""
 
+    removed: ClassVar = {"fit_parts": "delete it: the fits of a campaign are one job"}
+
     run: Annotated[tuple[Name, ...], Field(min_length=1)] | None = Field(
         None, description="scenarios to run; all by default"
     )
@@ -108,12 +109,6 @@ class Configuration(ConfigModel):
     )
     campaigns: tuple[str, ...] = Field(
         (), description="paths of the campaign files to analyse; none by default"
-    )
-    fit_parts: whole_number(ge=1, le=MOST_PARTS) | None = Field(
-        None,
-        description=(
-            "parallel jobs for the fits of a campaign; null: two where joints are loose, else one"
-        ),
     )
     anyway: bool = Field(
         False, description="analyse also campaigns whose channels contradict each other"
@@ -129,8 +124,8 @@ def resolve(
     """The scenarios that a configuration runs; `whole`: with sections that only have defaults."""
     allowed = {*Configuration.model_fields, *Scenario.model_fields}
     for key in config:
-        if key in Scenario.removed:
-            raise InputError(f"{source}: key '{key}' was removed; {Scenario.removed[key]}")
+        if instead := {**Configuration.removed, **Scenario.removed}.get(key):
+            raise InputError(f"{source}: key '{key}' was removed; {instead}")
         if key not in allowed:
             raise InputError(f"{source}: unknown key '{key}'; {did_you_mean(key, allowed)}")
     common = {key: config[key] for key in config if key in Scenario.model_fields}

@@ -42,10 +42,6 @@ def progress_listener(listener: Listener) -> Iterator[None]:
         _listeners.remove(listener)
 
 
-MOST_PARTS = 100
-"""Largest number of parallel jobs for the fits of a campaign."""
-
-
 def parts(number: int, per_job: int) -> dict[str, tuple[int, int]]:
     """Split `number` items into parts of `per_job` each; the last part has the remainder."""
     firsts = range(0, number, per_job)

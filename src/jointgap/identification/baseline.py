@@ -8,10 +8,9 @@ import scipy.linalg
 
 from jointgap.core.candidates import Model
 from jointgap.core.errors import InputError, SimulationError
-from jointgap.identification.block_sums import fit_through_sums, is_rough
+from jointgap.identification.block_sums import fit_through_sums, is_poor, is_rough
 from jointgap.identification.fit import (
     FAILED,
-    STOPPED,
     BoundedNormal,
     FiniteDifferences,
     Fit,
@@ -267,64 +266,30 @@ class Baseline:
 def recalibrate(
     model: Model,
     noise: Mapping[tuple[str, str], Noise],
+    values: Mapping[str, float] | None = None,
     settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> Baseline:
-    """Fit the nuisances, add solver error to the noise, and fit again."""
-    first = Problem(model, noise, settings=settings)
-    nominal_values = {p.key: p.nominal for p in first.nuisances}
-    differences = probed_differences(first, nominal_values)
-    start = fit_hypothesis(first, differences=differences)
-    start = deepest_base(first, start, differences, _enough(first, start))
-    if start.status == FAILED:
-        raise SimulationError(
-            f"{model.name}: the current model cannot be simulated: {start.reason}"
-        )
-    problem = Problem(
-        model, numerics_noise(model, start.mapping, noise, settings.noise), settings=settings
-    )
-    differences = probed_differences(problem, start.mapping)
+    """Fit the nuisances from `values` by key [SI] (default: nominal), with solver error as noise.
+
+    Where chi2 is rough and the fit ends poor, it is repeated through sums of samples.
+    """
+    start = {p.key: p.nominal for p in model.nuisances} | dict(values or {})
+    problem = Problem(model, numerics_noise(model, start, noise, settings.noise), settings=settings)
+    differences = probed_differences(problem, start)
+    base = fit_hypothesis(problem, start=start, differences=differences)
+    if base.status == FAILED:
+        raise SimulationError(f"{model.name}: the current model cannot be simulated: {base.reason}")
+    if is_rough(problem) and is_poor(base):
+        base = min(base, fit_through_sums(problem, base, differences), key=lambda fit: fit.chi2)
     nominal = fit_hypothesis(
         problem,
-        start={key: value for key, value in start.mapping.items() if "@" in key},
+        start={key: value for key, value in base.mapping.items() if "@" in key},
         differences=differences,
         vary=[p for p in problem.nuisances if p.run is not None],
     )
-    base = fit_hypothesis(problem, start=start.mapping, differences=differences, refresh=True)
-    if base.status == STOPPED and is_rough(problem):
-        base = min(base, fit_through_sums(problem, base, differences), key=lambda fit: fit.chi2)
     if problem.has_statistics:
         base = fit_over_ensembles(problem, base, _enough(problem, base))
-    # probed again, as a later stage does that reads the fits from files
-    return Baseline(problem, probed_differences(problem, base.mapping), nominal, base)
-
-
-def deepest_base(problem: Problem, base: Fit, differences: FiniteDifferences, enough: float) -> Fit:
-    """The `base` or, if better, a fit from the best of random values of the shared nuisances (local
-    minima).
-
-    The search ends below the chi2 `enough`, or if a fit ends in the same minimum as the best one
-    (by chi2).
-    """
-    settings = problem.settings.baseline
-    shared = [p for p in problem.nuisances if p.run is None and np.isfinite(p.high - p.low)]
-    if base.status == FAILED or base.chi2 < enough or not shared:
-        return base
-    generator, starts = np.random.default_rng(0), []
-    for _ in range(settings.drawn_values):
-        at = base.mapping | {p.key: float(generator.uniform(p.low, p.high)) for p in shared}
-        try:
-            residual = problem.residual(at)
-        except (InputError, SimulationError):
-            continue
-        starts.append((float(residual @ residual), at))
-    for _, start in sorted(starts, key=lambda each: each[0])[: settings.drawn_starts]:
-        fit = fit_hypothesis(problem, start=start, differences=differences)
-        near = max(settings.same_minimum * base.chi2, differences.numerical_noise_chi2)
-        is_same = abs(fit.chi2 - base.chi2) < near
-        base = min(base, fit, key=lambda fit: fit.chi2)
-        if is_same or base.chi2 < enough:
-            break
-    return base
+    return Baseline(problem, differences, nominal, base)
 
 
 def _enough(problem: Problem, fit: Fit) -> float:

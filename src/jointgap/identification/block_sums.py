@@ -114,10 +114,10 @@ def fit_from_sums(
     if any sums exceed noise by far."""
     settings = problem.settings
     for per_revolution in settings.selection.sums_per_revolution[1:]:
-        if _is_poor(fit):
+        if is_poor(fit):
             return None
         fit = fit_hypothesis(BlockSums(problem, per_revolution), fit.hypothesis, fit.mapping)
-    if _is_poor(fit):
+    if is_poor(fit):
         return None
     start = fit.mapping
     return fit_hypothesis(
@@ -135,7 +135,8 @@ def fit_through_sums(problem: Problem, fit: Fit, differences: FiniteDifferences)
     return fit_hypothesis(problem, fit.hypothesis, start, differences=differences, refresh=True)
 
 
-def _is_poor(fit: Fit) -> bool:
+def is_poor(fit: Fit) -> bool:
+    """Whether a fit leaves far more than noise."""
     return (
         fit.status == FAILED
         or fit.chi2 > fit.settings.stopping.poor_chi2_per_sample * fit.residual.size

@@ -462,12 +462,12 @@ class Fit:
     def label(self) -> str:
         return label_of(self.hypothesis)
 
-    @property
+    @cached_property
     def chi2(self) -> float:
         """Sum of squared whitened residuals; infinite if the fit failed."""
         return np.inf if self.status == FAILED else float(self.residual @ self.residual)
 
-    @property
+    @cached_property
     def bic(self) -> float:
         """Bayesian information criterion: chi2 + k ln n (Schwarz 1978).
 
@@ -477,7 +477,7 @@ class Fit:
         replaced = sum(len(candidate.replaces) for candidate in self.hypothesis)
         return self.chi2 + (self.active.sum() + replaced) * np.log(self.residual.size)
 
-    @property
+    @cached_property
     def active(self) -> np.ndarray:
         """Mask (k,) of parameters that influence the residual, over their range or a typical
         step."""

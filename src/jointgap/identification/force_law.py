@@ -25,7 +25,7 @@ from jointgap.identification.screening import (
     simulate_sensitivities,
 )
 from jointgap.identification.settings import IdentificationSettings, ModelSelectionSettings
-from jointgap.identification.verdict import Row, Thresholds
+from jointgap.identification.verdict import Decision, Row, Thresholds
 
 COEFFICIENTS = ("c1", "c2")
 """Names of the coefficients in a formula."""
@@ -195,6 +195,34 @@ def find_force_law(
     best = with_intervals(problem, best)
     ranking = [weigh_fit(base, fit, limits) for fit in (best, *rivals, *others)]
     return ForceLawResult(best, accepted, because, rivals, others, sensitivities.failed, ranking)
+
+
+def with_force_law(decision: Decision, result: ForceLawResult) -> Decision:
+    """The decision after the search for a force law.
+
+    The law is named if it is accepted and has no rival; else it is the best known explanation if it
+    is better. A listed effect that the search fits again replaces its earlier fit in the ranking.
+    """
+    labels, law = {row.label for row in result.ranking}, result.fit
+    ranking = [row for row in decision.ranking if row.label not in labels] + result.ranking
+    if result.named:
+        return replace(
+            decision,
+            verdict=result.verdict,
+            because=result.reason,
+            chosen=law,
+            best_known=None,
+            equivalent=[],
+            certain=(),
+            ranking=ranking,
+        )
+    best = decision.best_known
+    min_delta_bic = decision.base.settings.decision.min_delta_bic
+    limit = best.bic if best else decision.base.bic - min_delta_bic
+    if law is not None and law.bic < limit:
+        best = law
+    because = f"{decision.because}; {result.reason}"
+    return replace(decision, because=because, ranking=ranking, best_known=best)
 
 
 def law_of(hypothesis: Hypothesis, values: Mapping[str, float]) -> Law:

@@ -15,7 +15,7 @@ from scipy.stats import chi2 as chi_squared
 from jointgap.core.candidates import Candidate, LawFamily
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.baseline import Baseline, with_intervals
-from jointgap.identification.evidence import reduced_chi2, weigh_fit
+from jointgap.identification.evidence import weigh_fit
 from jointgap.identification.fit import (
     CONVERGED,
     FAILED,
@@ -342,19 +342,6 @@ def _with_law(
     return hypothesis, start | {
         f"{family.law.label}.{name}": value for name, value in family.values(own).items()
     }
-
-
-def family_suffices(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) -> bool:
-    """Whether the law of a family of the leading single effects is consistent with noise."""
-    problem, base = baseline.problem, baseline.base
-    share, best = problem.settings.family.least_share, {}
-    for fit in sorted(alone, key=lambda fit: fit.bic, reverse=True):
-        if fit.status != FAILED and base.chi2 - fit.chi2 >= share * (base.chi2 - problem.size):
-            best |= {
-                family.law.label: (fit, each, family) for each, family in _of_families(problem, fit)
-            }
-    fits = (fit_shape(problem, *each, baseline.differences) for each in best.values())
-    return any(reduced_chi2(fit) <= limits.omnibus for fit in fits)
 
 
 def _unproven(

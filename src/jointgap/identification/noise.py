@@ -12,7 +12,13 @@ from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.words import format_size
 from jointgap.identification.confirmation import fit_run_parameters
 from jointgap.identification.fit import FAILED, fit_hypothesis
-from jointgap.identification.problem import Noise, Problem, autoregression, usual_step
+from jointgap.identification.problem import (
+    Noise,
+    Problem,
+    autoregression,
+    usual_step,
+    values_in_run,
+)
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings, NoiseSettings
 
 # Lag-one correlations [1] of the candidate first-order background processes.
@@ -382,24 +388,33 @@ class NoiseEstimate(Noise):
 
 
 def noise_of_model(
-    model: Model, settings: IdentificationSettings = DEFAULT_SETTINGS
+    model: Model,
+    values: Mapping[str, float] | None = None,
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> dict[Key, NoiseEstimate]:
-    """Noise of every series: the cycle-to-cycle variation of the residuals of the current model,
-    which is fitted with stated or guessed noise first.
-    """
-    guess = {series.key: _guess(series, settings.noise.guessed_share) for series in model.series}
-    problem = Problem(model, guess, settings=settings)
-    first = fit_hypothesis(problem)
-    if first.status == FAILED:
-        raise SimulationError(f"the current model cannot be fitted: {first.reason}")
-    values = first.mapping | fit_run_parameters(
-        Problem(model, guess, held_out=True, settings=settings), first
-    )
+    """Noise of every series: the cycle-to-cycle variation of the residuals of the current model at
+    `values` of its nuisances by key [SI] (default: `first_values`)."""
+    values = first_values(model, settings) if values is None else values
     residuals = {}
     for run in runs_of(model):
-        predicted = problem.predict(run, values)
+        predicted = model.simulate(run, *values_in_run(model, run, values))
         residuals |= {s.key: s.value - predicted[s.channel] for s in model.series if s.run == run}
     return estimate_noise(model, residuals, settings.noise)
+
+
+def first_values(
+    model: Model, settings: IdentificationSettings = DEFAULT_SETTINGS
+) -> dict[str, float]:
+    """Nuisances by key [SI] of the current model, fitted with stated or guessed noise; of held-out
+    runs their own ones."""
+    guess = {series.key: _guess(series, settings.noise.guessed_share) for series in model.series}
+    first = fit_hypothesis(Problem(model, guess, settings=settings))
+    if first.status == FAILED:
+        raise SimulationError(
+            f"{model.name}: the current model cannot be simulated: {first.reason}"
+        )
+    held_out = Problem(model, guess, held_out=True, settings=settings)
+    return first.mapping | fit_run_parameters(held_out, first)
 
 
 def _guess(series: Series, share: float) -> Noise:

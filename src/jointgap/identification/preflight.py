@@ -15,6 +15,7 @@ from jointgap.core.words import format_size
 from jointgap.identification.fit import (
     FAILED,
     FiniteDifferences,
+    Fit,
     bounded_step,
     bounds_of,
     compress_rows,
@@ -318,6 +319,35 @@ def preflight(
     model."""
     _, detectability, assumed = _detectability(model, noise, rate, counts or {}, settings)
     return _preflight(model, detectability, tuple(assumed.values()))
+
+
+def detectability(
+    problem: Problem,
+    base: Fit,
+    differences: FiniteDifferences,
+    sensitivities: Sensitivities,
+    rate: float = 0.01,
+) -> Preflight:
+    """Detectability and confusability of all candidates in measured data, from their
+    `sensitivities` about the fit `base`.
+
+    Clearances, which the screening leaves out, are simulated.
+    """
+    screened = {entry.candidate.label for entry in sensitivities.entries} | {*sensitivities.failed}
+    left_out = [
+        candidate
+        for candidate in problem.model.candidates
+        if candidate.is_nonsmooth and candidate.label not in screened
+    ]
+    clearances = simulate_sensitivities(problem, base, differences, left_out)
+    complete = replace(
+        sensitivities,
+        entries=[*sensitivities.entries, *clearances.entries],
+        failed={**sensitivities.failed, **clearances.failed},
+    )
+    lengths, counts = _lengths(problem.parts, {})
+    found = Detectability(complete, lengths, counts, rate, problem.settings)
+    return _preflight(problem.model, found, ())
 
 
 def advise(

@@ -96,13 +96,6 @@ class StoppingSettings:
 class BaselineSettings:
     """Fit of the current model."""
 
-    # If the residual exceeds noise: number of random values of the shared nuisances, and of fits
-    # from the best of them (experience)
-    drawn_values: int = 12
-    drawn_starts: int = 2
-    # [1, of chi2] Fits that differ by less, or by less than the numerical noise, are in the same
-    # minimum
-    same_minimum: float = 1e-3
     # [standard deviations of chi2] Limit for noise (one in a thousand by chance)
     noise_sigmas: float = 3.0
 
@@ -166,9 +159,7 @@ class ModelSelectionSettings:
     # with noise; and least share of a gain due to the effects, otherwise the base is re-fitted. One
     # half, as residuals are nonlinear
     linear_share: float = 0.5
-    alike_cosine: float = (
-        0.7  # [1] Cosine of sensitivities above which an effect is fitted before another is named
-    )
+    fits_per_round: int = 4  # Fits that are made before their proposals join the queue
     # Number of: leading effects of a step, fitted partners of a sufficient or leading effect,
     # masked pairs, rivals re-fitted from the best nuisances, swaps of each effect of a pair, terms
     # of each effect for a law, listed effects fitted in place of a law, single effects fitted in

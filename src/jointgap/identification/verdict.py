@@ -23,8 +23,6 @@ AS_THE_FITS_SAY = ""
 FALLS, STAYS, RISES = "falls", "stays", "rises"
 CANNOT_TELL, NOT_SIMULATED, NOTHING_HELD_OUT = "cannot_tell", "not_simulated", "nothing_held_out"
 
-ALONE, ALIKE, PARTNERS = "alone", "alike", "partners"
-
 
 @dataclass(frozen=True)
 class Thresholds:
@@ -111,16 +109,6 @@ class HeldOut:
     )  # The channel with the largest share [1] of noise in its variation
 
 
-class Need(NamedTuple):
-    """A fit that is required before an effect is named."""
-
-    # ``alone``: an effect of a pair; ``alike``: all effects confusable with the explanation;
-    # ``partners``: the best single effects without the certain ones, each with a partner
-    kind: str
-    label: str  # Of that effect, or of the explanation
-    fit: Any  # The explanation whose nuisances are the start
-
-
 @dataclass(frozen=True)
 class Decision:
     """A verdict and its fits."""
@@ -136,7 +124,6 @@ class Decision:
     best_known: Any = (
         None  # The best explanation, if the verdict is ``unexplained`` and one gains enough
     )
-    needs: tuple[Need, ...] = ()  # Fits that are required first
     certain: tuple[
         str, ...
     ] = ()  # Labels of the effects that all fitted explanations near the best one share
@@ -327,19 +314,10 @@ class Case:
             if rule.verdict in (AMBIGUOUS, UNEXPLAINED, NAMED_WITH_REMAINING_MISFIT)
             else ()
         )
-        # One effect of a pair may suffice; effects confusable with the best were not fitted from
-        # its nuisances.
-        first = (row for row in self.ranking[:1] if row.delta_bic > 0.0)
-        pairs = [row for row in (chosen, *equal, *first) if len(row.effects) > 1]
-        needs = [Need(ALONE, effect, row.fit) for row in pairs for effect in row.effects]
-        if best and (not known or known.misfit <= self.limits.omnibus):
-            needs.append(Need(ALIKE, best.label, best.fit))
-        needs += [Need(PARTNERS, " + ".join(certain), best.fit)] if certain else []
         return Decision(
             rule.verdict,
             ranking=self.ranking,
             because=because,
-            needs=tuple(needs),
             certain=certain,
             **fits,
         )

@@ -1,0 +1,430 @@
+"""Search for the effects that explain a misfit: one queue of proposals.
+
+A proposal is a hypothesis with start values and the BIC that linear regression about a fit predicts
+for it. The most promising proposals are fitted, and their fits propose again. A proposal is worth a
+fit as long as its prediction could change the verdict; the search ends if none is.
+"""
+
+import math
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import islice
+from typing import Any, Protocol
+
+from jointgap.core.candidates import Candidate
+from jointgap.core.progress import report_progress
+from jointgap.identification.baseline import Baseline
+from jointgap.identification.block_sums import is_rough
+from jointgap.identification.evidence import reduced_chi2
+from jointgap.identification.fit import FAILED, Fit
+from jointgap.identification.initial_fit import fit_screened, labels_of, without_other_effects
+from jointgap.identification.likelihood import fitted
+from jointgap.identification.problem import Hypothesis
+from jointgap.identification.screening import (
+    LinearizedFit,
+    Sensitivities,
+    SensitivityRegression,
+    shortlist,
+    simulate_sensitivities,
+)
+from jointgap.identification.verdict import Thresholds
+from jointgap.identification.window_search import fit_clearances, likely_clearances
+
+Labels = frozenset[str]
+"""The effects of a hypothesis in any order."""
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """A hypothesis that may be worth a fit."""
+
+    step: str  # Of the search, in words
+    hypothesis: Hypothesis
+    chi2: float  # Predicted
+    bic: float  # Predicted
+    fit: Callable[[float], Sequence[Fit]]  # Fits it, given the chi2 of a sufficient hypothesis
+    explores: bool = False  # Worth a fit as long as nothing is sufficient, whatever is predicted
+    is_slow: bool = False  # Its simulations take long, so it comes last
+
+    @property
+    def labels(self) -> Labels:
+        return labels_of(self.hypothesis)
+
+
+class Step(Protocol):
+    """A source of proposals."""
+
+    name: str
+    """In words, for the verdict if the search ends before."""
+
+    def propose(self, search: "Search") -> Iterable[Proposal]:
+        """New proposals from the fits of a search, each once."""
+
+
+@dataclass
+class Search:
+    """The fits of a search and its queue.
+
+    Attributes
+    ----------
+    baseline, sensitivities, limits
+        The base, the sensitivities of all candidates about it, and the thresholds.
+    steps : sequence of Step
+        Sources of proposals.
+    has_clearances : bool
+        False on inconsistent data, where clearances are not searched.
+    fits : dict
+        The best fit of each hypothesis, by its effects; the base is that of none.
+    made : list of Fit
+        All fits in the order in which they were made.
+    seconds : dict
+        Durations [s] of the fits, by effects.
+    not_searched : list of str
+        Steps whose proposals were left at the limit of simulated runs.
+    """
+
+    baseline: Baseline
+    sensitivities: Sensitivities
+    limits: Thresholds
+    steps: Sequence[Step]
+    has_clearances: bool = True
+    fits: dict[Labels, Fit] = field(default_factory=dict)
+    made: list[Fit] = field(default_factory=list)
+    seconds: dict[Labels, float] = field(default_factory=dict)
+    not_searched: list[str] = field(default_factory=list)
+    _proposals: list[Proposal] = field(default_factory=list)
+    _seen: set[tuple] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self.problem = self.baseline.problem
+        self.settings = self.problem.settings.selection
+        self.fits[frozenset()] = self.baseline.base
+        self.min_gain = max(
+            self.problem.settings.decision.min_delta_bic, self.limits.max_gain_threshold
+        )
+
+    def run(self) -> "Search":
+        """Fit proposals in rounds until none is worth a fit, or at the limit of simulated runs."""
+        settings = self.settings
+        most = self.problem.simulations + (
+            settings.max_simulations_of_statistics
+            if self.problem.has_statistics
+            else settings.max_simulations
+        )
+        while queue := self._queue():
+            if self.problem.simulations > most:
+                self.not_searched = list(dict.fromkeys(proposal.step for proposal in queue))
+                break
+            for proposal in islice(_different(queue), settings.fits_per_round):
+                if self._is_worth(proposal, self.best):
+                    self._fit(proposal)
+                    self._proposals.remove(proposal)
+        return self
+
+    def _queue(self) -> list[Proposal]:
+        """The proposals that are worth a fit, the most promising first."""
+        for step in self.steps:
+            self._proposals += step.propose(self)
+        best = self.best
+        worth = [proposal for proposal in self._proposals if self._is_worth(proposal, best)]
+        return sorted(worth, key=lambda proposal: (proposal.is_slow, proposal.bic))
+
+    def is_new(self, *key: Any) -> bool:
+        """Whether a step asks with this key for the first time."""
+        is_new = key not in self._seen
+        self._seen.add(key)
+        return is_new
+
+    @property
+    def base(self) -> Fit:
+        """The fit without effects."""
+        return self.fits[frozenset()]
+
+    @property
+    def best(self) -> Fit:
+        """The fit that would be named: with more effects only if they gain the required BIC."""
+        by_size: dict[int, Fit] = {}
+        for fit in self.fits.values():
+            size = len(fit.hypothesis)
+            if fit.status != FAILED and fit.bic < by_size.get(size, self.base).bic:
+                by_size[size] = fit
+        best = self.base
+        for _, fit in sorted(by_size.items()):
+            best = fit if best.bic - fit.bic > self.min_gain else best
+        return best
+
+    def is_sufficient(self, fit: Fit) -> bool:
+        """Whether the residual of a fit is noise."""
+        return fit.status != FAILED and reduced_chi2(fit) <= self.limits.omnibus
+
+    @property
+    def sufficient_chi2(self) -> float:
+        """The least chi2 of a sufficient fit; infinite without one."""
+        fits = self.fits.values()
+        return min((fit.chi2 for fit in fits if self.is_sufficient(fit)), default=math.inf)
+
+    def leading(self, size: int) -> list[Fit]:
+        """The best fits with `size` effects, one of alternatives; not those in windows, which have
+        partners already."""
+        groups: dict[frozenset[str], Fit] = {}
+        for fit in sorted(self.fits.values(), key=lambda fit: fit.bic):
+            if len(fit.hypothesis) == size and fit.status != FAILED and not fit.in_windows:
+                groups.setdefault(frozenset(c.exclusion_group for c in fit.hypothesis), fit)
+        return list(groups.values())[: self.settings.partners]
+
+    def about(self, fit: Fit) -> Sensitivities:
+        """Sensitivities of one effect more about a fit.
+
+        They are simulated if the fit leaves more than noise, as it is then far from the base; not
+        for statistics and of slow effects, whose simulations take long.
+        """
+        about = self.sensitivities.about(fit)
+        if self.is_sufficient(fit) or self.problem.has_statistics:
+            return about
+        ranked = SensitivityRegression(about, fit.hypothesis).singles()
+        leading = shortlist(ranked, self.settings.linearised_partners)
+        effects = [regression.hypothesis[-1] for regression in leading]
+        labels = {label for effect in effects for label in (effect.label, effect.carrier)}
+        if is_rough(self.problem):
+            labels -= {effect.label for effect in effects if _is_slow(effect)}
+        candidates = [one for one in self.problem.model.candidates if one.label in labels]
+        simulated = simulate_sensitivities(self.problem, fit, self.baseline.differences, candidates)
+        others = [entry for entry in about.entries if entry.candidate.label not in labels]
+        return replace(simulated, entries=[*simulated.entries, *others])
+
+    def proposals(
+        self,
+        step: str,
+        regressions: Iterable[LinearizedFit],
+        about: Sensitivities,
+        explores: bool = False,
+    ) -> list[Proposal]:
+        """Proposals from `regressions` of the sensitivities `about` a fit."""
+        problem, differences = self.problem, self.baseline.differences
+
+        def fit_of(regression: LinearizedFit) -> Callable[[float], Sequence[Fit]]:
+            return lambda sufficient_chi2: [
+                fit_screened(problem, differences, about, regression, sufficient_chi2)
+            ]
+
+        return [
+            Proposal(
+                step,
+                regression.hypothesis,
+                regression.chi2,
+                regression.bic,
+                fit_of(regression),
+                explores,
+                is_rough(problem) and any(map(_is_slow, regression.hypothesis)),
+            )
+            for regression in regressions
+        ]
+
+    def _is_worth(self, proposal: Proposal, best: Fit) -> bool:
+        """Whether a fit could change the verdict, if half of the predicted change is real.
+
+        With more effects than the best fit it must gain the required BIC; with as many or fewer it
+        must come near. A hypothesis is fitted again only if a better minimum is predicted.
+        """
+        share, known = self.settings.linear_share, self.fits.get(proposal.labels)
+        if known is not None and not known.chi2 - proposal.chi2 > self.min_gain:
+            return False
+        if not proposal.labels or self._cannot_be_simulated(proposal):
+            return not proposal.labels
+        if proposal.explores and known is None and math.isinf(self.sufficient_chi2):
+            return True
+        rise = proposal.bic - best.bic
+        further = len(proposal.hypothesis) - len(best.hypothesis)
+        if further > 0:
+            return -rise > share * self.min_gain
+        apart = self.problem.settings.decision.min_delta_bic + self.limits.numerical_noise
+        return share * rise < (apart if further == 0 else max(apart, self.min_gain))
+
+    def _cannot_be_simulated(self, proposal: Proposal) -> bool:
+        """Whether a fit of one of the effects alone failed."""
+        alone = (self.fits.get(frozenset([label])) for label in proposal.labels)
+        return any(fit is not None and fit.status == FAILED for fit in alone)
+
+    def _fit(self, proposal: Proposal) -> None:
+        """Fit a proposal, and keep the best fit of each hypothesis."""
+        begin = time.monotonic()
+        fits = proposal.fit(self.sufficient_chi2)
+        self.made += fits
+        for fit in fits:
+            labels = labels_of(fit.hypothesis)
+            known = self.fits.get(labels)
+            if known is None or fit.chi2 < known.chi2:
+                self.fits[labels] = fit
+        seconds = time.monotonic() - begin
+        self.seconds[proposal.labels] = self.seconds.get(proposal.labels, 0.0) + seconds
+        report_progress("fits of effects", len(self.seconds))
+
+
+def _is_slow(effect: Candidate) -> bool:
+    """Whether simulations with an effect take long: of finite size only, such as an oil film, or
+    not periodic with the crank."""
+    is_finite = all({*guess} & {*effect.amplitudes} for guess in effect.initial_guesses)
+    return is_finite or any(p.name == "frequency_Hz" for p in effect.coordinates)
+
+
+def _different(queue: Sequence[Proposal]) -> Iterator[Proposal]:
+    """The first of each set of alternatives, as their sensitivities are equal."""
+    groups = set()
+    for proposal in queue:
+        group = frozenset(candidate.exclusion_group for candidate in proposal.hypothesis)
+        if group not in groups:
+            groups.add(group)
+            yield proposal
+
+
+@dataclass(frozen=True)
+class SingleEffects:
+    """One effect, by linear regression about the base."""
+
+    name: str = "single effects"
+
+    def propose(self, search: Search) -> Iterable[Proposal]:
+        if not search.is_new(self.name):
+            return []
+        about, settings = search.sensitivities, search.settings
+        singles = SensitivityRegression(about).singles()
+        if search.is_sufficient(search.base):
+            return search.proposals(self.name, singles, about)
+        leading = shortlist(singles, settings.max_singles)
+        return [
+            *search.proposals(self.name, leading, about, explores=True),
+            *search.proposals(self.name, singles[len(leading) :], about),
+        ]
+
+
+@dataclass(frozen=True)
+class Clearances:
+    """Clearances of joints that are ideal in the file: sizes by a filter, fits in windows.
+
+    They are due if no single effect suffices, or if two are the best, as a clearance can resemble
+    two effects.
+    """
+
+    name: str = "likely clearances"
+
+    def propose(self, search: Search) -> Iterable[Proposal]:
+        alone = [fit for fit in search.fits.values() if len(fit.hypothesis) == 1]
+        suffices = any(map(search.is_sufficient, [search.base, *alone]))
+        is_due = (bool(alone) and not suffices) or len(search.best.hypothesis) > 1
+        if not (search.has_clearances and is_due and search.is_new(self.name)):
+            return []
+        starts = likely_clearances(search.baseline)
+
+        def fit(_: float) -> Sequence[Fit]:
+            limit = search.problem.limit(self.name)
+            return fit_clearances(search.baseline, starts, search.limits, alone, limit)
+
+        return [Proposal(self.name, starts[0][0], -math.inf, -math.inf, fit)] if starts else []
+
+
+@dataclass(frozen=True)
+class MaskedPairs:
+    """Pairs that explain nearly everything by linear regression where no single effect does, as
+    they mask each other."""
+
+    name: str = "effects that mask each other"
+
+    def propose(self, search: Search) -> Iterable[Proposal]:
+        if len(search.fits) == 1 or not math.isinf(search.sufficient_chi2):
+            return []
+        if not search.is_new(self.name):
+            return []
+        base, problem, about = search.baseline.base, search.problem, search.sensitivities
+        regression = SensitivityRegression(about)
+        noise = search.limits.omnibus * problem.size
+        if any(single.chi2 <= noise for single in regression.singles()):
+            return []
+        misfit = base.chi2 - problem.size
+        most = base.chi2 - problem.settings.decision.min_explained_share * misfit
+        pairs = [pair for pair in regression.pairs() if pair.chi2 <= most]
+        return search.proposals(self.name, shortlist(pairs, search.settings.partners), about)
+
+
+@dataclass(frozen=True)
+class OneMore:
+    """One effect more than the best fit, or than the leading fits of each size if none suffices, by
+    linear regression about them."""
+
+    name: str = "one effect more"
+    most_effects: int = 3
+
+    def propose(self, search: Search) -> Iterable[Proposal]:
+        best, proposals = search.best, []
+        fits = [fit for size in range(1, self.most_effects) for fit in search.leading(size)]
+        if search.is_sufficient(best):
+            fits = [best]
+        for fit in fits:
+            extends = 0 < len(fit.hypothesis) < self.most_effects and not fit.in_windows
+            if extends and search.is_new(self.name, id(fit)):
+                about = search.about(fit)
+                singles = SensitivityRegression(about, fit.hypothesis).singles()
+                partners = shortlist(singles, search.settings.partners)
+                proposals += search.proposals(self.name, partners, about)
+        return proposals
+
+
+@dataclass(frozen=True)
+class Exchanges:
+    """The best fit without one or all of its effects, or with one exchanged, from its nuisances.
+
+    Without its partner an effect may be confused with another one, and the base may have missed a
+    better minimum of its nuisances.
+    """
+
+    name: str = "exchanges of one effect"
+
+    def propose(self, search: Search) -> Iterable[Proposal]:
+        best, proposals = search.best, []
+        if not best.hypothesis or best.in_windows or not search.is_new(self.name, id(best)):
+            return []
+        smaller = [tuple(c for c in best.hypothesis if c is not out) for out in best.hypothesis]
+        for hypothesis in smaller if len(best.hypothesis) == 1 else [*smaller, ()]:
+            about = search.sensitivities.about(
+                without_other_effects(search.problem, best, hypothesis)
+            )
+            regression = SensitivityRegression(about, hypothesis)
+            proposals += search.proposals(self.name, [regression.explained(())], about)
+            if hypothesis in smaller:
+                proposals += search.proposals(self.name, regression.singles(), about)
+        return proposals
+
+
+@dataclass(frozen=True)
+class Earlier:
+    """The sufficient explanations of an earlier search with another noise, from their values."""
+
+    search: Search
+    name: str = "earlier explanations"
+
+    def propose(self, search: Search) -> Iterable[Proposal]:
+        if not search.is_new(self.name):
+            return []
+        sufficient = filter(self.search.is_sufficient, self.search.fits.values())
+        problem, differences = search.problem, search.baseline.differences
+
+        def fit_again(fit: Fit) -> Callable[[float], Sequence[Fit]]:
+            return lambda _: [
+                fitted(problem, fit.hypothesis, fit.mapping, differences=differences, near=fit)
+            ]
+
+        return [
+            Proposal(self.name, fit.hypothesis, -math.inf, -math.inf, fit_again(fit))
+            for fit in sufficient
+            if fit.hypothesis
+        ]
+
+
+STEPS: tuple[Step, ...] = (
+    SingleEffects(),
+    Clearances(),
+    MaskedPairs(),
+    OneMore(),
+    Exchanges(),
+)
+"""The steps of the search."""
