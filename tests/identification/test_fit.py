@@ -10,6 +10,7 @@ from scipy.stats import chi2 as chi2_distribution
 
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.identification.baseline import probed_differences
+from jointgap.identification.block_sums import BlockSums
 from jointgap.identification.fit import (
     CONVERGED,
     FAILED,
@@ -280,4 +281,47 @@ def test_the_wald_statistic_is_the_gain_in_chi2_for_linear_residuals():
     inflation = max(1.0, found.chi2 / (here.size - len(found.parameters)))
     assert wald_statistic(found, effect) * inflation == pytest.approx(
         base.chi2 - found.chi2, rel=0.02
+    )
+
+
+class OneRunLinearised:
+    """A model of which the first run is linearised."""
+
+    def __init__(self, model):
+        self._model, self.linearised = model, model.series[0].run
+
+    def __getattr__(self, name):
+        return getattr(self._model, name)
+
+    def changes(self, run, values, effects, variations):
+        if run != self.linearised:
+            return None
+        base = self.simulate(run, values, effects)
+        there = [self.simulate(run, *variation) for variation in variations]
+        return [{name: one[name] - base[name] for name in base} for one in there]
+
+
+def test_runs_that_a_model_linearises_need_no_differences():
+    model = toy(FRICTION, seed=5)
+    here = problem(model)
+    start = {p.key: p.nominal for p in here.parameters(VISCOUS)}
+    residual = here.residual(start, VISCOUS)
+    by_differences = FiniteDifferences(here).jacobian(
+        here.parameters(VISCOUS), start, residual, VISCOUS
+    )
+    here = problem(OneRunLinearised(model))
+    linearised, simulated = here.model.linearised, []
+    here.predict = lambda run, *more: simulated.append(run) or Problem.predict(here, run, *more)
+    found = FiniteDifferences(here).jacobian(here.parameters(VISCOUS), start, residual, VISCOUS)
+    assert simulated and linearised not in simulated
+    scale = np.linalg.norm(by_differences, axis=0)
+    np.testing.assert_allclose(found / scale, by_differences / scale, atol=1e-2)
+
+    sums = BlockSums(here, 12)
+    np.testing.assert_allclose(
+        FiniteDifferences(sums).jacobian(
+            here.parameters(VISCOUS), start, sums.residual(start, VISCOUS), VISCOUS
+        ),
+        sums.sums(found),
+        atol=1e-2 * np.abs(found).max(),
     )

@@ -13,8 +13,8 @@ from jointgap.core.errors import SimulationError
 from jointgap.core.progress import report_progress
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 
-# Simulated runs that take as long as a linearisation with ten parameters
-LINEARISATION_RUNS = 2
+# Simulated runs that take as long as a linearisation, and as each of its variations
+LINEARISATION_RUNS, VARIATION_RUNS = 3.3, 0.3
 
 
 @dataclass(frozen=True)
@@ -310,7 +310,7 @@ class Problem:
             found = self.model.changes(run, *base, nearby) if nearby else None
             if found is None:
                 continue
-            self.simulations += LINEARISATION_RUNS
+            self.simulations += round(LINEARISATION_RUNS + VARIATION_RUNS * len(nearby))
             for place, change in enumerate(found):
                 if change is not None:
                     changes[place] += self._whitened_change(run, change)

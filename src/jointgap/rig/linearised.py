@@ -8,10 +8,11 @@ import numpy as np
 
 from jointgap.config.campaign import Campaign
 from jointgap.core.candidates import Effects, Variation
+from jointgap.core.costs import count_revolutions
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.dynamics.parameters import Parameters
+from jointgap.dynamics.periodic import Evaluation, LinearMotion, Orbit, periodic_orbit
 from jointgap.rig.drives import RunPlan, Values
-from jointgap.rig.periodic import Evaluation, LinearMotion, Orbit, periodic_orbit
 from jointgap.rig.simulate_run import (
     Columns,
     Prepared,
@@ -25,6 +26,9 @@ from jointgap.rig.simulate_run import (
 Readings = dict[str, np.ndarray]
 
 NEIGHBOURS = 6  # Points of an interpolation
+# Simulated revolutions that take as long as the linear equations, and as one change of the
+# parameters
+REVOLUTIONS, REVOLUTIONS_OF_CHANGE = 9.0, 1.3
 
 
 def linearised_changes(
@@ -43,6 +47,7 @@ def linearised_changes(
     settled = settled_revolution(campaign, plan, base)
     if settled is None:
         return None
+    count_revolutions(1.0)
     orbit = periodic_orbit(base.driven.numbers, *settled, base.tolerance)
     if orbit is None:
         return None
@@ -98,6 +103,7 @@ class _ReadingsNearby:
                 runs[place] = run
             elif (forced := self._motion.forcing(run.driven.numbers)) is not None:
                 runs[place], forcing[place] = run, forced
+        count_revolutions(REVOLUTIONS + REVOLUTIONS_OF_CHANGE * len(forcing))
         channels = self._motion.changes(list(forcing.values()))
         if channels is None:
             return None

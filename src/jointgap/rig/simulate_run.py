@@ -14,20 +14,20 @@ from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.config.load import validate
 from jointgap.config.scenario import TOLERANCE_SHARE
 from jointgap.core.candidates import Candidate, Effects
-from jointgap.core.costs import count_run
+from jointgap.core.costs import count_revolutions, count_run
 from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINTS, PINS
 from jointgap.dynamics.drive import crank_times
 from jointgap.dynamics.equations import AUXILIARY_STATES, STATES
 from jointgap.dynamics.integrate import Progress, beginning
 from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING, MOTOR, Parameters
+from jointgap.dynamics.periodic import COARSE_ANGLES, coarse_angles
 from jointgap.dynamics.simulation import IntegrationResult, integrate_on, start_state
 from jointgap.effects.own_law import FORMULA_EFFECTS
 from jointgap.effects.slider_force_table import with_pressure_sensor
 from jointgap.rig import drives, sensors
 from jointgap.rig.cylinder_pressure import with_loads
 from jointgap.rig.drives import TOLERANCE, RunPlan, Values
-from jointgap.rig.periodic import COARSE_ANGLES, coarse_angles
 from jointgap.rig.recording import noise_of
 from jointgap.rig.sensors import Faults
 
@@ -40,6 +40,7 @@ FILM_TOLERANCE = 1e-11
 # [1] Periodic steady state: norm of the change of all readings between revolutions, over the noise
 SETTLED_LENGTH = 1.0
 SETTLED_AFTER = (3, 12)  # Least and largest number of revolutions dropped as transient
+LINEARISED_BEFORE = 7  # Motion that settles in a later revolution is not linearised
 COMPARED_SAMPLES = 120  # Compared samples of a revolution: each costs about as much as a step
 TRANSIENT_REVOLUTIONS = 1.5  # A record that begins earlier after the start is simulated in full
 # Earlier begin of the motion for another start: not at a symmetry of the slider-crank (golden
@@ -214,7 +215,7 @@ def channels_read(
     perturbation=None,
 ) -> dict[str, np.ndarray]:
     """Sensor readings of a run at its samples, by channel."""
-    count_run(plan.samples.turned / tau)
+    count_run()
     effects, without, share = simulated_effects(effects)
     read = _read_at_limit(campaign, plan, values, effects, numerics, perturbation)
     if share < 1.0:
@@ -479,12 +480,15 @@ def channels_at(
 ) -> dict[str, np.ndarray]:
     """Channels at crank angles by column of `jointgap.dynamics.sampling`, with the ``time`` [s]."""
     if _is_kinematic(p):
+        count_revolutions(np.ptp(angles) / tau)
         return _sampled(p, angles, lambda sorted_angles: _kinematic_motion(p, sorted_angles))
     progress = beginning(p, *start_state(p, perturbation), 0.0)
 
     def integrate(sorted_angles: np.ndarray) -> IntegrationResult:
         nonlocal progress
+        before = progress.here.crank_angle
         motion, progress = integrate_on(p, progress, sorted_angles, tolerance)
+        count_revolutions((progress.here.crank_angle - before) / tau)
         return motion
 
     back = (angles.min() - p.drive.start_angle) / tau
@@ -521,10 +525,11 @@ def settled_revolution(
     change = _change_over_noise(campaign, plan, run.driven.angles.size)
     compared = slice(None, None, COARSE_ANGLES // COMPARED_SAMPLES)
     progress, history = beginning(p, *start_state(p), 0.0), []
-    fewest, most = SETTLED_AFTER
-    for revolution in range(fewest - 2, most + 1):
-        begin = start + revolution * tau
+    fewest, _ = SETTLED_AFTER
+    for revolution in range(fewest - 2, LINEARISED_BEFORE):
+        begin, before = start + revolution * tau, progress.here.crank_angle
         motion, progress = integrate_on(p, progress, coarse_angles(begin), run.tolerance)
+        count_revolutions((progress.here.crank_angle - before) / tau)
         history = [*history[-2:], motion.part(compared).observed(p)]
         if len(history) == 3 and has_settled(*history, change):
             return progress, motion, begin + tau

@@ -27,16 +27,17 @@ from jointgap.dynamics.parameters import MOTOR, Parameters
 from jointgap.dynamics.sampling import SAMPLE, fill_samples
 from jointgap.dynamics.simulation import IntegrationResult, integrate_on
 
-INTERVALS, STAGES = 1500, 3
+INTERVALS, STAGES = 2000, 3
 """Intervals of a revolution, and Gauss points in each."""
 
 COARSE_ANGLES = 720
 """Angles per revolution that show where sliding reverses."""
 
-_EVEN_SHARE = 0.5  # [1] Share of the intervals that is evenly distributed
+_EVEN_SHARE = 0.6  # [1] Share of the intervals that is evenly distributed
 _SUBDIVISION = 20  # Parts of a coarse interval in which a reversal is found
 _LARGEST_MULTIPLIER = 0.5  # [1] Above, a disturbance lasts for more than some revolutions
-_PERIODIC = 1e-6  # [1, of the largest rate] Difference of the rates after a revolution
+# [1, of the largest change, and of the largest value] Allowed difference after a revolution
+_PERIODIC, _ROUNDING = 1e-2, 1e-11
 _CHECKED = 40  # Every such point is compared with the next revolution
 _POSITION_STEP, _VELOCITY_STEP = 1e-11, 1e-7  # [m], [m/s] Differences by the states
 _LONG_AGO = -1e6  # [s] Begin of a contact whose impact has no effect any more
@@ -328,10 +329,12 @@ class LinearMotion:
         found = self._evaluated(p, motion, crank_times(p, angles))
         checked = slice(None, None, _CHECKED)
         later = self._evaluated(p, motion.part(checked), crank_times(p, angles[checked] + tau))
-        difference = np.abs(later.rates - found.rates[checked]).max(axis=0)
-        if not (difference <= _PERIODIC * np.abs(found.rates).max(axis=0)).all():
-            return None
-        return found.minus(self._base)
+        change = found.minus(self._base)
+        for there, here, added in zip(later, found, change, strict=True):
+            allowed = _PERIODIC * np.abs(added).max(axis=0) + _ROUNDING * np.abs(here).max(axis=0)
+            if not (np.abs(there - here[checked]).max(axis=0) <= allowed).all():
+                return None
+        return change
 
     def changes(self, forcing: Sequence[Evaluation]) -> np.ndarray | None:
         """Periodic changes (m, n, c) of the channels by m results of `forcing`; None if
