@@ -104,7 +104,7 @@ def test_a_failed_fit_has_its_reason_in_the_ranking(chain, monkeypatch):
     residual = Problem.residual
 
     def fails(problem, values, hypothesis=(), *others):
-        if any(one.label == "viscous" for one in hypothesis):
+        if any(one.label == "coulomb" for one in hypothesis):
             raise SimulationError("the slide flies off")
         return residual(problem, values, hypothesis, *others)
 
@@ -113,7 +113,7 @@ def test_a_failed_fit_has_its_reason_in_the_ranking(chain, monkeypatch):
     fits = Search(*of, (SingleEffects(),)).run().made
     weighed = [weigh_fit(base, fit, limits) for fit in fits]
     rows = ranking_frame(weighed).set_index("explanation")
-    assert rows.loc["viscous", ["status", "reason"]].tolist() == [FAILED, "the slide flies off"]
+    assert rows.loc["coulomb", ["status", "reason"]].tolist() == [FAILED, "the slide flies off"]
     assert (rows["status"] != FAILED).sum() == len(rows) - 1
 
 
