@@ -126,9 +126,12 @@ class Search:
         """The proposals that are worth a fit, the most promising first."""
         for step in self.steps:
             self._proposals += step.propose(self)
+        return sorted(self.worth(), key=lambda proposal: (proposal.is_slow, proposal.bic))
+
+    def worth(self) -> list[Proposal]:
+        """The proposals so far that are worth a fit."""
         best = self.best
-        worth = [proposal for proposal in self._proposals if self._is_worth(proposal, best)]
-        return sorted(worth, key=lambda proposal: (proposal.is_slow, proposal.bic))
+        return [proposal for proposal in self._proposals if self._is_worth(proposal, best)]
 
     def is_new(self, *key: Any) -> bool:
         """Whether a step asks with this key for the first time."""
@@ -303,7 +306,7 @@ class Clearances:
     """Clearances of joints that are ideal in the file: sizes by a filter, fits in windows.
 
     They are due if no single effect suffices, or if two are the best, as a clearance can resemble
-    two effects.
+    two effects. Beside loose joints, where this takes long, they are due if nothing else is left.
     """
 
     name: str = "likely clearances"
@@ -312,6 +315,8 @@ class Clearances:
         alone = [fit for fit in search.fits.values() if len(fit.hypothesis) == 1]
         suffices = any(map(search.is_sufficient, [search.base, *alone]))
         is_due = (bool(alone) and not suffices) or len(search.best.hypothesis) > 1
+        if is_rough(search.problem):
+            is_due = bool(alone) and math.isinf(search.sufficient_chi2) and not search.worth()
         if not (search.has_clearances and is_due and search.is_new(self.name)):
             return []
         starts = likely_clearances(search.baseline)
@@ -422,9 +427,9 @@ class Earlier:
 
 STEPS: tuple[Step, ...] = (
     SingleEffects(),
-    Clearances(),
     MaskedPairs(),
     OneMore(),
     Exchanges(),
+    Clearances(),
 )
 """The steps of the search."""
