@@ -333,7 +333,7 @@ class LinearMotion:
         for there, here, added in zip(later, found, change, strict=True):
             allowed = _PERIODIC * np.abs(added).max(axis=0) + _ROUNDING * np.abs(here).max(axis=0)
             if not (np.abs(there - here[checked]).max(axis=0) <= allowed).all():
-                return None
+                return None  # also where a number is not finite
         return change
 
     def changes(self, forcing: Sequence[Evaluation]) -> np.ndarray | None:
@@ -363,6 +363,8 @@ class LinearMotion:
             found,
         )
         over_revolution, particular = np.split(found[-1, -1], [2 * size], axis=1)
+        if not np.isfinite(over_revolution).all():
+            return None
         multipliers = np.abs(np.linalg.eigvals(over_revolution))
         if not (multipliers < _LARGEST_MULTIPLIER).all():
             return None
