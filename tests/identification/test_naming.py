@@ -97,7 +97,12 @@ def test_two_effects_are_named_without_a_third():
     ],
 )
 def test_forces_are_named_from_whole_runs_and_a_clearance_from_windows(hidden, candidates, how):
-    problem = linear(hidden=hidden, candidates=candidates, **how)
+    problem = linear(
+        hidden=hidden,
+        candidates=candidates,
+        deviance=lambda effects: 0.0 if effects else 1.0,
+        **how,
+    )
     base = recalibrate(problem.model, noise_of(problem))
     sensitivities, limits = screen_candidates(base, 0.01)
     decision = decide(searched(base, sensitivities, limits))

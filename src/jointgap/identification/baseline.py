@@ -8,9 +8,10 @@ import scipy.linalg
 
 from jointgap.core.candidates import Model
 from jointgap.core.errors import InputError, SimulationError
-from jointgap.identification.block_sums import fit_through_sums, is_poor, is_rough
+from jointgap.identification.block_sums import fit_through_sums, is_poor
 from jointgap.identification.fit import (
     FAILED,
+    STOPPED,
     BoundedNormal,
     FiniteDifferences,
     Fit,
@@ -271,7 +272,7 @@ def recalibrate(
 ) -> Baseline:
     """Fit the nuisances from `values` by key [SI] (default: nominal), with solver error as noise.
 
-    Where chi2 is rough and the fit ends poor, it is repeated through sums of samples.
+    Where chi2 is rough and the fit stalls far above noise, it is repeated through sums of samples.
     """
     start = {p.key: p.nominal for p in model.nuisances} | dict(values or {})
     problem = Problem(model, numerics_noise(model, start, noise, settings.noise), settings=settings)
@@ -279,7 +280,7 @@ def recalibrate(
     base = fit_hypothesis(problem, start=start, differences=differences)
     if base.status == FAILED:
         raise SimulationError(f"{model.name}: the current model cannot be simulated: {base.reason}")
-    if is_rough(problem) and is_poor(base):
+    if problem.is_rough and base.status == STOPPED and is_poor(base):
         base = min(base, fit_through_sums(problem, base, differences), key=lambda fit: fit.chi2)
     nominal = fit_hypothesis(
         problem,

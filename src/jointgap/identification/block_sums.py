@@ -11,7 +11,6 @@ import numpy as np
 
 from jointgap.identification.fit import FAILED, FiniteDifferences, Fit, fit_hypothesis
 from jointgap.identification.problem import Hypothesis, LinearisedChange, Part, Problem
-from jointgap.identification.screening import Sensitivities
 
 
 class BlockSums(Problem):
@@ -73,19 +72,6 @@ class BlockSums(Problem):
         ]
         return np.concatenate(parts)
 
-    def sensitivities(self, whole: Sensitivities) -> Sensitivities:
-        """The sensitivities of the sums."""
-        entries = [
-            replace(one, columns=self.sums(one.columns), origin=self.sums(one.origin))
-            for one in whole.entries
-        ]
-        return replace(
-            whole,
-            jacobian=self.sums(whole.jacobian),
-            residual=self.sums(whole.residual),
-            entries=entries,
-        )
-
 
 def _edges(part: Part, per_revolution: int) -> np.ndarray:
     """First samples of the blocks of a part; single samples where the angle is unknown."""
@@ -94,35 +80,6 @@ def _edges(part: Part, per_revolution: int) -> np.ndarray:
     turns = np.ptp(known) / (2.0 * np.pi) if known.size and not part.series.statistic else 0.0
     length = max(round(angle.size / (turns * per_revolution)), 1) if turns > 0.0 else 1
     return np.arange(0, angle.size, length)
-
-
-def is_rough(problem: Problem) -> bool:
-    """Whether chi2 of all samples is rough, as with loose joints: their solver error counts as
-    noise."""
-    return not problem.has_statistics and any(np.any(part.noise.numerics) for part in problem.parts)
-
-
-def first_sums(problem: Problem) -> BlockSums:
-    """The sums of the longest blocks."""
-    return BlockSums(problem, problem.settings.selection.sums_per_revolution[0])
-
-
-def fit_from_sums(
-    problem: Problem, fit: Fit, differences: FiniteDifferences, sufficient_chi2: float = np.inf
-) -> Fit | None:
-    """The fit to all samples from a `fit` of the `first_sums`, by sums of ever shorter blocks; None
-    if any sums exceed noise by far."""
-    settings = problem.settings
-    for per_revolution in settings.selection.sums_per_revolution[1:]:
-        if is_poor(fit):
-            return None
-        fit = fit_hypothesis(BlockSums(problem, per_revolution), fit.hypothesis, fit.mapping)
-    if is_poor(fit):
-        return None
-    start = fit.mapping
-    return fit_hypothesis(
-        problem, fit.hypothesis, start, differences=differences, sufficient_chi2=sufficient_chi2
-    )
 
 
 def fit_through_sums(problem: Problem, fit: Fit, differences: FiniteDifferences) -> Fit:

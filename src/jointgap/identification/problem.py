@@ -236,6 +236,13 @@ class Problem:
         """Whether a run has non-periodic motion, compared by statistics over cycles."""
         return any(part.series.statistic for part in self.parts)
 
+    @cached_property
+    def is_rough(self) -> bool:
+        """Whether chi2 of all samples is rough, as with loose joints: their solver error counts as
+        noise."""
+        rough = any(np.any(part.noise.numerics) for part in self.parts)
+        return rough and not self.has_statistics
+
     def limit(self, step: str, share: float = 1.0) -> "SearchLimit":
         """The limit of a step of the search that begins now, with a `share` [1] of all simulated
         runs."""

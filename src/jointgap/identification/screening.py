@@ -295,6 +295,13 @@ class LinearizedFit:
         return {key: value for key, value in self.start.items() if key.startswith(new)}
 
 
+def is_slow_effect(effect: Candidate) -> bool:
+    """Whether simulations with an effect beside loose joints take long: of finite size only, such
+    as an oil film, or not periodic with the crank."""
+    is_finite = all({*guess} & {*effect.amplitudes} for guess in effect.initial_guesses)
+    return is_finite or any(p.name == "frequency_Hz" for p in effect.coordinates)
+
+
 def simulate_sensitivities(
     problem: Problem,
     base: Fit,
@@ -302,7 +309,7 @@ def simulate_sensitivities(
     candidates: Sequence[Candidate] | None = None,
 ) -> Sensitivities:
     """Derivatives for the candidates about the fitted base; default: all smooth ones (for
-    statistics: all).
+    statistics: all), beside loose joints without slow ones.
 
     Without candidates that change nothing in what was measured, such as a force where no channel
     responds to forces.
@@ -313,7 +320,8 @@ def simulate_sensitivities(
         candidates = [
             one
             for one in problem.model.candidates
-            if problem.has_statistics or not one.is_nonsmooth
+            if problem.has_statistics
+            or not (one.is_nonsmooth or (problem.is_rough and is_slow_effect(one)))
         ]
     taken = {name for effect in base.hypothesis for name in effect.claims}
     candidates = [candidate for candidate in candidates if not taken & candidate.claims]

@@ -8,14 +8,12 @@ fit as long as its prediction could change the verdict; the search ends if none 
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any, Protocol
 
-from jointgap.core.candidates import Candidate
 from jointgap.core.progress import report_progress
 from jointgap.identification.baseline import Baseline
-from jointgap.identification.block_sums import is_rough
 from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.initial_fit import fit_screened, labels_of, without_other_effects
@@ -25,6 +23,7 @@ from jointgap.identification.screening import (
     LinearizedFit,
     Sensitivities,
     SensitivityRegression,
+    is_slow_effect,
     shortlist,
     simulate_sensitivities,
 )
@@ -180,7 +179,7 @@ class Search:
         """Sensitivities of one effect more about a fit.
 
         They are simulated if the fit leaves more than noise, as it is then far from the base; not
-        for statistics and of slow effects, whose simulations take long.
+        for statistics, whose simulations take long.
         """
         about = self.sensitivities.about(fit)
         if self.is_sufficient(fit) or self.problem.has_statistics:
@@ -189,12 +188,8 @@ class Search:
         leading = shortlist(ranked, self.settings.linearised_partners)
         effects = [regression.hypothesis[-1] for regression in leading]
         labels = {label for effect in effects for label in (effect.label, effect.carrier)}
-        if is_rough(self.problem):
-            labels -= {effect.label for effect in effects if _is_slow(effect)}
         candidates = [one for one in self.problem.model.candidates if one.label in labels]
-        simulated = simulate_sensitivities(self.problem, fit, self.baseline.differences, candidates)
-        others = [entry for entry in about.entries if entry.candidate.label not in labels]
-        return replace(simulated, entries=[*simulated.entries, *others])
+        return simulate_sensitivities(self.problem, fit, self.baseline.differences, candidates)
 
     def proposals(
         self,
@@ -219,7 +214,7 @@ class Search:
                 regression.bic,
                 fit_of(regression),
                 explores,
-                is_rough(problem) and any(map(_is_slow, regression.hypothesis)),
+                problem.is_rough and any(map(is_slow_effect, regression.hypothesis)),
             )
             for regression in regressions
         ]
@@ -262,13 +257,6 @@ class Search:
         seconds = time.monotonic() - begin
         self.seconds[proposal.labels] = self.seconds.get(proposal.labels, 0.0) + seconds
         report_progress("fits of effects", len(self.seconds))
-
-
-def _is_slow(effect: Candidate) -> bool:
-    """Whether simulations with an effect take long: of finite size only, such as an oil film, or
-    not periodic with the crank."""
-    is_finite = all({*guess} & {*effect.amplitudes} for guess in effect.initial_guesses)
-    return is_finite or any(p.name == "frequency_Hz" for p in effect.coordinates)
 
 
 def _different(queue: Sequence[Proposal]) -> Iterator[Proposal]:
@@ -315,7 +303,7 @@ class Clearances:
         alone = [fit for fit in search.fits.values() if len(fit.hypothesis) == 1]
         suffices = any(map(search.is_sufficient, [search.base, *alone]))
         is_due = (bool(alone) and not suffices) or len(search.best.hypothesis) > 1
-        if is_rough(search.problem):
+        if search.problem.is_rough:
             is_due = bool(alone) and math.isinf(search.sufficient_chi2) and not search.worth()
         if not (search.has_clearances and is_due and search.is_new(self.name)):
             return []
@@ -401,6 +389,30 @@ class Exchanges:
 
 
 @dataclass(frozen=True)
+class SlowEffects:
+    """Beside loose joints, single effects whose simulations take long, and these in addition to the
+    best fit, if nothing else is left."""
+
+    name: str = "effects with slow simulations"
+
+    def propose(self, search: Search) -> Iterable[Proposal]:
+        problem, proposals = search.problem, []
+        is_due = problem.is_rough and math.isinf(search.sufficient_chi2) and len(search.fits) > 1
+        if not is_due or search.worth() or not search.is_new(self.name):
+            return []
+        candidates = [one for one in problem.model.candidates if is_slow_effect(one)]
+        labels = {one.carrier for one in candidates}
+        candidates += [one for one in problem.model.candidates if one.label in labels]
+        for fit in [search.base, *([search.best] if search.best.hypothesis else [])]:
+            about = simulate_sensitivities(problem, fit, search.baseline.differences, candidates)
+            singles = SensitivityRegression(about, fit.hypothesis).singles()
+            slow = [one for one in singles if is_slow_effect(one.hypothesis[-1])]
+            slow = shortlist(slow, search.settings.partners)
+            proposals += search.proposals(self.name, slow, about, explores=not fit.hypothesis)
+        return proposals
+
+
+@dataclass(frozen=True)
 class Earlier:
     """The sufficient explanations of an earlier search with another noise, from their values."""
 
@@ -430,6 +442,7 @@ STEPS: tuple[Step, ...] = (
     MaskedPairs(),
     OneMore(),
     Exchanges(),
+    SlowEffects(),
     Clearances(),
 )
 """The steps of the search."""
