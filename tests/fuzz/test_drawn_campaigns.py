@@ -28,7 +28,6 @@ SELECTION |= {"max_simulations": 200, "max_simulations_of_statistics": 60}
 SHORT = replace(
     DEFAULT_SETTINGS,
     selection=replace(DEFAULT_SETTINGS.selection, **SELECTION),
-    baseline=replace(DEFAULT_SETTINGS.baseline, drawn_values=2, drawn_starts=1),
     stopping=replace(DEFAULT_SETTINGS.stopping, max_steps=8),
 )
 

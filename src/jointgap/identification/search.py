@@ -45,6 +45,7 @@ class Proposal:
     fit: Callable[[float], Sequence[Fit]]  # Fits it, given the chi2 of a sufficient hypothesis
     explores: bool = False  # Worth a fit as long as nothing is sufficient, whatever is predicted
     is_slow: bool = False  # Its simulations take long, so it comes last
+    alike: Fit | None = None  # The fit with one of its effects exchanged for a similar one
 
     @property
     def labels(self) -> Labels:
@@ -197,6 +198,7 @@ class Search:
         regressions: Iterable[LinearizedFit],
         about: Sensitivities,
         explores: bool = False,
+        alike: Fit | None = None,
     ) -> list[Proposal]:
         """Proposals from `regressions` of the sensitivities `about` a fit."""
         problem, differences = self.problem, self.baseline.differences
@@ -215,6 +217,7 @@ class Search:
                 fit_of(regression),
                 explores,
                 problem.is_rough and any(map(is_slow_effect, regression.hypothesis)),
+                alike,
             )
             for regression in regressions
         ]
@@ -223,14 +226,18 @@ class Search:
         """Whether a fit could change the verdict, if half of the predicted change is real.
 
         With more effects than the best fit it must gain the required BIC; with as many or fewer it
-        must come near. A hypothesis is fitted again only if a better minimum is predicted.
+        must come near, or be similar to a sufficient one. A hypothesis is fitted again only if a
+        better minimum is predicted.
         """
         share, known = self.settings.linear_share, self.fits.get(proposal.labels)
         if known is not None and not known.chi2 - proposal.chi2 > self.min_gain:
             return False
         if not proposal.labels or self._cannot_be_simulated(proposal):
             return not proposal.labels
-        if proposal.explores and known is None and math.isinf(self.sufficient_chi2):
+        is_first = known is None
+        if is_first and proposal.explores and math.isinf(self.sufficient_chi2):
+            return True
+        if is_first and proposal.alike is best and self.is_sufficient(best):
             return True
         rise = proposal.bic - best.bic
         further = len(proposal.hypothesis) - len(best.hypothesis)
@@ -367,7 +374,8 @@ class Exchanges:
     """The best fit without one or all of its effects, or with one exchanged, from its nuisances.
 
     Without its partner an effect may be confused with another one, and the base may have missed a
-    better minimum of its nuisances.
+    better minimum of its nuisances. Another effect is similar if it explains at least half of what
+    the exchanged one does.
     """
 
     name: str = "exchanges of one effect"
@@ -382,9 +390,15 @@ class Exchanges:
                 without_other_effects(search.problem, best, hypothesis)
             )
             regression = SensitivityRegression(about, hypothesis)
-            proposals += search.proposals(self.name, [regression.explained(())], about)
+            without = regression.explained(())
+            proposals += search.proposals(self.name, [without], about)
             if hypothesis in smaller:
-                proposals += search.proposals(self.name, regression.singles(), about)
+                half = best.chi2 + search.settings.linear_share * (without.chi2 - best.chi2)
+                singles = regression.singles()
+                similar = [single for single in singles if single.chi2 < half]
+                others = [single for single in singles if not single.chi2 < half]
+                proposals += search.proposals(self.name, similar, about, alike=best)
+                proposals += search.proposals(self.name, others, about)
         return proposals
 
 
