@@ -305,6 +305,7 @@ class Clearances:
     """
 
     name: str = "likely clearances"
+    share: float = 0.5  # Of the simulated runs of a search
 
     def propose(self, search: Search) -> Iterable[Proposal]:
         alone = [fit for fit in search.fits.values() if len(fit.hypothesis) == 1]
@@ -317,7 +318,7 @@ class Clearances:
         starts = likely_clearances(search.baseline)
 
         def fit(_: float) -> Sequence[Fit]:
-            limit = search.problem.limit(self.name)
+            limit = search.problem.limit(self.name, self.share)
             return fit_clearances(search.baseline, starts, search.limits, alone, limit)
 
         return [Proposal(self.name, starts[0][0], -math.inf, -math.inf, fit)] if starts else []
@@ -362,10 +363,12 @@ class OneMore:
         for fit in fits:
             extends = 0 < len(fit.hypothesis) < self.most_effects and not fit.in_windows
             if extends and search.is_new(self.name, id(fit)):
-                about = search.about(fit)
+                about, settings = search.about(fit), search.settings
                 singles = SensitivityRegression(about, fit.hypothesis).singles()
-                partners = shortlist(singles, search.settings.partners)
-                proposals += search.proposals(self.name, partners, about)
+                explores = fit is search.leading(len(fit.hypothesis))[0]
+                count = settings.max_singles if explores else settings.partners
+                partners = shortlist(singles, count)
+                proposals += search.proposals(self.name, partners, about, explores)
         return proposals
 
 
@@ -404,26 +407,25 @@ class Exchanges:
 
 @dataclass(frozen=True)
 class SlowEffects:
-    """Beside loose joints, single effects whose simulations take long, and these in addition to the
-    best fit, if nothing else is left."""
+    """Beside loose joints, single effects whose simulations take long, if nothing else is left."""
 
     name: str = "effects with slow simulations"
 
     def propose(self, search: Search) -> Iterable[Proposal]:
-        problem, proposals = search.problem, []
+        problem = search.problem
         is_due = problem.is_rough and math.isinf(search.sufficient_chi2) and len(search.fits) > 1
         if not is_due or search.worth() or not search.is_new(self.name):
             return []
         candidates = [one for one in problem.model.candidates if is_slow_effect(one)]
         labels = {one.carrier for one in candidates}
         candidates += [one for one in problem.model.candidates if one.label in labels]
-        for fit in [search.base, *([search.best] if search.best.hypothesis else [])]:
-            about = simulate_sensitivities(problem, fit, search.baseline.differences, candidates)
-            singles = SensitivityRegression(about, fit.hypothesis).singles()
-            slow = [one for one in singles if is_slow_effect(one.hypothesis[-1])]
-            slow = shortlist(slow, search.settings.partners)
-            proposals += search.proposals(self.name, slow, about, explores=not fit.hypothesis)
-        return proposals
+        about = simulate_sensitivities(
+            problem, search.base, search.baseline.differences, candidates
+        )
+        singles = SensitivityRegression(about).singles()
+        slow = [single for single in singles if is_slow_effect(single.hypothesis[0])]
+        slow = shortlist(slow, search.settings.partners)
+        return search.proposals(self.name, slow, about, explores=True)
 
 
 @dataclass(frozen=True)

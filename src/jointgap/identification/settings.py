@@ -164,10 +164,9 @@ class ModelSelectionSettings:
     partners: int = 3
     # Of each leading effect, ranked about the base and linearised about its fit (experience)
     linearised_partners: int = 12
-    # Simulated runs after which no further fit begins, for each of: the search beyond single
-    # effects (shared equally by its steps), formula, families; one to five minutes with loose dry
-    # joints (experience)
-    max_simulations: int = 5000
+    # Simulated runs after which no further fit begins, for each of: search, formula, families; one
+    # to two minutes with loose joints (experience: right explanations took at most 1500)
+    max_simulations: int = 2000
     # The same for non-periodic motion, whose runs take four times as long (experience)
     max_simulations_of_statistics: int = 1500
 
