@@ -25,7 +25,7 @@ except ImportError:  # Windows: each process compiles
     fcntl = None
 
 ANNOUNCED_AFTER = 1.0  # s
-SECONDS = 15  # on one core, for a first simulation
+SECONDS = 90  # on one core, for all functions
 _COMPILING = f"compiling the simulation for this machine, once (about {SECONDS} s) ..."
 _WAITING = f"waiting for another process to load or compile the simulation (about {SECONDS} s) ..."
 
