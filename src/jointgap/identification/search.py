@@ -232,8 +232,10 @@ class Search:
         share, known = self.settings.linear_share, self.fits.get(proposal.labels)
         if known is not None and not known.chi2 - proposal.chi2 > self.min_gain:
             return False
-        if not proposal.labels or self._cannot_be_simulated(proposal):
-            return not proposal.labels
+        if not proposal.labels:  # a better base counts for every explanation
+            return True
+        if self._cannot_be_simulated(proposal):
+            return False
         is_first = known is None
         if is_first and proposal.explores and math.isinf(self.sufficient_chi2):
             return True

@@ -152,20 +152,16 @@ class ModelSelectionSettings:
     max_singles: int = (
         8  # Candidates fitted alone, and sums of terms of one size for a law (experience)
     )
-    # [1] Least gain predicted by linearisation over the required one, if the base is consistent
-    # with noise; and least share of a gain due to the effects, otherwise the base is re-fitted. One
-    # half, as residuals are nonlinear
+    # [1] Share of a predicted change that counts as real, as residuals are nonlinear
     linear_share: float = 0.5
     fits_per_round: int = 4  # Fits that are made before their proposals join the queue
-    # Number of: leading effects of a step, fitted partners of a sufficient or leading effect,
-    # masked pairs, rivals re-fitted from the best nuisances, swaps of each effect of a pair, terms
-    # of each effect for a law, listed effects fitted in place of a law, single effects fitted in
-    # any case
+    # Number of: leading fits of a size that propose partners, partners that each proposes, masked
+    # pairs, slow effects, terms of each effect for a law, listed effects fitted in place of a law
     partners: int = 3
     # Of each leading effect, ranked about the base and linearised about its fit (experience)
     linearised_partners: int = 12
     # Simulated runs after which no further fit begins, for each of: search, formula, families; one
-    # to two minutes with loose joints (experience: right explanations took at most 1500)
+    # to two minutes with loose joints (experience)
     max_simulations: int = 2000
     # The same for non-periodic motion, whose runs take four times as long (experience)
     max_simulations_of_statistics: int = 1500
