@@ -59,10 +59,10 @@ def test_every_rate_is_a_metric_and_time_is_a_cost(folder):
 def test_trials_are_scored_published_collected_and_reported(tmp_path):
     table, one, other = tmp_path / "trials.csv", tmp_path / "blind/one", tmp_path / "blind/other"
     for name, folder in (("a", one), ("b", other)):
-        found = analysis(verdict="no_disagreement") | {"id": name}
+        found = analysis(verdict="no_disagreement") | {"id": name, "code": "v1"}
         scored(folder, [truth(name=name, kind="nothing")], [found])
     for folder in (one, other, other):
-        collect(str(folder), str(table), "v1")
+        collect(str(folder), str(table))
     score("one", str(one), "a")
     assert pd.read_csv(one / "score/trials.csv")["outcome"].tolist() == ["right"]
     assert json.loads((one / "score/published.json").read_text())["runs"]["blind"]["run_id"]
@@ -70,10 +70,12 @@ def test_trials_are_scored_published_collected_and_reported(tmp_path):
     assert pd.read_csv(table)["id"].tolist() == ["a", "b"]
     rates = pd.read_csv(tmp_path / "score/rates.csv").set_index(["what", "group"])["value"]
     assert rates["nothing found, nothing hidden", "all"] == 1.0
-    with pytest.raises(InputError, match=r"trials of v1"):
-        collect(str(one), str(table), "v2")
+    newer = analysis(verdict="no_disagreement") | {"id": "a", "code": "v2"}
+    scored(tmp_path / "newer", [truth(name="a", kind="nothing")], [newer])
+    with pytest.raises(InputError, match=r"trials of v1 and v2"):
+        collect(str(tmp_path / "newer"), str(table))
     with pytest.raises(InputError, match="no such file"):
         report("made up", str(tmp_path / "absent.csv"), str(tmp_path / "score"))
     with pytest.raises(InputError, match="holds no verdicts"):
-        collect(str(tmp_path / "absent"), str(tmp_path / "new.csv"), "v1")
+        collect(str(tmp_path / "absent"), str(tmp_path / "new.csv"))
     assert not (tmp_path / "new.csv").exists()
