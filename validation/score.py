@@ -43,10 +43,6 @@ CLOSED_FROM_GAP = 1.5
 # flag it, up to the smaller it must not
 SHOWS_FROM, HIDDEN_UP_TO = 0.5, 0.1
 
-# Comparison methods: smallest BIC of the fits, one effect at a time; sparse regression of the
-# residual; smallest BIC with a global optimiser
-BASELINES = ("greedy", "sparse", "optimiser")
-
 _NUMBERS = (
     "error",
     *(f"covered_{level}" for level in LEVELS),
@@ -63,8 +59,6 @@ def score_trials(folder: Path, trials: Iterable[str] = ()) -> pd.DataFrame:
     rows = []
     for name in sorted(trials or (path.stem for path in (folder / "verdicts").glob("*.json"))):
         truth, analysis = (_read(folder / part / f"{name}.json") for part in ("truth", "verdicts"))
-        for path in (folder / "peers").glob(f"*/{name}.json"):  # comparison methods
-            analysis = {**analysis, path.parent.name: _read(path)[path.parent.name]}
         rows.append(score_trial(truth, analysis))
     return pd.DataFrame(rows)
 
@@ -105,7 +99,6 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
         "cause": "",
         "reason": analysis.get("error", ""),
     }
-    row |= {name: _baseline_outcome(truth, hidden, analysis.get(name)) for name in BASELINES}
     row |= dict.fromkeys(_NUMBERS, math.nan)
     if verdict is None:  # abstained
         if not damage:
@@ -231,25 +224,12 @@ def _outcome(truth: Mapping, analysis: Mapping, hidden: frozenset[str], reported
     named = named_labels(effects, hidden)
     if _is_off_list(truth):
         return "right" if named == hidden or _is_the_force(truth, verdict) else "wrong"
-    return _outcome_of_names(hidden, named)
-
-
-def _baseline_outcome(truth: Mapping, hidden: frozenset[str], named: Collection[str] | None) -> str:
-    """The outcome of a comparison method; `named` is None if it was not applied."""
-    if named is None:
-        return "not asked"
-    if not named:
-        return "missed" if hidden else "right"
-    return "wrong" if _is_off_list(truth) else _outcome_of_names(hidden, frozenset(named))
+    return "right" if named == hidden else "partly" if named < hidden else "wrong"
 
 
 def _is_off_list(truth: Mapping) -> bool:
     """Whether an unlisted effect is hidden."""
     return not all(effect["listed"] for effect in truth["effects"])
-
-
-def _outcome_of_names(hidden: frozenset[str], named: frozenset[str]) -> str:
-    return "right" if named == hidden else "partly" if named < hidden else "wrong"
 
 
 def _equivalent(verdict: Mapping) -> list[frozenset[str]]:

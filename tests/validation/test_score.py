@@ -13,7 +13,6 @@ from jointgap.identification.fit import LEVELS
 from validation.analyse import greedy_names
 from validation.report import FILES, write_score
 from validation.score import (
-    BASELINES,
     LEAST_GAP,
     effect_label,
     named_labels,
@@ -243,10 +242,9 @@ def scored(folder, truths, found) -> pd.DataFrame:
 def test_a_score_has_tables_a_page_and_figures(tmp_path):
     truths = [truth(DRAG, name="a"), truth(name="b", kind="nothing")]
     truths += [truth(DRAG, SPRING, kind="pair", name="c"), truth(SPRING, kind="pair", name="d")]
-    baselines = {"greedy": ["slider_quadratic_drag"], "sparse": ["slider_viscous_friction"]}
     found = [
-        analysis(effects=[named(DRAG)], **baselines),
-        analysis("no_disagreement", greedy=[], sparse=None) | {"id": "b"},
+        analysis(effects=[named(DRAG)]),
+        analysis("no_disagreement") | {"id": "b"},
         {"id": "c", "error": "SimulationError: it stops", "seconds": 2.0},
         analysis(**ambiguous([DRAG], [SPRING, DRAG])) | {"id": "d"},
     ]
@@ -254,7 +252,6 @@ def test_a_score_has_tables_a_page_and_figures(tmp_path):
     shares = rates(frame).set_index(["what", "group"])["value"]
     assert shares["right name", "all"] == shares["nothing found, nothing hidden", "all"] == 1.0
     assert shares["both named and no third", "all"] == 0.0
-    assert shares["sparse regression: wrong name", "all"] == 1.0
     text = write_score("hand-made", frame, tmp_path / "score")
     assert "| right name | all | 1 | 1 | 0.025 - 1 |" in text
     assert "SimulationError: it stops" in text
@@ -319,8 +316,8 @@ def rows_of(*rows) -> pd.DataFrame:
     frame = pd.DataFrame(rows, columns=COLUMNS)
     effects = np.where(frame["kind"] == "clearance", "piston_pin_clearance", "gravity")
     effects[frame["size"] == 0.0] = "nothing"
-    words = {"named": "gravity", "drive": "constant_speed"} | dict.fromkeys(BASELINES, "not asked")
-    return frame.assign(hidden=effects, told=False, **words | {"greedy": "wrong"}, **NUMBERS)
+    words = {"named": "gravity", "drive": "constant_speed"}
+    return frame.assign(hidden=effects, told=False, **words, **NUMBERS)
 
 
 def counted(frame) -> dict:
@@ -395,7 +392,6 @@ def test_every_rate_counts_its_trials():
         "size within the 90 % interval": (3, 6),  # six halves
         # without triples and the kinds after the unfinished trial
         "nuisance within its 90 % interval": (112, 128),
-        "greedy BIC: wrong name": (6, 6),
     }
     assert {what: shares[what, "all"] for what in wanted} == wanted
     assert "drive measured_angle" not in set(rates(frame)["group"])
@@ -429,22 +425,6 @@ def test_hidden_clearances_are_scored_separately():
     }
     assert {key: shares[key] for key in wanted} == wanted
     assert ("right name", "from Exudyn, joints ideal") not in shares
-
-
-def test_baselines_are_scored_like_verdicts():
-    drag = "slider_quadratic_drag"
-    for trial_truth, names, outcome in (
-        (truth(DRAG), [drag], "right"),
-        (truth(DRAG), [drag, "gravity"], "wrong"),
-        (truth(DRAG, SPRING, kind="pair"), ["slider_spring"], "partly"),
-        (truth(DRAG), [], "missed"),
-        (truth(), [], "right"),
-        (truth(), ["gravity"], "wrong"),
-        (truth(DRAG | {"listed": False}, kind="off_list"), [drag], "wrong"),
-        (truth(DRAG, kind="off_list"), [drag], "right"),  # it is a candidate by now
-    ):
-        row = score_trial(trial_truth, analysis(greedy=names, sparse=names))
-        assert row["greedy"] == row["sparse"] == outcome
 
 
 def damaged(what="sign", *channels):

@@ -10,7 +10,7 @@ from jointgap.core.errors import InputError
 from tests.validation.test_score import analysis, scored, truth
 from validation.__main__ import collect, report, score
 from validation.report import mlflow_records, write_score
-from validation.score import BASELINES, rates
+from validation.score import rates
 
 
 def made_up(right: int, count: int = 4) -> pd.DataFrame:
@@ -25,9 +25,7 @@ def made_up(right: int, count: int = 4) -> pd.DataFrame:
         f"{found}_{end}" for found in ("map", "names") for end in ("hit", "false", "missed")
     ]
     numbers += [f"{name}covered_{level}" for name in ("", "nuisances_") for level in (50, 90, 99)]
-    text = dict.fromkeys(("verdict", "named", "cause", "reason", *BASELINES), "-") | {
-        "drive": "constant_speed"
-    }
+    text = dict.fromkeys(("verdict", "named", "cause", "reason"), "-") | {"drive": "constant_speed"}
     frame = pd.DataFrame(
         [text | dict.fromkeys(numbers, 1.0) | {"numerics_gap": np.nan} | row for row in rows]
     )
