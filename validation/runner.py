@@ -7,6 +7,7 @@ runs may share a folder.
 import json
 import math
 import multiprocessing
+import os
 import resource
 import signal
 import subprocess
@@ -128,10 +129,11 @@ def run_trials(
     seconds of processor time.
     """
     context = multiprocessing.get_context("fork")
-    position = context.Value("i", 0)
+    position, parent = context.Value("i", 0), os.getpid()
 
     def work() -> None:
-        while _seconds_of_children() < budget / cores:
+        # ends with its parent, so a killed run does not continue
+        while os.getppid() == parent and _seconds_of_children() < budget / cores:
             with position.get_lock():
                 number, position.value = position.value, position.value + 1
             if number >= len(plans):

@@ -8,6 +8,7 @@ import pytest
 
 from jointgap.core.errors import InputError
 from validation import runner
+from validation.__main__ import run
 from validation.kinds import Trial, chosen_trials, read_set
 from validation.runner import in_process, run_trials
 from validation.score import UNFINISHED, score_trials
@@ -54,6 +55,20 @@ def test_a_set_without_a_seed_asks_for_one(tmp_path):
     assert read_set(sets, "known").seed == read_set(sets, "known", 7).seed == 7
     with pytest.raises(InputError, match=r"known\.seed is 7; remove --seed 5"):
         read_set(sets, "known", 5)
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ("--seconds=0", "--seconds: is 0; give CPU-seconds above 0"),
+        ("--cores=0", "--cores: is 0; give a whole number from 1"),
+        ("--trials=9", "trials: '9' is no trial"),
+    ],
+)
+def test_options_of_a_run_are_checked(tmp_path, option, message):
+    with pytest.raises(InputError, match=message):
+        run("config/blind.yaml", "small", str(tmp_path), option)
+    assert not any(tmp_path.iterdir())
 
 
 @pytest.fixture
