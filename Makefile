@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run variants smoke sweep paper campaign blind benchmark-files report test test-integration test-slow test-cluster test-wheel lint docs bench dashboard clean set-up
+.PHONY: help run variants smoke sweep paper campaign blind benchmark benchmark-files report test test-integration test-slow test-cluster test-wheel lint docs bench dashboard clean set-up
 
 PROFILE ?= local
 SET ?= published
@@ -53,9 +53,13 @@ blind: ## blind trials: campaigns with hidden effects, analysed and scored (hour
 	@scripts/in-venv scripts/run-workflow results/blind-report.html blind --snakefile workflow/blind/Snakefile \
 		--config "set=$$SET" $(snakemake_options)
 
-benchmark-files: ## 100 campaigns for other methods in results/benchmark (validation/benchmark/README.md)
+benchmark: ## this package and its peers on 100 campaigns (validation/benchmark/README.md; hours), in results/benchmark
 	@scripts/set-up peers
-	@CORES=$(or $(CORES),2) scripts/in-venv python -m validation benchmark draw results/benchmark $(ARGS)
+	@scripts/in-venv python -m validation benchmark run results/benchmark $(if $(CORES),--cores $(CORES)) $(ARGS)
+
+benchmark-files: ## the campaigns of the benchmark for other methods, in results/benchmark
+	@scripts/set-up peers
+	@scripts/in-venv python -m validation benchmark draw results/benchmark $(if $(CORES),--cores $(CORES)) $(ARGS)
 
 report: set-up ## rewrite results/report.html
 	@rm -f results/report.html

@@ -8,10 +8,7 @@ score NAME FOLDER TRIALS: score the trials in results/blind/SET and publish to M
 collect FOLDER TABLE: add scored trials to a table of one code version
 report NAME TABLE FOLDER: write rates and figures of such a table
 ablate SETS NAME FOLDER: what each step and setting is worth (--help: trials, variants, limits)
-optimiser CAMPAIGN VERDICT OUT: effects named by a global optimiser in the same processor time
-benchmark draw FOLDER [COUNT]: write the campaigns and truth.zip, on CORES=2
-benchmark answers RECORDS OUT [METHOD]: collect the answers of a method
-benchmark score ANSWERS TRUTH FOLDER: score them
+benchmark run FOLDER [COUNT]: this package and its peers on the same campaigns (further: --help)
 """
 
 import argparse
@@ -144,32 +141,16 @@ def ablate(*arguments: str) -> None:
     print(write_ablation(chosen.name, analyses, folder))
 
 
-def optimiser(campaign: str, verdict: str, out: str) -> None:
-    from validation.global_optimiser import answer
-    from validation.runner import write_record
+def benchmark(*arguments: str) -> None:
+    from validation.benchmark.run import main
 
-    record = answer(Path(campaign), Path(verdict))
-    write_record(Path(out), record)
-    print(record["id"], record["optimiser"], record["seconds"], "s")
-
-
-def benchmark(verb: str, first: str, *more: str) -> None:
-    from validation.benchmark import draw
-    from validation.benchmark.score import score
-    from validation.runner import write_record
-
-    if verb == "draw":
-        draw.draw(Path(first), int(more[0]) if more else 100, int(os.environ.get("CORES", "2")))
-    elif verb == "answers":
-        write_record(Path(more[0]), draw.answers(Path(first), *more[1:]))
-    else:
-        print(score(Path(first), *map(Path, more)))
+    main(arguments)
 
 
 if __name__ == "__main__":
     for library in ("OPENBLAS", "OMP", "MKL"):  # another order of sums would change the last bits
         os.environ[f"{library}_NUM_THREADS"] = "1"
-    functions = (conceal, analyse, run, score, collect, report, ablate, optimiser, benchmark)
+    functions = (conceal, analyse, run, score, collect, report, ablate, benchmark)
     commands = {function.__name__: function for function in functions}
     if sys.argv[1:2] == [] or sys.argv[1] not in commands:
         sys.exit(__doc__)

@@ -137,7 +137,7 @@ def watched(settings: Any, read: set[str], path: str = "") -> Any:
 def analyse_variant(campaign: Path, variant: Variant) -> dict[str, Any]:
     """The record of `analyse_trial` with ``settings_read``, the paths of the settings in use."""
     read: set[str] = set()
-    record = analyse_trial(campaign, watched(variant.settings, read), variant.steps, others=False)
+    record = analyse_trial(campaign, watched(variant.settings, read), variant.steps)
     return record | {"settings_read": sorted(read)}
 
 

@@ -107,12 +107,6 @@ def code_version() -> str:
     return described.stdout.strip()
 
 
-def identify(campaign: Path) -> dict[str, Any]:
-    """The record of `analyse_trial` without other packages, which take longer to load than some
-    analyses take."""
-    return analyse_trial(campaign, others=False)
-
-
 def run_trials(
     plans: Sequence[Trial],
     seed: int,
@@ -120,7 +114,7 @@ def run_trials(
     seconds: float = 120.0,
     budget: float = math.inf,
     cores: int = 1,
-    analyse: Callable[[Path], dict[str, Any]] = identify,
+    analyse: Callable[[Path], dict[str, Any]] = analyse_trial,
 ) -> None:
     """Draw and analyse trials of the set with `seed`: ``campaigns/``, ``truth/`` and ``verdicts/``
     in `folder`. Files that exist are kept.

@@ -1,4 +1,4 @@
-"""Sparse regression."""
+"""Comparison methods without simulations of effects: sparse regression, the smallest BIC."""
 
 import math
 
@@ -10,7 +10,8 @@ pytest.importorskip("pysindy", reason="needs pysindy: scripts/set-up peers")
 
 from jointgap.config.load import load_campaign
 from jointgap.rig.read_files import read_measurements
-from validation.analyse import sparse_names
+from validation.benchmark import sparse
+from validation.benchmark.greedy import greedy_names
 from validation.kinds import Trial
 from validation.trial import make_trial
 
@@ -43,7 +44,7 @@ def folder(tmp_path_factory):
 
 
 def test_sparse_regression_names_one_force_and_nothing_in_noise(folder):
-
+    campaign = load_campaign(folder / "campaign.yaml")
     cases = [
         (["slider_coulomb_friction"], lambda v: -5.0 * np.sign(v)),
         (["slider_viscous_friction"], lambda v: -3.0 * v),
@@ -52,6 +53,21 @@ def test_sparse_regression_names_one_force_and_nothing_in_noise(folder):
         ([], np.zeros_like),
     ]
     for names, force in cases:
-        assert sparse_names(folder / "campaign.yaml", residuals(folder, force)) == names
+        assert sparse.sparse_names(campaign, residuals(folder, force)) == names
     found = residuals(folder, np.zeros_like).assign(channel="guide_force", measured=math.pi)
-    assert sparse_names(folder / "campaign.yaml", found) is None
+    assert sparse.sparse_names(campaign, found) is None
+
+
+def test_residuals_of_the_recalibrated_model_are_noise_where_nothing_is_hidden(folder):
+    found = sparse.recalibrated_residuals(load_campaign(folder / "campaign.yaml"))
+    scatter = found.dropna().assign(residual=lambda t: t["measured"] - t["base"])
+    by_series = scatter.groupby(["run", "channel"])[["residual", "measured"]].std()
+    assert (by_series["residual"] < 0.1 * by_series["measured"]).all()  # 1 to 5 % noise
+    assert sorted(set(found["run"])) == ["run1", "run2", "run3"]
+    assert found.groupby("run")["held_out"].all().sum() == 1
+
+
+def test_greedy_selection_follows_the_smallest_bic():
+    bic = {"base": 100.0, "a": 60.0, "b": 50.0, "a + b": 49.0, "b + c": 51.0, "a + c": 10.0}
+    assert greedy_names(bic) == ["a", "b"]
+    assert greedy_names({"base": 100.0}) == greedy_names({"a": 1.0}) == []

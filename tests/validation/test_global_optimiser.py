@@ -5,7 +5,7 @@ import pytest
 pytest.importorskip("cma", reason="needs pymoo's cma: the extra learn")
 
 from jointgap.core.candidates import Parameter
-from validation import global_optimiser
+from validation.benchmark import optimiser
 from validation.kinds import Trial
 from validation.trial import make_trial
 
@@ -20,7 +20,7 @@ def folder(tmp_path_factory):
 
 @pytest.mark.slow
 def test_the_global_optimiser_finds_the_hidden_effect(folder):
-    named, bic = global_optimiser.optimiser_names(folder / "campaign.yaml", 25.0)
+    named, bic = optimiser.optimiser_names(folder / "campaign.yaml", 25.0)
     assert named == ["slider_constant_force"]
     assert bic["base"] > bic["slider_constant_force"] + 100.0
 
@@ -33,10 +33,10 @@ def test_scaled_coordinates_are_invertible():
         (Parameter("frequency", 1.0, 0.1, 100.0), False),
         (Parameter("free", 2.0), False),
     ):
-        place, value = global_optimiser.scale(parameter, amplitude)
+        place, value = optimiser.scale(parameter, amplitude)
         for x in (parameter.nominal, parameter.nominal + 0.01):
             assert -1.0 <= place(x) <= 1.0
             assert value(place(x)) == pytest.approx(x, abs=1e-12)
-    _, value = global_optimiser.scale(Parameter("force", 0.0, step=0.5), True)
+    _, value = optimiser.scale(Parameter("force", 0.0, step=0.5), True)
     assert (value(-1.0), value(1.0)) == (pytest.approx(-300.0), pytest.approx(300.0))
     assert value(0.5) < 20.0

@@ -10,7 +10,6 @@ from scipy.stats import binom
 
 from jointgap.core.errors import InputError
 from jointgap.identification.fit import LEVELS
-from validation.analyse import greedy_names
 from validation.report import FILES, write_score
 from validation.score import (
     LEAST_GAP,
@@ -208,12 +207,6 @@ def test_size_error_coverage_and_closed_share():
     ):
         row = scores(named(DRAG), gap=(before, after))
         assert row["closed"] == pytest.approx(closed, nan_ok=True)
-
-
-def test_greedy_selection_follows_the_smallest_bic():
-    bic = {"base": 100.0, "a": 60.0, "b": 50.0, "a + b": 49.0, "b + c": 51.0, "a + c": 10.0}
-    frame = pd.DataFrame([*bic.items(), ("b", 70.0)], columns=["explanation", "bic"])
-    assert greedy_names(frame) == ["a", "b"] and greedy_names(frame[:1]) == []
 
 
 def test_the_interval_of_a_quantile_is_between_order_statistics():

@@ -2,48 +2,120 @@
 
 import json
 import math
-import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import pandas as pd
 from pydantic import BaseModel, TypeAdapter
 
 from jointgap.core.errors import InputError, did_you_mean
-from validation.rig import LABELS, SHAPES
-from validation.score import effect_label, labels, ratio_row, share_row
+from jointgap.core.files import write_text
+from validation.rig import SHAPES
+from validation.score import (
+    NAMED,
+    NOTHING_NAMED,
+    effect_label,
+    families_named,
+    labels,
+    name_stated,
+    ratio_row,
+    share_row,
+)
+
+PACKAGE = "jointgap"
+"""Name of this package among the methods."""
 
 OUTCOMES = ("right", "partly", "missed", "wrong", "abstained")
 
 _TOLERANCE = 0.1  # relative, of a size, or of a shape given as a number
 
 
-def score(answers_file: Path, truth_file: Path, folder: Path) -> str:
-    """Write trials.csv and rates.csv to `folder`; the rates as text."""
-    answers = read_answers(answers_file)
-    with zipfile.ZipFile(truth_file) as archive:
-        truths = {
-            name.removesuffix(".json"): json.loads(archive.read(name))
-            for name in archive.namelist()
-        }
-    if unknown := sorted(answers.keys() - truths.keys()):
-        raise InputError(
-            f"{answers_file}: {unknown[0]} is no trial; {did_you_mean(unknown[0], truths)}"
+def score(folder: Path, trials: Sequence[str], costs: Mapping[str, Sequence[float]] = {}) -> str:
+    """Score the files ``answers/{method}.json`` of a folder on its `trials`; the table as Markdown.
+
+    Writes ``benchmark.md``, ``benchmark.csv`` with all rates, and ``benchmark_trials.csv``.
+    `costs`: processor times [s] of the answers, by method.
+    """
+    truths = {name: read_truth(folder / "truth" / f"{name}.json") for name in trials}
+    rows, trial_rows, rate_rows = [], [], []
+    paths = sorted((folder / "answers").glob("*.json"), key=_package_first)
+    if not paths:
+        raise InputError(f"{folder}: has no answers/METHOD.json; `benchmark run` writes some")
+    for path in paths:
+        answers, method = read_answers(path), path.stem
+        if unknown := [name for name in answers if not (folder / f"truth/{name}.json").is_file()]:
+            raise InputError(
+                f"{path}: {unknown[0]} is no trial; {did_you_mean(unknown[0], truths)}"
+            )
+        scored = pd.DataFrame(
+            [score_answer(truth, answers.get(name, Answer())) for name, truth in truths.items()]
         )
-    trials = pd.DataFrame(
-        [score_answer(truth, answers.get(name, Answer())) for name, truth in sorted(truths.items())]
-    )
-    table = rates(trials)
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, frame in {"trials": trials, "rates": table}.items():
-        frame.to_csv(folder / f"{name}.csv", index=False, float_format="%.6g")
-    labels_named = {label for answer in answers.values() for label in answer.named or ()} - {
-        *LABELS
+        rate = rates(scored)
+        rows.append(_row(method, rate, costs.get(method, ())))
+        trial_rows.append(scored.assign(method=method))
+        rate_rows.append(rate.assign(method=method))
+    for name, frames in (("benchmark_trials", trial_rows), ("benchmark", rate_rows)):
+        table = pd.concat(frames).set_index("method").reset_index()
+        write_text(folder / f"{name}.csv", table.to_csv(index=False, float_format="%.6g"))
+    text = f"{len(truths)} campaigns; shares with 95 % intervals\n\n{_markdown(rows)}"
+    write_text(folder / "benchmark.md", text)
+    return text
+
+
+def _package_first(path: Path) -> tuple[bool, str]:
+    return path.stem != PACKAGE, path.stem
+
+
+def read_truth(path: Path) -> dict[str, Any]:
+    """The ground truth of a trial."""
+    try:
+        return json.loads(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read ({error}); `benchmark draw` writes it") from error
+
+
+_COLUMNS = {
+    **{outcome: (outcome, "all") for outcome in OUTCOMES},
+    "false alarms": ("false alarm, nothing hidden", "all"),
+    **{of: (of, "all") for of in ("precision", "recall", "F1")},
+}
+
+
+def _row(method: str, rate: pd.DataFrame, seconds: Sequence[float]) -> dict[str, str]:
+    by_name = rate.set_index(["what", "group"])
+    row = {"method": method}
+    for column, key in _COLUMNS.items():
+        row[column] = ""
+        if key in by_name.index:
+            found = by_name.loc[key]
+            row[column] = f"{found['value']:.2f} ({found['low']:.2f} - {found['high']:.2f})"
+    row["CPU-s, median"] = f"{median(seconds):.1f}" if seconds else ""
+    return row
+
+
+def _markdown(rows: Sequence[Mapping[str, str]]) -> str:
+    head = list(rows[0])
+    lines = [head, ["---", *["---:"] * (len(head) - 1)], *(list(row.values()) for row in rows)]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def answer_of_verdict(verdict: Mapping[str, Any] | None) -> Any:
+    """Named effects with sizes; [] if nothing is missing; None without a decision."""
+    if verdict is None or verdict["verdict"] not in NAMED:
+        return [] if verdict and verdict["verdict"] in NOTHING_NAMED else None
+    effects = verdict["effects"]
+    size = {
+        effect_label(effect): {key: found["value"] for key, found in effect["parameters"].items()}
+        for effect in effects
     }
-    strange = {label for label in labels_named if not SHAPES.get(label.partition(":")[0])}
-    note = f"\nno labels of the list: {', '.join(sorted(strange))}" if strange else ""
-    return table.to_string(index=False, float_format="{:.3f}".format) + note
+    size |= {
+        name_stated(effect): {"shape": family["interval_99"]}
+        for effect in effects
+        for family in families_named(effect)
+    }
+    return {"named": sorted(map(name_stated, effects)), "size": size}
 
 
 class Answer(BaseModel, extra="forbid"):
