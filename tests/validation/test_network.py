@@ -12,7 +12,8 @@ from jointgap.core.errors import InputError
 from validation.benchmark import network
 from validation.benchmark.features import CHANNEL_NAMES, EFFECTS, Features, features
 from validation.kinds import Trial, read_set
-from validation.trial import make_trial
+from validation.rig import draw_rig
+from validation.trial import Calibrator, make_trial
 
 
 @pytest.fixture(scope="module")
@@ -102,10 +103,27 @@ def test_training_campaigns_are_as_those_of_a_set_and_resume(tmp_path):
     sets = tmp_path / "sets.yaml"
     sets.write_text("sets:\n  small: {seed: 5, ideal: 3}\n")
     trial_set, folder = read_set(sets, "small"), tmp_path / "training"
-    network.simulate(folder, 1, trial_set)
+    network.simulate(folder, 3, trial_set)
     before = {path: path.read_bytes() for path in folder.iterdir()}
-    network.simulate(folder, 1, trial_set)
+    network.simulate(folder, 3, trial_set)
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
-    with np.load(next(folder.glob("*.npz"))) as content:
-        assert content["tokens"].shape[0] == content["channels"].size
-        assert bool(content["nothing"]) == (content["labels"].size == 0)
+    for path in folder.glob("*.npz"):
+        with np.load(path) as content:
+            assert content["tokens"].shape[0] == content["channels"].size
+            assert bool(content["nothing"]) == (content["labels"].size == 0)
+            # the sizes of effects are scaled in one linear step
+            assert content["nothing"] or 1.26 <= content["gap"] <= 10.0
+
+
+@pytest.mark.parametrize("label", ["encoder_offset", "encoder_eccentricity", "gravity"])
+@pytest.mark.parametrize("measured_angle", [False, True])
+def test_a_size_for_a_gap_counts_what_differs_from_the_reading_of_the_encoder(
+    label, measured_angle
+):
+    rng = np.random.default_rng(4)
+    plan = Trial("single", "ideal", 3.0, (label,), measured_angle=measured_angle)
+    rig = draw_rig(rng, plan)
+    ((effect, size),) = network._with_sizes(plan, rig, rng)
+    calibrator = Calibrator(rig)
+    gap = calibrator.gap([(effect, size)])
+    assert 1.2 < gap < 10.0  # 1.5 to 8 without recalibration

@@ -28,7 +28,7 @@ from validation.benchmark.features import (
 from validation.benchmark.pool import in_parallel
 from validation.data_faults import damage
 from validation.kinds import Trial, plan_trials
-from validation.rig import RECIPE, Hidden, Readings, Rig, draw_effect, draw_rig, read
+from validation.rig import RECIPE, Hidden, Readings, Rig, Run, draw_effect, draw_rig, read
 from validation.score import LEAST_GAP, effect_label
 from validation.trial import campaign_of, noisy, write_campaign
 
@@ -40,7 +40,7 @@ _STREAM = 101  # `validation.trial.make_trial` has 100
 _SETS = 10  # planned training campaigns, in numbers of the set
 # Of motion that never repeats every third planned campaign is drawn: it takes ten times as long
 _CHAOTIC_EVERY = 3
-_CHAOTIC_SIZES = (1.0, 30.0)  # range of a size, in first sizes: there is no gap of one motion
+_LARGEST_GAP = 20.0  # of an effect
 _SECONDS = 60.0  # processor time of a training campaign, after which it is given up
 
 _WIDTH, _DROPOUT, _MEMBERS = 128, 0.3, 5  # of a network; networks whose outputs are averaged
@@ -122,13 +122,13 @@ def _drawn(place: Path, plan: Trial) -> dict[str, Any] | str:
         damage(rng, plan.damage, campaign, frames)
     write_campaign(rng, place, rig, campaign, frames)
     found = features(place / "campaign.yaml")
-    if effects and not LEAST_GAP <= found.gap <= (plan.shown or (0.0, math.inf))[1]:
+    if effects and not LEAST_GAP <= found.gap <= _LARGEST_GAP:
         return f"gap {found.gap:.3g}"
     named = [effect_label({"name": e.name, "site": e.site}) for e, _ in effects]
     return {
         **{"channels": found.channels, "tokens": found.tokens, "rig": found.rig},
         **{"labels": np.array(named, dtype=str), "nothing": not (effects or plan.damage)},
-        **{"kind": plan.kind, "base": plan.base},
+        **{"kind": plan.kind, "base": plan.base, "gap": found.gap},
     }
 
 
@@ -147,21 +147,32 @@ def _with_sizes(
         if plan.shown:
             size = _log_uniform(rng, effect.lowest or 0.01 * effect.most, effect.most)
         elif rig.base == "chaotic":
-            size = _log_uniform(rng, *np.multiply(_CHAOTIC_SIZES, effect.first))
+            size = _log_uniform(rng, effect.first, effect.most)  # one motion has no gap
         else:
             gap = _log_uniform(rng, min(RECIPE["gaps"]), max(RECIPE["gaps"]))
             changed = read(rig.true, fastest, rig.numerics, [(effect, effect.first)])
-            size = effect.first * _factor(rig, base, changed, gap)
+            size = effect.first * _factor(rig, fastest, base, changed, gap)
         sizes.append((effect, min(max(size, effect.lowest), effect.most)))
     return sizes
 
 
-def _factor(rig: Rig, base: Readings, changed: Readings, gap: float) -> float:
-    """Factor of the size of an effect for a gap, if the motion responds in proportion."""
-    squares = [
-        np.mean(((changed[name] - base[name]) / (sensor.noise_share * base[name].std())) ** 2)
-        for name, sensor in rig.sensors.items()
-    ]
+def _factor(rig: Rig, run: Run, base: Readings, changed: Readings, gap: float) -> float:
+    """Factor of the size of an effect for a gap, if the readings respond in proportion.
+
+    The analyst's crank follows the encoder: its readings at constant speed on a line.
+    """
+    shift, squares = np.zeros(run.times.size), []
+    if rig.angle_noise:
+        shift = changed["crank_angle"] - base["crank_angle"]
+        if rig.drive == "constant_speed":
+            line = np.polyval(np.polyfit(run.times, shift, 1), run.times)
+            sd = math.hypot(rig.angle_noise, rig.angle_step / math.sqrt(12.0))
+            squares.append(np.mean(((shift - line) / sd) ** 2))
+            shift = line
+    for name, sensor in rig.sensors.items():
+        followed = base[name] + shift * np.gradient(base[name], base["crank_angle"])
+        sd = sensor.noise_share * base[name].std()
+        squares.append(np.mean(((changed[name] - followed) / sd) ** 2))
     return math.sqrt((gap**2 - 1.0) / max(float(np.mean(squares)), 1e-12))
 
 
@@ -289,8 +300,6 @@ def _read_training(folder: Path) -> tuple[list[Features], torch.Tensor]:
         with np.load(path) as content:
             arrays = [content[key] for key in ("channels", "tokens", "rig")]
             labels = {*content["labels"].tolist(), *(["nothing"] if content["nothing"] else [])}
-        if labels and not labels & {*_OUTPUTS}:
-            labels = set()
         campaigns.append(Features(*arrays, math.nan))
         targets.append([float(label in labels) for label in _OUTPUTS])
     return campaigns, torch.tensor(targets)
