@@ -45,7 +45,7 @@ def run(*arguments: str) -> None:
     from validation.runner import run_trials
 
     parser = _parser("run", trials="all", seconds=120.0, budget=math.inf)
-    parser.add_argument("--seed", type=partial(int, base=0), help="of a set without one")
+    parser.add_argument("--seed", type=_seed, help="of a set without one, such as 0x1a2b3c4d")
     parser.add_argument("--cores", type=int, default=1, help="number of trials at a time")
     chosen = _parsed(parser, arguments)
     if chosen.cores < 1:
@@ -55,6 +55,14 @@ def run(*arguments: str) -> None:
     run_trials(plans, trial_set.seed, folder, chosen.seconds, chosen.budget, chosen.cores)
     done = sum((folder / "verdicts" / f"{plan.id}.json").is_file() for plan in plans)
     print(f"{done} of {len(plans)} trials have a verdict in {folder}")
+
+
+def _seed(text: str) -> int:
+    try:
+        return int(text, base=0)
+    except ValueError:
+        message = f"is {text!r}; give a whole number, such as eight digits of a hash: 0x1a2b3c4d"
+        raise argparse.ArgumentTypeError(message) from None
 
 
 def _parser(command: str, trials: str, seconds: float, budget: float) -> argparse.ArgumentParser:

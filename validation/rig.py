@@ -519,8 +519,7 @@ def draw_rig(rng: np.random.Generator, trial: Any) -> Rig:
     noise = math.radians(drawn("driving_encoder_deg" if accurate else "encoder_deg"))
     step, truncates = 0.0, trial.kind == "counter"
     if truncates or (accurate and rng.random() < 0.5):
-        counts = RECIPE["rig"]["counts"] if truncates else [1000, 2000, 3600, 10_000]
-        step = tau / int(rng.choice(counts))
+        step = tau / int(rng.choice(RECIPE["rig"]["accurate_counts" if accurate else "counts"]))
         noise = step * float(drawn("noise_of_step"))
     if trial.measured_angle and trial.kind != "exudyn" and rng.random() < 0.3:
         swing = {"ratio": float(drawn("swing")), "order": 0.5}

@@ -13,7 +13,7 @@ import signal
 import subprocess
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -95,9 +95,10 @@ def _seconds_of_children() -> float:
     return spent.ru_utime + spent.ru_stime
 
 
+@cache
 def code_version() -> str:
-    """The first digits of the hash of the commit, and whether files differ from it; empty without
-    Git."""
+    """The first digits of the hash of the commit at the first call, and whether files differ from
+    it; empty without Git."""
     command = ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
     root = Path(__file__).parents[1]
     try:
@@ -122,6 +123,7 @@ def run_trials(
     An analysis ends unfinished after `seconds` of processor time. No trial begins after `budget`
     seconds of processor time.
     """
+    code_version()  # of the code that is loaded, whatever is committed during the run
     context = multiprocessing.get_context("fork")
     position, parent = context.Value("i", 0), os.getpid()
 

@@ -54,6 +54,12 @@ def test_every_rate_is_a_metric_and_time_is_a_cost(folder):
     assert set(record.files) >= files | {"figures/rates.svg", "figures/curves.png"}
 
 
+def test_a_set_without_goals_has_a_page(tmp_path):
+    trials = made_up(3).assign(kind="counter", hidden="nothing")
+    text = write_score("counters", trials, tmp_path)
+    assert "| wrong name, truncating counter | all | 5 | 0.2 |" in text
+
+
 def test_trials_are_scored_published_collected_and_reported(tmp_path):
     table, one, other = tmp_path / "trials.csv", tmp_path / "blind/one", tmp_path / "blind/other"
     for name, folder in (("a", one), ("b", other)):
