@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("torch", reason="needs torch: the extra learn")
 
 from jointgap.core.errors import InputError
-from validation.benchmark import network
+from validation.benchmark import network, training
 from validation.benchmark.features import CHANNEL_NAMES, EFFECTS, Features, features
 from validation.kinds import Trial, read_set
 from validation.rig import draw_rig
@@ -57,7 +57,8 @@ def made(label: str, rng: np.random.Generator) -> dict:
         tokens[channels == CHANNEL_NAMES.index(label.partition(":")[2]), 1] += 8.0
     labels = np.array([label] if label else [], dtype=str)
     return {"channels": channels, "tokens": tokens, "rig": rig, "labels": labels} | {
-        "nothing": not label
+        "nothing": not label,
+        "gap": 1.0,
     }
 
 
@@ -103,9 +104,9 @@ def test_training_campaigns_are_as_those_of_a_set_and_resume(tmp_path):
     sets = tmp_path / "sets.yaml"
     sets.write_text("sets:\n  small: {seed: 5, ideal: 3}\n")
     trial_set, folder = read_set(sets, "small"), tmp_path / "training"
-    network.simulate(folder, 3, trial_set)
+    training.simulate(folder, 3, trial_set)
     before = {path: path.read_bytes() for path in folder.iterdir()}
-    network.simulate(folder, 3, trial_set)
+    training.simulate(folder, 3, trial_set)
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
     for path in folder.glob("*.npz"):
         with np.load(path) as content:
@@ -123,7 +124,7 @@ def test_a_size_for_a_gap_counts_what_differs_from_the_reading_of_the_encoder(
     rng = np.random.default_rng(4)
     plan = Trial("single", "ideal", 3.0, (label,), measured_angle=measured_angle)
     rig = draw_rig(rng, plan)
-    ((effect, size),) = network._with_sizes(plan, rig, rng)
+    ((effect, size),) = training._with_sizes(plan, rig, rng)
     calibrator = Calibrator(rig)
     gap = calibrator.gap([(effect, size)])
     assert 1.2 < gap < 10.0  # 1.5 to 8 without recalibration

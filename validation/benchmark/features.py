@@ -206,18 +206,18 @@ def _changes(
         values = dict(candidate.initial_guesses[0])
         values = {p.name: values.get(p.name, p.nominal) for p in candidate.coordinates_in((run,))}
         values[amplitude.name] = values.get(amplitude.name) or amplitude.step
-        here = amplitude.run in (None, run)
-        steps.append((nominal, ((candidate, values),)) if here else None)
+        acts = amplitude.run in (None, run)
+        steps.append((nominal, ((candidate, values),)) if acts else None)
     if model.chaotic(run):
         return [None] * len(steps)
     places = [place for place, step in enumerate(steps) if step is not None]
-    found = model.changes(run, nominal, (), [steps[place] for place in places])
-    if found is None:
+    nearby = model.changes(run, nominal, (), [steps[place] for place in places])
+    if nearby is None:
         if model.campaign.mechanism.loose:
             places = [place for place in places if place < len(nuisances)]
-        found = [_difference(model, run, steps[place], predicted[run]) for place in places]
+        nearby = [_difference(model, run, steps[place], predicted[run]) for place in places]
     changes: list[Readings | None] = [None] * len(steps)
-    for place, change in zip(places, found, strict=True):
+    for place, change in zip(places, nearby, strict=True):
         changes[place] = change
     return changes
 

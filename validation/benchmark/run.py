@@ -10,9 +10,10 @@ from typing import Any
 
 from jointgap.core.errors import InputError
 from validation.benchmark import greedy, optimiser, sparse
-from validation.benchmark.network import MODEL, answer, simulate, train
+from validation.benchmark.network import MODEL, answer, train
 from validation.benchmark.pool import in_parallel
 from validation.benchmark.score import PACKAGE, answer_of_verdict, score
+from validation.benchmark.training import simulate
 from validation.kinds import Trial, plan_trials, read_set
 from validation.runner import analyse_within, draw_trial, run_trials, write_record
 
@@ -68,8 +69,8 @@ def _ask(folder: Path, peers: Mapping[str, Method], seconds: float, trial: str) 
             # the optimiser spends the time of the package after it has started
             limit = seconds + record["seconds"] if method == "optimiser" else seconds
             analyse_within(path, trial, partial(_named, names_of, campaign, record), limit)
-        found = json.loads(path.read_bytes())
-        lines.append(f"{method} {found.get('error') or found['named']}")
+        peer = json.loads(path.read_bytes())
+        lines.append(f"{method} {peer.get('error') or peer['named']}")
     return f"{trial}: {', '.join(lines)}"
 
 
