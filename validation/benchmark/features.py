@@ -74,6 +74,8 @@ def features(campaign_file: Path) -> Features:
         The files cannot be read, or the nominal model cannot be simulated.
     """
     campaign = load_campaign(campaign_file)
+    fitted = tuple(run for run in campaign.runs if run.role != "confirm")
+    campaign = campaign.model_copy(update={"runs": fitted})
     model = build_model(campaign, read_measurements(campaign, compared=False))
     predicted = {run: model.simulate(run, model.nominal(run)) for run in model.plans}
     parts = _parts(model, predicted)

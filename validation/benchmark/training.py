@@ -6,6 +6,7 @@ import signal
 import tempfile
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ _SETS = 10  # planned training campaigns, in numbers of the set
 # Of motion that never repeats every third planned campaign is drawn: it takes ten times as long
 _CHAOTIC_EVERY = 3
 _LARGEST_GAP = 20.0  # of an effect
+_TOLERANCE = 1e-9  # local error of a step [m]: less accurate than a trial, far below the noise
 _ARRAYS = ("channels", "tokens", "rig", "gap")
 _SECONDS = 60.0  # processor time of a training campaign, after which it is given up
 
@@ -96,6 +98,7 @@ def _drawn(place: Path, plan: Trial) -> dict[str, Any] | str:
     """Arrays of a training campaign, or why there are none."""
     rng = np.random.default_rng([SEED, _STREAM, plan.number])
     rig = draw_rig(rng, plan)
+    rig = replace(rig, numerics=replace(rig.numerics, tolerance=_TOLERANCE))
     effects = _with_sizes(plan, rig, rng)
     if effects is None:
         return "the rig cannot have the effect"
