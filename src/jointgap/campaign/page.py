@@ -208,16 +208,16 @@ def _location(verdict: Verdict, windows: pd.DataFrame | None) -> list[Block | st
     blocks: list[Block | str] = []
     if windows is not None and len(windows):
         caption = (
-            f"{word.capitalize()} windows with the largest residuals before effects are added [standard"
-            " deviations of noise]."
+            f"{word.capitalize()} windows with the largest residuals before effects are added"
+            " [standard deviations of noise]."
         )
         largest = windows.sort_values("rms", ascending=False).head(_MOST_WINDOWS).round({"mean": 4})
         names = ("run", "channel", "start_deg", "end_deg", "mean", "rms")
         blocks.append(frame_block(schema.MAP_WINDOWS, largest, names, caption))
     if orders:
         caption = (
-            f"{'Crank orders' if cycle == 'crank angle' else 'Orders of the cycle'} that dominate the residual. Possible sources: drive, gear teeth, motor"
-            " poles, joint impacts."
+            "Orders, in cycles of the crank or of the motion, that dominate the residual. Possible"
+            " sources: drive, gear teeth, motor poles, joint impacts."
         )
         names = ("run", "channel", "order", "amplitude", "unit", "share")
         blocks.append(frame_block(schema.MAP_STANDOUT, pd.DataFrame(orders), names, caption))
