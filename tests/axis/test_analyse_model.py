@@ -4,7 +4,6 @@ import json
 
 import pytest
 
-
 from jointgap.axis.analyse import ModelState, analyse_model, preflight_model
 from tests.axis.folders import GEAR, PENDULUM, PENDULUM_FILE, gear, pendulum, piston
 

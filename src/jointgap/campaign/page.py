@@ -412,6 +412,10 @@ _ROLES = {
 }
 
 
+_RUN_COLUMNS = {"run": "l", "file": "l", "crank speed [rpm]": "r", "use": "l"}
+_RUN_COLUMNS |= {"samples": "r", "full revolutions": "r"}
+
+
 def _data(
     campaign: Campaign | None, look: pd.DataFrame | None, warnings: Sequence[str]
 ) -> list[Block]:
@@ -450,7 +454,7 @@ def _data(
     ]
     caption = f"Runs. Measured on {words.format_day(campaign.date)}." if campaign.date else "Runs."
     blocks: list[Block] = [
-        TableBlock.of(runs, "llrlrr" if "crank speed [rpm]" in runs[0] else "lll", caption),
+        TableBlock.of(runs, "".join(map(_RUN_COLUMNS.__getitem__, runs[0])), caption),
         TableBlock.of(channels, caption="Measured channels."),
     ]
     if campaign.own_loads:
