@@ -6,8 +6,6 @@ limit of processor time; its record is a file, so an interrupted ablation resume
 
 import json
 import math
-import multiprocessing
-import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from fnmatch import fnmatch
@@ -24,14 +22,11 @@ from jointgap.identification.search import STEPS, Step
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from validation.analyse import analyse_trial
 from validation.kinds import CLEARANCES, Trial
-from validation.score import score_trial
-from validation.trial import make_trial
+from validation.runner import analyse_within, draw_trial, summary, write_record
+from validation.score import UNFINISHED, score_trial
 
 COMPLETE = "complete"
 """Name of the variant with all steps and the default settings."""
-
-UNFINISHED = "unfinished"
-"""Outcome of an analysis that reached its limit of processor time."""
 
 OUTCOMES = ("right", "partly", "ambiguous", "unexplained", "missed", "wrong", "failed", UNFINISHED)
 
@@ -146,46 +141,6 @@ def analyse_variant(campaign: Path, variant: Variant) -> dict[str, Any]:
     return record | {"settings_read": sorted(read)}
 
 
-def chosen_trials(plans: Sequence[Trial], choice: str) -> list[Trial]:
-    """The trials with `even` or `odd` numbers, `all`, or those with numbers or ids as ``0,4``."""
-    halves = {"even": (0,), "odd": (1,), "all": (0, 1)}
-    if choice in halves:
-        return [plan for plan in plans if plan.number % 2 in halves[choice]]
-    by_name = {name: plan for plan in plans for name in (str(plan.number), plan.id)}
-    names = choice.split(",")
-    if unknown := [name for name in names if name not in by_name]:
-        raise InputError(
-            f"trials: '{unknown[0]}' is no trial; give even, odd, all, or ids or numbers from 0 to"
-            f" {len(plans) - 1} with commas"
-        )
-    return [by_name[name] for name in names]
-
-
-def in_process(function: Callable[[], Any], seconds: float = 0.0) -> tuple[Any, str]:
-    """The result of `function` in a process of its own, and why there is none ("" if there is).
-
-    The process ends after `seconds` of processor time; 0: no limit.
-    """
-    context = multiprocessing.get_context("fork")
-    receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_send_result, args=(function, seconds, sender))
-    process.start()
-    sender.close()
-    try:
-        result, error = receiver.recv(), ""
-    except EOFError:
-        result, error = None, "the process ended early"
-    process.join()
-    if error and process.exitcode == -signal.SIGPROF:
-        error = UNFINISHED
-    return result, error
-
-
-def _send_result(function: Callable[[], Any], seconds: float, sender: Any) -> None:
-    signal.setitimer(signal.ITIMER_PROF, seconds)
-    sender.send(function())
-
-
 def ablate(
     plans: Sequence[Trial],
     seed: int,
@@ -206,13 +161,14 @@ def ablate(
     spent, known = 0.0, {}
     for plan in plans:
         if spent < budget:
-            _draw(plan, seed, folder)
+            truth = folder / "truth" / f"{plan.id}.json"
+            draw_trial(plan, seed, folder / "campaigns" / plan.id, truth)
             spent += _analysed(folder, first, plan, seconds, analyse)
         known[plan] = _read(_place(folder, first, plan))
     for plan in sorted(plans, key=lambda plan: known[plan].get("seconds", math.inf)):
         for variant in others:
             if is_unused(variant, known[plan]):
-                _write(_place(folder, variant, plan), known[plan])
+                write_record(_place(folder, variant, plan), known[plan])
             elif spent < budget:
                 spent += _analysed(folder, variant, plan, seconds, analyse)
     return table_of_analyses(folder, plans)
@@ -229,16 +185,6 @@ def is_unused(variant: Variant, record: Mapping[str, Any]) -> bool:
     )
 
 
-def _draw(plan: Trial, seed: int, folder: Path) -> None:
-    """Write the campaign and the truth of a trial if they do not exist."""
-    path = folder / "truth" / f"{plan.id}.json"
-    if not path.is_file():
-        truth, error = in_process(partial(make_trial, plan, seed, folder / "campaigns" / plan.id))
-        if error:
-            raise RuntimeError(f"trial {plan.id}: {error}")
-        _write(path, truth)
-
-
 def _analysed(
     folder: Path, variant: Variant, plan: Trial, seconds: float, analyse: Callable
 ) -> float:
@@ -246,11 +192,9 @@ def _analysed(
     path = _place(folder, variant, plan)
     if path.is_file():
         return 0.0
-    record, error = in_process(partial(analyse, folder / "campaigns" / plan.id, variant), seconds)
-    if error:
-        record = {"id": plan.id, "error": error, "seconds": seconds}
-    _write(path, record)
-    print(f"{variant.name}: {plan.number}: {record['seconds']:.1f} CPU-s {error}", flush=True)
+    campaign = folder / "campaigns" / plan.id
+    record = analyse_within(path, plan.id, partial(analyse, campaign, variant), seconds)
+    print(f"{variant.name}: {plan.number}: {summary(record)}", flush=True)
     return record["seconds"]
 
 
@@ -262,11 +206,6 @@ def _read(path: Path) -> dict[str, Any]:
     return json.loads(path.read_bytes()) if path.is_file() else {}
 
 
-def _write(path: Path, record: Mapping[str, Any]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_text(path, json.dumps(record, indent=1, allow_nan=False) + "\n")
-
-
 def table_of_analyses(folder: Path, plans: Sequence[Trial]) -> pd.DataFrame:
     """One row for each analysis of `plans` in `folder`: score, variant, group of the trial,
     simulated runs and revolutions."""
@@ -275,8 +214,6 @@ def table_of_analyses(folder: Path, plans: Sequence[Trial]) -> pd.DataFrame:
         for path in sorted((folder / "analyses").glob(f"*/{plan.id}.json")):
             record = _read(path)
             row = score_trial(_read(folder / "truth" / f"{plan.id}.json"), record)
-            if record.get("error") == UNFINISHED:
-                row["outcome"] = UNFINISHED
             spent = record.get("verdict", {}).get("costs", {}).get("total", {})
             costs = {key: spent.get(key, math.nan) for key in ("runs", "revolutions")}
             rows.append({"variant": path.parent.name, "group": group_of(plan), **row, **costs})

@@ -2,6 +2,7 @@
 
 import math
 import shutil
+import signal
 import tempfile
 import time
 import traceback
@@ -45,6 +46,7 @@ def analyse_trial(
             record["error"] = f"{type(error).__name__}: {error}"
             record["traceback"] = traceback.format_exc()
         record["seconds"] = round(time.process_time() - begin, 3)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)  # a limit is for the identification
         if results.place(schema.CONTRADICTIONS).is_file():
             doubts = results.read(schema.CONTRADICTIONS)[["run", "channel", "other", "kind"]]
             record["doubts"] = doubts.astype(str).to_dict("records")

@@ -1,6 +1,8 @@
 """Plan of a set of trials: its seed determines the hidden effects of each trial."""
 
 import hashlib
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,7 @@ from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import JOINTS, PINS
 from jointgap.core.section import ConfigModel, Seed, Word, whole_number
 from jointgap.core.units import quantity
-from jointgap.rig.sensors import ENCODER_OFFSET
+from jointgap.rig.sensors import ENCODER_COUPLING, ENCODER_FAULTS
 from validation.data_faults import DATA_FAULTS
 from validation.rig import LISTED, OFF_LIST, RECIPE
 
@@ -28,11 +30,12 @@ _GROUPS = {
     "exudyn": RECIPE["exudyn"],
 }
 
-# Number of trials of each kind; share of measured cranks; share of these with drift
+# Seed, absent until the analysing commit is fixed; number of trials of each kind; share of measured
+# cranks; share of these with drift
 TrialSet = create_model(
     "TrialSet",
     __base__=ConfigModel,
-    seed=(Seed, ...),
+    seed=(Seed | None, None),
     measured_angle=(quantity("", ge=0, le=1), 0.0),
     drift=(quantity("", ge=0, le=1), 0.0),
     **{kind: (whole_number(ge=0, le=10_000), 0) for kind in RECIPE["kinds"]},
@@ -63,15 +66,24 @@ class Trial:
 
     @property
     def needs_encoder(self) -> bool:
-        return self.measured_angle or self.damage == "zero_off" or ENCODER_OFFSET in self.effects
+        faulty = self.damage == "zero_off" or not {*ENCODER_FAULTS}.isdisjoint(self.effects)
+        return faulty or self.measured_angle or self.kind == "counter"
 
 
-def read_set(path: Path | str, name: str) -> Any:
-    """The set `name` of a file such as ``config/blind.yaml``."""
+def read_set(path: Path | str, name: str, seed: int | None = None) -> Any:
+    """The set `name` of a file such as ``config/blind.yaml``, with its own seed or a given one."""
     sets = validate(Sets, read_yaml(path), str(path)).sets
     if name not in sets:
         raise InputError(f"there is no set of blind trials '{name}'; {did_you_mean(name, sets)}")
-    return sets[name]
+    trial_set = sets[name]
+    if seed is not None and trial_set.seed not in (None, seed):
+        raise InputError(f"{path}: sets.{name}.seed is {trial_set.seed}; remove --seed {seed}")
+    if seed is None and trial_set.seed is None:
+        raise InputError(
+            f"{path}: sets.{name} has no seed; give the first eight digits of the hash of the"
+            " analysing commit, such as --seed 0x1a2b3c4d, or write them there"
+        )
+    return trial_set if seed is None else trial_set.model_copy(update={"seed": seed})
 
 
 def plan_trials(trial_set: Any, count: int | None = None) -> list[Trial]:
@@ -90,6 +102,7 @@ def plan_trials(trial_set: Any, count: int | None = None) -> list[Trial]:
         digest = hashlib.sha256(f"{trial_set.seed} {number}".encode()).hexdigest()
         shuffled.append(replace(trials[index], id=digest[:12], number=number))
     constant_speed = {name for name, effect in EFFECTS.items() if effect.DRIVE == "constant"}
+    constant_speed |= {*ENCODER_COUPLING}
     drivable = [
         trial.number
         for trial in shuffled
@@ -101,6 +114,25 @@ def plan_trials(trial_set: Any, count: int | None = None) -> list[Trial]:
         replace(trial, measured_angle=trial.number in measured, drift=trial.number in drifting)
         for trial in shuffled[:count]
     ]
+
+
+def chosen_trials(plans: Sequence[Trial], choice: str) -> list[Trial]:
+    """The trials with `even` or `odd` numbers, `all`, every fourth from the second as ``2/4``, or
+    those with numbers or ids as ``0,4``."""
+    parts = {"all": (1, 1), "even": (1, 2), "odd": (2, 2)}
+    if found := re.fullmatch(r"([1-9]\d*)/([1-9]\d*)", choice):
+        parts[choice] = tuple(map(int, found.groups()))
+    if choice in parts and parts[choice][0] <= parts[choice][1]:
+        part, count = parts[choice]
+        return [plan for plan in plans if plan.number % count == part - 1]
+    by_name = {name: plan for plan in plans for name in (str(plan.number), plan.id)}
+    names = choice.split(",")
+    if unknown := [name for name in names if name not in by_name]:
+        raise InputError(
+            f"trials: '{unknown[0]}' is no trial; give even, odd, all, a part such as 2/4, or ids"
+            f" or numbers from 0 to {len(plans) - 1} with commas"
+        )
+    return [by_name[name] for name in names]
 
 
 def _trials_of_kind(trial_set: Any, key: str, stream: int) -> list[Trial]:

@@ -83,8 +83,8 @@ def write_score(name: str, trials: pd.DataFrame, folder: Path) -> str:
 def draw_rates(table: pd.DataFrame) -> plot.Drawing:
     """Rates with their intervals and the required values."""
     shown = table[table["what"].isin(GOALS)].reset_index(drop=True)
-    goals = shown["what"].map(lambda what: float(GOALS[what][1]))
-    lower = shown["what"].map(lambda what: GOALS[what][0] == ">=")
+    goals = shown["what"].map(lambda what: GOALS[what][1]).astype(float)
+    lower = shown["what"].map(lambda what: GOALS[what][0] == ">=").astype(bool)
     reached_goal = (shown["value"] == goals) | ((shown["value"] > goals) == lower)
     names = shown["what"] + ": " + shown["group"] + " (" + shown["count"].astype(str) + ")"
     sheet = Sheet(1.2 + 0.22 * max(len(shown), 3), 1, 1)

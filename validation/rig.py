@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from functools import cached_property
 from math import tau
 from pathlib import Path
@@ -26,7 +26,11 @@ from jointgap.rig.drives import options_of, prescribed_angles
 from jointgap.rig.model import physical_candidates
 from jointgap.rig.sensors import (
     DELAY_SHARES,
+    ENCODER_BACKLASH,
+    ENCODER_ECCENTRICITY,
+    ENCODER_FAULTS,
     ENCODER_OFFSET,
+    ENCODER_WINDUP,
     FAULTS,
     LAG_AND_DELAY,
     SENSOR_DELAY,
@@ -90,6 +94,9 @@ LISTED = (
 )
 OFF_LIST = (*RECIPE["laws"], *RECIPE["faults"])
 CHANNELS = tuple(name for names in RECIPE["channels"].values() for name in names)
+HIGH_PASS = "sensor_high_pass"
+# Channels of piezoelectric sensors
+AC_COUPLED = (*RECIPE["channels"]["forces"], *RECIPE["channels"]["accelerations"])
 SENSOR_FAULTS = tuple(name for name in LISTED if name in FAULTS and name != ENCODER_OFFSET)
 
 # Labels of right answers: effects and encoder faults, then sensor faults with their channel
@@ -104,7 +111,12 @@ def draw_effect(
 ) -> Hidden | None:
     """The effect `label` of a rig with the standard deviations `spread` [SI] of its channels; None
     if it cannot act."""
-    channel = "crank_angle" if label == ENCODER_OFFSET else str(rng.choice(list(rig.sensors)))
+    if label in ENCODER_FAULTS:
+        channel = "crank_angle"
+    elif label == HIGH_PASS:
+        channel = str(rng.choice([name for name in rig.sensors if name in AC_COUPLED]))
+    else:
+        channel = str(rng.choice(list(rig.sensors)))
     if label in RECIPE["faults"]:
         fault = RECIPE["faults"][label]
         unit = spread[channel] if fault["of_spread"] else 1.0
@@ -117,8 +129,9 @@ def draw_effect(
     if label in RECIPE["laws"]:
         return _unlisted_law(label, rig, rng)
     if label in FAULTS:
-        site = "sensor" if label == ENCODER_OFFSET else channel
-        reading = Reading(spread.get(channel, 0.0), "", rig.fastest)
+        site = "sensor" if label in ENCODER_FAULTS else channel
+        torque = rig.true.slider.mass * (rig.true.crank.length * rig.fastest) ** 2
+        reading = Reading(spread.get(channel, 0.0), "", rig.fastest, torque)
         return _listed_effect(FAULTS[label].candidate(site, reading), rng, {}, channel)
     candidate = candidates(rig.nominal, rig.fastest, rig.nuisances).get(label)
     return candidate and _listed_effect(candidate, rng, rig.nuisances)
@@ -202,6 +215,20 @@ def _cubic_sensor(u: np.ndarray, size: float) -> np.ndarray:
     return u + size * (u - middle) ** 3 / half**2
 
 
+# Errors (n,) [rad] of an encoder at crank angles (n,) [rad] and driving torques (n,) [N m], with
+# the parameters of a verdict
+ENCODER_ERRORS = {
+    ENCODER_OFFSET: lambda angle, torque, offset_rad: np.full(angle.size, offset_rad),
+    ENCODER_WINDUP: lambda angle, torque, stiffness_N_m_rad: torque / stiffness_N_m_rad,
+    ENCODER_BACKLASH: lambda angle, torque, play_rad: 0.5 * play_rad * np.sign(torque),
+    ENCODER_ECCENTRICITY: lambda angle, torque, amplitude_rad, phase_rad: (
+        amplitude_rad * np.cos(angle - phase_rad)
+    ),
+}
+
+# Encoder faults that change the shape of the angle over time
+MOVED_ANGLE = ENCODER_ERRORS.keys() - {ENCODER_OFFSET}
+
 # Readings of a signal (n,) with unlisted sensor faults
 UNLISTED_FAULTS = {
     "drift": lambda u, size: u + size * np.linspace(0.0, 1.0, u.size),
@@ -219,8 +246,8 @@ _MOST_DRAWS = 200  # of mechanisms until the motion is as required at all three 
 
 # Knots per revolution of a drifting crank: its angle between them is exact to 1e-11 rad
 _DRIFT_GRID = 240
-# Samples per revolution for a sensor lag; lags simulated before the first sample (decay to 1 %)
-_LAG_GRID, _LAGS_BEFORE = 2880, 5.0
+# Samples per revolution for a filter; lags simulated before the first sample (decay to 1 %)
+_FILTER_GRID, _LAGS_BEFORE = 2880, 5.0
 
 # Of one run by channel, SI
 Readings = dict[str, np.ndarray]
@@ -249,6 +276,9 @@ class Drift:
         phases = np.multiply.outer(times, self.rates) + self.phases
         return (np.sin(phases) - np.sin(self.phases)) @ (self.sizes / self.rates)
 
+    def __add__(self, other: "Drift") -> "Drift":
+        return Drift(*map(np.append, astuple(self), astuple(other)))
+
 
 @dataclass(frozen=True)
 class Run:
@@ -266,6 +296,13 @@ class Run:
     def lead(self) -> float:
         """Time from the start to time 0 [s]."""
         return (self.phase - self.start_angle + tau * self.settling) / self.speed
+
+    def as_read(self, amplitude: float, phase: float) -> "Run":
+        """The run as an encoder reads it whose eccentric disc reads most too much, by `amplitude`
+        [rad], at the crank angle `phase` [rad]."""
+        wave = Drift(*np.array([[amplitude], [self.speed], [self.phase - phase + 0.5 * math.pi]]))
+        start = self.phase + amplitude * math.cos(self.phase - phase)
+        return replace(self, phase=start, drift=self.drift + wave if self.drift else wave)
 
 
 @dataclass(frozen=True)
@@ -293,6 +330,8 @@ class Rig:
     noise_is_stated: bool
     angle_noise: float = 0.0  # standard deviation of the crank angle [rad]; 0 without encoder
     angle_step: float = 0.0  # of the encoder [rad], if stated instead of its noise
+    truncates: bool = False  # a counter of whole steps, not the nearest step
+    compares_angle: bool = False  # whether effects act on the angle at constant speed
     drive: str = "constant_speed"
 
     @cached_property
@@ -380,24 +419,29 @@ def with_effects(mechanism: Mechanism, effects: Effects) -> Mechanism:
 
 def read(mechanism: Mechanism, run: Run, numerics: Numerics, effects: Effects = ()) -> Readings:
     """Sensor readings without noise."""
-    readings = simulate(mechanism, run, numerics, effects)
+    motion = simulate(mechanism, run, numerics, effects)
+    readings = motion
     for effect, size in effects:
         if not effect.sensor:
             continue
-        (value,) = effect.parameters(size).values()
+        values = effect.parameters(size)
+        value = next(iter(values.values()))
         fault, true = FAULTS.get(effect.name), readings[effect.sensor]
 
         def at(times, channel=effect.sensor):
             return simulate(mechanism, replace(run, times=times), numerics, effects)[channel]
 
-        if effect.name == ENCODER_OFFSET:
-            faulty = true + value
+        if effect.name in ENCODER_ERRORS:
+            error = ENCODER_ERRORS[effect.name]
+            faulty = true + error(true, motion["crank_torque"], **values)
+        elif effect.name == HIGH_PASS:
+            faulty = _high_passed(true, run, at, value)
         elif fault is None:
             faulty = UNLISTED_FAULTS[effect.name](true, value)
         elif fault.delays:
             faulty = at(run.times - value)
         elif fault.over_time:
-            step = tau / run.speed / _LAG_GRID
+            step = tau / run.speed / _FILTER_GRID
             begin = run.times[0] - _LAGS_BEFORE * value - step
             grid = np.arange(begin, run.times[-1] + 2 * step, step)
             faulty = np.interp(run.times, grid, fault.over_time(at(grid), step, 0.0, value))
@@ -405,6 +449,16 @@ def read(mechanism: Mechanism, run: Run, numerics: Numerics, effects: Effects = 
             faulty = (fault.before_filter or fault.after_filter)(true, value)
         readings = readings | {effect.sensor: faulty}
     return readings
+
+
+def _high_passed(true: np.ndarray, run: Run, at: Callable, corner: float) -> np.ndarray:
+    """The `true` signal (n,) of a run after a first-order high-pass of `corner` [Hz], from the
+    spectrum of two revolutions (a swing has half order), which repeat."""
+    period, count = 2 * tau / run.speed, 2 * _FILTER_GRID
+    times = run.times[0] + period / count * np.arange(count)
+    frequencies = np.fft.rfftfreq(count, period / count)
+    low_passed = np.fft.irfft(np.fft.rfft(at(times)) / (1 + 1j * frequencies / corner), count)
+    return true - np.interp(run.times, times, low_passed, period=period)
 
 
 def read_truth(rig: Rig, run: Run, effects: Effects, by_exudyn: bool) -> Readings:
@@ -460,10 +514,12 @@ def draw_rig(rng: np.random.Generator, trial: Any) -> Rig:
     }
     sensors = _draw_sensors(rng, drawn, trial.base)
     law, width = (("coulomb", 0.5), ("coulomb", 1.5), ("threlfall", 1.5))[rng.integers(3)]
-    noise = math.radians(drawn("driving_encoder_deg" if trial.measured_angle else "encoder_deg"))
-    step = 0.0
-    if trial.measured_angle and rng.random() < 0.5:
-        step = tau / int(rng.choice([1000, 2000, 3600, 10_000]))
+    moved_angle = not MOVED_ANGLE.isdisjoint(trial.effects)
+    accurate = trial.measured_angle or moved_angle
+    noise = math.radians(drawn("driving_encoder_deg" if accurate else "encoder_deg"))
+    step, truncates = 0.0, trial.kind == "counter"
+    if truncates or (accurate and rng.random() < 0.5):
+        step = tau / int(rng.choice(RECIPE["rig"]["accurate_counts" if accurate else "counts"]))
         noise = step * float(drawn("noise_of_step"))
     if trial.measured_angle and trial.kind != "exudyn" and rng.random() < 0.3:
         swing = {"ratio": float(drawn("swing")), "order": 0.5}
@@ -483,6 +539,8 @@ def draw_rig(rng: np.random.Generator, trial: Any) -> Rig:
         noise_is_stated=bool(rng.random() < 0.8),
         angle_noise=noise if encoder else 0.0,
         angle_step=step,
+        truncates=truncates,
+        compares_angle=moved_angle and not trial.measured_angle,
         drive="measured_angle" if trial.measured_angle else "constant_speed",
     )
     if trial.drift and trial.kind != "exudyn" and trial.base != "chaotic":

@@ -27,6 +27,9 @@ WITH_SITE |= FAULTS.keys() - set(ENCODER_FAULTS)
 NOTHING_NAMED = ("no_disagreement", "parameters_only")
 NAMED = ("named", "named_with_remaining_misfit")
 
+UNFINISHED = "unfinished"
+"""Outcome of an analysis that reached its limit of processor time, and its error."""
+
 # Smallest gap of a detectable effect
 LEAST_GAP = 1.5 * (1 - GAP_TOLERANCE)
 
@@ -39,10 +42,6 @@ CLOSED_FROM_GAP = 1.5
 # RMS difference over the noise in a bin of the crank angle: from the larger value the map has to
 # flag it, up to the smaller it must not
 SHOWS_FROM, HIDDEN_UP_TO = 0.5, 0.1
-
-# Comparison methods: smallest BIC of the fits, one effect at a time; sparse regression of the
-# residual; smallest BIC with a global optimiser
-BASELINES = ("greedy", "sparse", "optimiser")
 
 _NUMBERS = (
     "error",
@@ -60,8 +59,6 @@ def score_trials(folder: Path, trials: Iterable[str] = ()) -> pd.DataFrame:
     rows = []
     for name in sorted(trials or (path.stem for path in (folder / "verdicts").glob("*.json"))):
         truth, analysis = (_read(folder / part / f"{name}.json") for part in ("truth", "verdicts"))
-        for path in (folder / "peers").glob(f"*/{name}.json"):  # comparison methods
-            analysis = {**analysis, path.parent.name: _read(path)[path.parent.name]}
         rows.append(score_trial(truth, analysis))
     return pd.DataFrame(rows)
 
@@ -82,13 +79,13 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
     reported = damage is not None and _is_reported(damage["channels"], analysis)
     foreseen = verdict is not None and bool(hidden & set(verdict["preflight"]["undetectable"]))
     smallest = min(truth["gaps"], default=math.nan)
-    outcome = _outcome(truth, verdict, hidden, reported)
+    outcome = _outcome(truth, analysis, hidden, reported)
     row = {
         **{key: truth[key] for key in ("id", "kind", "base", "drive")},
         "hidden": f"{damage['what']}: {' + '.join(damage['channels'])}"
         if damage
         else _joined(hidden),
-        "verdict": "failed",
+        "verdict": UNFINISHED if outcome == UNFINISHED else "failed",
         "named": "",
         "outcome": outcome,
         "size": truth["size"],
@@ -98,12 +95,16 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
         "foreseen": foreseen,
         "told": reported,
         "seconds": analysis.get("seconds", math.nan),
+        "code": analysis.get("code", ""),
         "cause": "",
         "reason": analysis.get("error", ""),
     }
-    row |= {name: _baseline_outcome(truth, hidden, analysis.get(name)) for name in BASELINES}
     row |= dict.fromkeys(_NUMBERS, math.nan)
-    if verdict is None:
+    if verdict is None:  # abstained
+        if not damage:
+            missed = 0 if _is_off_list(truth) else len(hidden)
+            row |= {"names_hit": 0, "names_false": 0, "names_missed": missed}
+            row |= _bin_counts(truth, analysis)
         return row
     row["verdict"] = verdict["verdict"]
     row["named"] = " + ".join(sorted(map(name_stated, verdict["effects"]))) or verdict["verdict"]
@@ -194,11 +195,12 @@ def _is_reported(damaged: Sequence[str], analysis: Mapping[str, Any]) -> bool:
     return any(_is_fault_of(effect, damaged) for effect in effects)
 
 
-def _outcome(
-    truth: Mapping, verdict: Mapping | None, hidden: frozenset[str], reported: bool
-) -> str:
-    """right, wrong, partly, ambiguous, unexplained, missed or failed."""
+def _outcome(truth: Mapping, analysis: Mapping, hidden: frozenset[str], reported: bool) -> str:
+    """right, wrong, partly, ambiguous, unexplained, missed, failed or unfinished."""
+    verdict = analysis.get("verdict")
     if verdict is None:
+        if analysis.get("error") == UNFINISHED:
+            return UNFINISHED
         return "right" if reported else "failed"  # the files were refused because of the damage
     kind, effects = verdict["verdict"], verdict["effects"]
     if "damage" in truth:
@@ -222,25 +224,12 @@ def _outcome(
     named = named_labels(effects, hidden)
     if _is_off_list(truth):
         return "right" if named == hidden or _is_the_force(truth, verdict) else "wrong"
-    return _outcome_of_names(hidden, named)
-
-
-def _baseline_outcome(truth: Mapping, hidden: frozenset[str], named: Collection[str] | None) -> str:
-    """The outcome of a comparison method; `named` is None if it was not applied."""
-    if named is None:
-        return "not asked"
-    if not named:
-        return "missed" if hidden else "right"
-    return "wrong" if _is_off_list(truth) else _outcome_of_names(hidden, frozenset(named))
+    return "right" if named == hidden else "partly" if named < hidden else "wrong"
 
 
 def _is_off_list(truth: Mapping) -> bool:
     """Whether an unlisted effect is hidden."""
     return not all(effect["listed"] for effect in truth["effects"])
-
-
-def _outcome_of_names(hidden: frozenset[str], named: frozenset[str]) -> str:
-    return "right" if named == hidden else "partly" if named < hidden else "wrong"
 
 
 def _equivalent(verdict: Mapping) -> list[frozenset[str]]:
@@ -306,12 +295,12 @@ def _nuisance_coverage(truth: Mapping, verdict: Mapping) -> dict[str, float]:
 
 def _bin_counts(truth: Mapping, analysis: Mapping) -> dict[str, int]:
     """Bins of the crank angle that the map flags rightly, falsely and not."""
-    if not truth.get("where") or "map" not in analysis:
+    if not truth.get("where"):
         return {}
     counts = dict.fromkeys(("map_hit", "map_false", "map_missed"), 0)
     for key, sizes in truth["where"].items():
         sizes, flagged = np.array(sizes), np.zeros(len(sizes), bool)
-        flagged[analysis["map"].get(key, [])] = True
+        flagged[analysis.get("map", {}).get(key, [])] = True
         counts["map_hit"] += int((flagged & (sizes >= SHOWS_FROM)).sum())
         counts["map_false"] += int((flagged & (sizes <= HIDDEN_UP_TO)).sum())
         counts["map_missed"] += int((~flagged & (sizes >= SHOWS_FROM)).sum())
@@ -397,7 +386,8 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
     that of order statistics.
     """
     one = trials["kind"].isin(["single", "exudyn", "clearance"]) & (trials["hidden"] != "nothing")
-    trials = trials.assign(one=one, loosened=trials["hidden"].isin(CLEARANCES))
+    loosened, apart = trials["hidden"].isin(CLEARANCES), trials["kind"].isin(RECIPE["apart"])
+    trials = trials.assign(one=one, loosened=loosened, apart=apart)
     parts = {name: trials.query(condition) for name, condition in RECIPE["parts"].items()}
     rows = []
     for what, rate in RECIPE["rates"].items():
@@ -420,7 +410,7 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def _groups(trials: pd.DataFrame, by: Collection[str]) -> dict[str, pd.DataFrame]:
-    """Trials in total, by base, drive, gap, data fault, and those from Exudyn."""
+    """Trials in total, by base, drive, gap, data fault, hidden fault, and those from Exudyn."""
     if trials.empty:
         return {}
     larger = trials["gap_caused"] > (1 + GAP_TOLERANCE) * trials["size"]
@@ -434,6 +424,7 @@ def _groups(trials: pd.DataFrame, by: Collection[str]) -> dict[str, pd.DataFrame
         "gap": gap,
         "simulator": ("from Exudyn, joints " + loose).where(trials["kind"] == "exudyn"),
         "damage": trials["hidden"].str.split(":").str[0].where(trials["kind"] == "wiring"),
+        "fault": trials["hidden"],
     }
     separate = [key for key in by if key != "drive" or trials["drive"].nunique() > 1]
     return {name: part for key in separate for name, part in trials.groupby(keys[key])}

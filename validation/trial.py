@@ -23,7 +23,7 @@ from jointgap.core.units import unit_factor
 from jointgap.dynamics.equations import evaluate
 from jointgap.identification.problem import Noise, whiten
 from jointgap.rig.model import STEADY_CONTACT_DAMPING_FACTOR
-from jointgap.rig.sensors import FAULTS
+from jointgap.rig.sensors import ENCODER_ECCENTRICITY, FAULTS
 from jointgap.rig.simulate_run import with_nuisances
 from validation.data_faults import damage
 from validation.kinds import CLEARANCES, Trial
@@ -110,11 +110,15 @@ class Calibrator:
             if not self.rig.angle_noise or self.chaotic or np.allclose(angle, base_angle):
                 continue
             # the base of the analyst turns as the encoder reads: on a line through its angles
-            if run.drift:
-                speed, phase = run.speed, run.phase + float(np.mean(angle - base_angle))
+            if self.rig.drive == "measured_angle" and effects[0][0].name == ENCODER_ECCENTRICITY:
+                ((eccentricity, size),) = effects
+                read_run = run.as_read(*eccentricity.parameters(size).values())
+            elif run.drift:
+                read_run = replace(run, phase=run.phase + float(np.mean(angle - base_angle)))
             else:
                 speed, phase = map(float, np.polyfit(run.times, angle, 1))
-            base[name] = self._read(replace(run, speed=speed, phase=phase))
+                read_run = replace(run, speed=speed, phase=phase)
+            base[name] = self._read(read_run)
         residual, (moved, slopes, low, high) = (
             self._scaled(readings) - self._scaled(base),
             self._slopes,
@@ -137,7 +141,8 @@ class Calibrator:
         if late:  # the crank is ahead of the reading
             run = replace(run, phase=run.phase + late * run.speed)
         mechanism = with_nuisances(self.rig.nominal, {**self.rig.values, **values})
-        return read(mechanism, run, self.numerics, effects)
+        readings = read(mechanism, run, self.numerics, effects)
+        return readings | {"crank_angle": readings["crank_angle"] - late * run.speed}
 
     def _scaled(self, readings: Mapping[str, Readings]) -> np.ndarray:
         """Readings over their noise (n,), each channel of each run with the same weight."""
@@ -154,6 +159,9 @@ class Calibrator:
                     parts.append(
                         whiten(signals[channel], Noise(np.full(usual.size, sd), correlation))
                     )
+            if self.rig.compares_angle:
+                sd = math.hypot(self.rig.angle_noise, self.rig.angle_step / math.sqrt(12.0))
+                parts.append(signals["crank_angle"] / sd)
         return np.concatenate([part / math.sqrt(part.size * len(parts)) for part in parts])
 
     def _statistics(self, name: str, series: np.ndarray, sd: float) -> np.ndarray:
@@ -346,7 +354,9 @@ def noisy(rng: np.random.Generator, rig: Rig, clean: Mapping[str, Readings]) -> 
             true = clean[name]["crank_angle"]
             true = true - rig.values.get("encoder_lag", 0.0) * np.gradient(true, run.times)
             angle, step = true + rng.normal(0.0, rig.angle_noise, run.times.size), rig.angle_step
-            readings["crank_angle"] = np.round(angle / step) * step if step else angle
+            if step:
+                angle = (np.floor if rig.truncates else np.round)(angle / step) * step
+            readings["crank_angle"] = angle
         noisy[name] = readings
     return noisy
 
@@ -410,7 +420,13 @@ def campaign_of(
     channels: dict[str, Any] = {"time": {"column": "t", "unit": units["time"]}}
     for number, channel in zip(rng.permutation(len(measured)), measured, strict=True):
         entry = channels[channel] = {"column": f"{prefix}{number + 1}", "unit": units[channel]}
-        if channel == "crank_angle":
+        if channel == "crank_angle" and rig.truncates:
+            scale[channel] = 1 / rig.angle_step
+            channels[channel] = {
+                "column": entry["column"],
+                "counts_per_turn": round(tau / rig.angle_step),
+            }
+        elif channel == "crank_angle":
             key = "resolution" if rig.angle_step else "noise"
             entry[key] = _rounded((rig.angle_step or rig.angle_noise) * scale[channel])
         elif rig.noise_is_stated:
@@ -427,6 +443,9 @@ def campaign_of(
         frames[run] = pd.DataFrame(
             {channels[channel]["column"]: signals[channel] * scale[channel] for channel in columns}
         )
+        if rig.truncates:
+            counts = channels["crank_angle"]["column"]
+            frames[run][counts] = frames[run][counts].round()
         role = "confirm" if run == rig.confirm else "identify"
         speed = f"{rig.runs[run].nominal_speed * 60 / tau:g} rpm"
         runs.append({"id": run, "file": f"{run}.{ending}", "speed": speed, "role": role})

@@ -1,7 +1,6 @@
 """Variants of the identification, limits of processor time, and their table."""
 
 import json
-import time
 from dataclasses import asdict, fields, replace
 
 import pandas as pd
@@ -14,20 +13,18 @@ from validation import ablation
 from validation.ablation import (
     COMPLETE,
     KINDS,
-    UNFINISHED,
     Variant,
     against_complete,
     all_variants,
     by_group,
-    chosen_trials,
     chosen_variants,
     group_of,
-    in_process,
     scaled,
     watched,
     write_ablation,
 )
 from validation.kinds import Trial
+from validation.score import UNFINISHED
 
 PLANS = [Trial("nothing", "ideal", number=number, id=f"00000000000{number}") for number in range(4)]
 SECONDS = {PLANS[0].id: 3.0, PLANS[1].id: 9.0, PLANS[2].id: 1.0, PLANS[3].id: 2.0}
@@ -120,32 +117,6 @@ def test_settings_in_use_are_recorded():
 def test_settings_are_halved_and_doubled(value, halved, doubled):
     assert scaled(value, 0.5) == pytest.approx(halved)
     assert scaled(value, 2.0) == pytest.approx(doubled)
-
-
-def test_an_analysis_ends_at_its_limit_of_processor_time():
-    def endless():
-        while True:
-            pass
-
-    begin = time.perf_counter()
-    assert in_process(endless, 0.2) == (None, UNFINISHED)
-    assert time.perf_counter() - begin < 20.0
-    # waiting costs no processor time
-    assert in_process(lambda: time.sleep(0.5) or "rested", 0.2) == ("rested", "")
-
-    def broken():
-        raise SystemExit(1)
-
-    assert in_process(broken, 60.0) == (None, "the process ended early")
-
-
-def test_trials_are_chosen_by_half_or_number():
-    assert [plan.number for plan in chosen_trials(PLANS, "even")] == [0, 2]
-    assert [plan.number for plan in chosen_trials(PLANS, "odd")] == [1, 3]
-    assert chosen_trials(PLANS, "all") == PLANS
-    assert [plan.number for plan in chosen_trials(PLANS, f"3,{PLANS[0].id}")] == [3, 0]
-    with pytest.raises(InputError, match=r"'7' is no trial; .*numbers from 0 to 3"):
-        chosen_trials(PLANS, "1,7")
 
 
 def analysed(campaign, variant) -> dict:
@@ -251,7 +222,7 @@ def test_unfinished_analyses_are_counted_with_the_limit(drawn):
     analyses = ablation.ablate(PLANS, 1, drawn, VARIANTS[:1], 0.2, 100.0, endless_for_the_first)
     row = by_group(analyses).loc["one effect or none, ideal joints"]
     assert (row["trials"], row["right"], row[UNFINISHED]) == (4, 3, 1)
-    assert row["CPU-s, median"] == 1.5  # of 0.2, 9, 1 and 2
+    assert row["CPU-s, median"] == 1.5  # of 0.2, 1, 2 and 9
 
 
 def test_trials_with_similar_costs_form_a_group():

@@ -42,6 +42,8 @@ def test_a_partial_set_is_named_in_its_score():
     printed = dry_run("trials=2", *shown).stdout
     assert printed.count("validation conceal") == 2
     assert "score 'small, the first 2 of 6 trials' " in printed
+    limited = dry_run("trials=2", "seconds=90", *shown).stdout
+    assert len(re.findall(r"verdicts/\w+\.json 90 >", limited)) == 2
     refused = dry_run("batches=1", *shown)
     assert "give `--config trials=N` for the first N trials" in refused.stdout + refused.stderr
 

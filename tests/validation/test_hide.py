@@ -128,6 +128,20 @@ def test_three_effects_are_a_friction_a_smooth_force_and_a_sensor_fault():
     assert len(viscous) == pytest.approx(30, abs=2) and len(biased) == 30
 
 
+APART = {"couplings": 6, "eccentric_discs": 9, "ac_coupled": 5, "counters": 9}
+
+
+def test_new_kinds_have_periodic_motion_and_a_drive_that_shows_the_fault():
+    trials = plan_trials(TrialSet(seed=3, measured_angle=0.5, **APART))
+    assert {trial.base for trial in trials} == {"ideal", "loose"}
+    hidden = [trial.effects[0] for trial in trials if trial.kind == "coupling"]
+    assert sorted(hidden) == 3 * ["encoder_backlash"] + 3 * ["encoder_windup"]
+    measured = {trial.kind for trial in trials if trial.measured_angle}
+    assert measured == {"eccentric_disc", "ac_coupled", "counter"}
+    assert all(trial.needs_encoder for trial in trials if trial.kind != "ac_coupled")
+    assert all(not trial.effects for trial in trials if trial.kind == "counter")
+
+
 def test_a_kind_may_have_one_base():
     trials = plan_trials(TrialSet(seed=3, chaotic=38, loose=38))
     assert [trial.base for trial in trials].count("chaotic") == 38
@@ -235,6 +249,47 @@ def test_three_effects_have_the_requested_size_each(tmp_path):
     truth = make_trial(trial, 5, tmp_path / trial.id)
     assert [effect["name"] for effect in truth["effects"]] == list(effects)
     assert truth["gaps"] == pytest.approx([5.0] * 3, rel=GAP_TOLERANCE)
+
+
+COUPLING = Trial("coupling", "ideal", 3.0, ("encoder_windup",), number=1, id="0123456789ab")
+DISC = Trial("eccentric_disc", "ideal", 3.0, ("encoder_eccentricity",), number=2, id="0123456789ab")
+AC_COUPLED = Trial("ac_coupled", "ideal", 0.0, ("sensor_high_pass",), shown=(1.5, 20.0))
+
+
+@pytest.mark.parametrize("trial", [COUPLING, DISC, replace(DISC, measured_angle=True)])
+def test_a_fault_of_the_encoder_has_the_requested_size(trial):
+    rig, calibrator, effects, gaps, _ = draw(trial, np.random.default_rng(1))
+    assert gaps == pytest.approx([3.0], rel=GAP_TOLERANCE)
+    assert math.degrees(rig.angle_noise) <= 0.06
+    run = rig.runs[rig.fitted[0]]
+    true, seen = (
+        read(rig.true, run, rig.numerics, hidden)["crank_angle"] for hidden in ((), effects)
+    )
+    assert np.std(seen - true) > rig.angle_noise
+    assert calibrator.gap([]) == 1.0
+
+
+def test_forces_and_accelerations_can_be_ac_coupled():
+    for seed in range(4):
+        _, _, ((effect, size),), (gap,), _ = draw(AC_COUPLED, np.random.default_rng(seed))
+        assert 1.5 <= gap <= 20.0
+        assert 0.02 < effect.parameters(size)["corner_Hz"] < 20.0
+        assert effect.site.endswith(("torque", "acceleration", "_x", "_y", "force"))
+
+
+@pytest.mark.parametrize("measured", [False, True])
+def test_a_counter_truncates_as_its_campaign_states(tmp_path, measured):
+    trial = Trial("counter", "ideal", number=5, id="0123456789ab", measured_angle=measured)
+    make_trial(trial, 5, tmp_path / trial.id)
+    campaign = load_campaign(tmp_path / trial.id / "campaign.yaml")
+    step = 2 * math.pi / campaign.channels["crank_angle"].counts_per_turn
+    rig, *_ = draw(trial, np.random.default_rng([5, 100, trial.number]))
+    for name, recording in read_measurements(campaign).runs.items():
+        true = read(rig.true, rig.runs[name], rig.numerics)["crank_angle"]
+        true -= rig.values.get("encoder_lag", 0.0) * rig.runs[name].speed
+        off = (recording.crank_angle - true + math.pi) % (2 * math.pi) - math.pi
+        assert np.abs(off).max() < 0.5 * step + 5 * rig.angle_noise
+        assert abs(off.mean()) < 0.1 * step  # the package adds half a step to whole counts
 
 
 def rig_with(what):

@@ -84,10 +84,11 @@ def test_the_second_models_share_no_code_with_the_dynamics():
         assert [name for name in imported if name.startswith(own)] == shared
 
 
-def faulty(name: str, value: float, channel="slider_position", speed=20.0):
-    """Readings of a slow motion with a fault, and without."""
-    run = Run(speed, 1.0, np.linspace(0.0, 0.3, 301), settling=1)
-    fault = Hidden(name, channel, lambda size: {"value": size}, value, value, sensor=channel)
+def faulty(name: str, value: float, channel="slider_position", speed=20.0, **more: float):
+    """Readings of a slow motion with a fault, and without; `more` parameters of the fault."""
+    run = Run(speed, 1.0, np.arange(300) / 300 * 2 * math.pi / speed, settling=1)
+    key = FAULTS[name].parameter if name in FAULTS else "size"
+    fault = Hidden(name, channel, lambda size: {key: size, **more}, value, value, sensor=channel)
     seen, true = (
         read(mechanism(()), run, Numerics(), effects)[channel] for effects in ([(fault, value)], [])
     )
@@ -108,7 +109,7 @@ def test_sensor_faults_change_readings():
 
 
 def test_delay_and_lag_shift_readings():
-    seen, true, _ = faulty("sensor_delay", 2e-3)
+    seen, true, _ = faulty("sensor_delay", 2 * math.pi / 20.0 / 150)  # two samples
     assert seen[2:] == pytest.approx(true[:-2], rel=1e-6, abs=1e-6)
     late = 1e-4  # the lag of a signal much slower than it is a delay, to the second order
     seen, true, run = faulty("sensor_lag", late)
@@ -116,3 +117,35 @@ def test_delay_and_lag_shift_readings():
         "slider_position"
     ]
     assert np.abs(seen - delayed).max() < 0.02 * np.abs(seen - true).max()
+
+
+def test_encoder_faults_follow_the_angle_and_the_torque():
+    angle, run = faulty("encoder_offset", 0.0, "crank_angle")[1:]
+    torque = simulate(mechanism(()), run, Numerics())["crank_torque"]
+    assert torque.min() < 0.0 < torque.max()
+    seen, *_ = faulty("encoder_windup", 50.0, "crank_angle")
+    assert seen - angle == pytest.approx(torque / 50.0, abs=1e-12)
+    seen, *_ = faulty("encoder_backlash", 0.02, "crank_angle")
+    assert seen[torque > 0.0] - angle[torque > 0.0] == pytest.approx(0.01)
+    assert seen[torque < 0.0] - angle[torque < 0.0] == pytest.approx(-0.01)
+    seen, *_ = faulty("encoder_eccentricity", 0.03, "crank_angle", phase_rad=2.0)
+    error = seen - angle
+    assert error.max() == pytest.approx(0.03, rel=1e-3)
+    assert np.cos(angle[np.argmax(error)] - 2.0) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_the_angle_of_an_eccentric_encoder_can_drive_a_simulation():
+    run = Run(20.0, 1.0, np.linspace(0.0, 0.9, 301), settling=3)
+    true = simulate(mechanism(()), run, Numerics())["crank_angle"]
+    seen = simulate(mechanism(()), run.as_read(0.03, 2.0), Numerics())["crank_angle"]
+    assert seen == pytest.approx(true + 0.03 * np.cos(true - 2.0), abs=1e-7)
+
+
+@pytest.mark.parametrize("corner", [0.4, 5.0])
+def test_a_high_pass_obeys_its_differential_equation(corner):
+    """dy/dt + 2 pi corner y = du/dt, without a mean."""
+    seen, true, run = faulty("sensor_high_pass", corner)
+    rate = np.gradient(true - seen, run.times, edge_order=2)
+    expected = 2 * math.pi * corner * seen
+    assert np.abs(rate - expected)[2:-2].max() < 1e-3 * np.abs(expected).max()
+    assert abs(seen.mean()) < 1e-6 * np.ptp(true)

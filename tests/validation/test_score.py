@@ -13,7 +13,6 @@ from jointgap.identification.fit import LEVELS
 from validation.analyse import greedy_names
 from validation.report import FILES, write_score
 from validation.score import (
-    BASELINES,
     LEAST_GAP,
     effect_label,
     named_labels,
@@ -243,10 +242,9 @@ def scored(folder, truths, found) -> pd.DataFrame:
 def test_a_score_has_tables_a_page_and_figures(tmp_path):
     truths = [truth(DRAG, name="a"), truth(name="b", kind="nothing")]
     truths += [truth(DRAG, SPRING, kind="pair", name="c"), truth(SPRING, kind="pair", name="d")]
-    baselines = {"greedy": ["slider_quadratic_drag"], "sparse": ["slider_viscous_friction"]}
     found = [
-        analysis(effects=[named(DRAG)], **baselines),
-        analysis("no_disagreement", greedy=[], sparse=None) | {"id": "b"},
+        analysis(effects=[named(DRAG)]),
+        analysis("no_disagreement") | {"id": "b"},
         {"id": "c", "error": "SimulationError: it stops", "seconds": 2.0},
         analysis(**ambiguous([DRAG], [SPRING, DRAG])) | {"id": "d"},
     ]
@@ -254,7 +252,6 @@ def test_a_score_has_tables_a_page_and_figures(tmp_path):
     shares = rates(frame).set_index(["what", "group"])["value"]
     assert shares["right name", "all"] == shares["nothing found, nothing hidden", "all"] == 1.0
     assert shares["both named and no third", "all"] == 0.0
-    assert shares["sparse regression: wrong name", "all"] == 1.0
     text = write_score("hand-made", frame, tmp_path / "score")
     assert "| right name | all | 1 | 1 | 0.025 - 1 |" in text
     assert "SimulationError: it stops" in text
@@ -319,8 +316,8 @@ def rows_of(*rows) -> pd.DataFrame:
     frame = pd.DataFrame(rows, columns=COLUMNS)
     effects = np.where(frame["kind"] == "clearance", "piston_pin_clearance", "gravity")
     effects[frame["size"] == 0.0] = "nothing"
-    words = {"named": "gravity", "drive": "constant_speed"} | dict.fromkeys(BASELINES, "not asked")
-    return frame.assign(hidden=effects, told=False, **words | {"greedy": "wrong"}, **NUMBERS)
+    words = {"named": "gravity", "drive": "constant_speed"}
+    return frame.assign(hidden=effects, told=False, **words, **NUMBERS)
 
 
 def counted(frame) -> dict:
@@ -350,36 +347,51 @@ def test_every_rate_counts_its_trials():
         ("off_list", "loose", 5.0, 5.0, True, False, "ambiguous", "ambiguous"),
         ("nothing", "ideal", 0.0, np.nan, False, False, "no_disagreement", "right"),
         ("nothing", "ideal", 0.0, np.nan, False, False, "failed", "failed"),
+        ("single", "chaotic", 5.0, 5.0, True, False, "unfinished", "unfinished"),
+        ("coupling", "loose", 5.0, 5.0, True, False, "named", "right"),
+        ("eccentric_disc", "ideal", 5.0, 5.0, True, False, "named", "wrong"),
+        ("ac_coupled", "ideal", 0.0, 5.0, True, False, "unfinished", "unfinished"),
+        ("counter", "ideal", 0.0, np.nan, False, False, "named", "wrong"),
+        ("counter", "ideal", 0.0, np.nan, False, False, "no_disagreement", "right"),
     )
+    frame.loc[frame["kind"] == "ac_coupled", "hidden"] = "sensor_high_pass:crank_torque"
     shares = counted(frame)
     assert {key[1]: shares[key] for key in shares if key[0] == "right name"} == {
-        "all": (2, 5),
+        "all": (2, 6),
         "base ideal": (2, 3),
         "base loose": (0, 1),
-        "base chaotic": (0, 1),
+        "base chaotic": (0, 2),
         "gap 1.5": (0, 2),
-        "gap 5": (2, 2),
+        "gap 5": (2, 3),
         "gap larger than asked for": (0, 1),
         "from Exudyn, joints ideal": (0, 1),
     }
     wanted = {
-        "right name": (2, 5),
-        "right, of which ambiguous as foreseen": (1, 5),
-        "right, small effects too that preflight does not exclude": (2, 6),
+        "right name": (2, 6),
+        "right, of which ambiguous as foreseen": (1, 6),
+        "right, small effects too that preflight does not exclude": (2, 7),
+        "right name, motion never repeats": (0, 2),
         "wrong name, effect undetectable": (2, 3),
-        "missed": (1, 5),
+        "missed": (1, 6),
         "wrong name, effect off the list": (1, 4),
         "unexplained or the force found, effect off the list": (2, 4),
         "nothing found, nothing hidden": (1, 2),
         "both named and no third": (0, 2),
         "all three named and no other": (1, 1),
         "wrong name, three effects": (0, 1),
-        "undetectable": (3, 11),
-        "undetectable, as preflight says": (1, 11),
-        "failed": (1, 17),
-        "size within the 90 % interval": (2, 5),  # five halves, rounded to even
-        "nuisance within its 90 % interval": (119, 136),
-        "greedy BIC: wrong name": (5, 5),
+        "undetectable": (3, 12),
+        "undetectable, as preflight says": (1, 12),
+        "right name, encoder fault": (1, 2),
+        "wrong name, encoder fault": (1, 2),
+        "right name, AC-coupled channel": (0, 1),
+        "wrong name, AC-coupled channel": (0, 1),
+        "nothing found, truncating counter": (1, 2),
+        "wrong name, truncating counter": (1, 2),
+        "failed": (1, 23),
+        "unfinished": (2, 23),
+        "size within the 90 % interval": (3, 6),  # six halves
+        # without triples and the kinds after the unfinished trial
+        "nuisance within its 90 % interval": (112, 128),
     }
     assert {what: shares[what, "all"] for what in wanted} == wanted
     assert "drive measured_angle" not in set(rates(frame)["group"])
@@ -415,28 +427,24 @@ def test_hidden_clearances_are_scored_separately():
     assert ("right name", "from Exudyn, joints ideal") not in shares
 
 
-def test_baselines_are_scored_like_verdicts():
-    drag = "slider_quadratic_drag"
-    for trial_truth, names, outcome in (
-        (truth(DRAG), [drag], "right"),
-        (truth(DRAG), [drag, "gravity"], "wrong"),
-        (truth(DRAG, SPRING, kind="pair"), ["slider_spring"], "partly"),
-        (truth(DRAG), [], "missed"),
-        (truth(), [], "right"),
-        (truth(), ["gravity"], "wrong"),
-        (truth(DRAG | {"listed": False}, kind="off_list"), [drag], "wrong"),
-        (truth(DRAG, kind="off_list"), [drag], "right"),  # it is a candidate by now
-    ):
-        row = score_trial(trial_truth, analysis(greedy=names, sparse=names))
-        assert row["greedy"] == row["sparse"] == outcome
-
-
 def damaged(what="sign", *channels):
     damage = {"what": what, "channels": list(channels or ("crank_torque",))}
     return truth(kind="wiring") | {"damage": damage}
 
 
 DOUBT = {"doubts": [{"run": "run1", "channel": "crank_torque", "other": "", "kind": "sign"}]}
+
+
+def test_an_unfinished_analysis_abstains_with_its_seconds():
+    stopped = {"id": "a", "error": "unfinished", "seconds": 120.0, "code": "1a2b3c"}
+    where = {"run1 crank_torque": [0.0, 0.8, 0.3]}
+    row = score_trial(truth(DRAG, SPRING, kind="pair") | {"where": where}, stopped)
+    assert [row[key] for key in ("verdict", "outcome", "detectable")] == 2 * ["unfinished"] + [True]
+    assert (row["seconds"], row["code"]) == (120.0, "1a2b3c")
+    assert [row[f"names_{end}"] for end in ("hit", "false", "missed")] == [0, 0, 2]
+    assert [row[f"map_{end}"] for end in ("hit", "false", "missed")] == [0, 0, 1]
+    assert score_trial(truth(FIFTH, kind="off_list"), stopped)["names_missed"] == 0
+    assert score_trial(damaged(), stopped)["outcome"] == "unfinished"
 
 
 def test_data_faults_are_right_if_the_channel_is_reported():
