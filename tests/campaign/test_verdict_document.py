@@ -92,7 +92,9 @@ def document(outcome, campaign=CAMPAIGN, undetectable="gravity", **given):
     tables |= {
         "gaps": gaps(),
         "map_windows": pd.DataFrame(WINDOWS, columns=columns),
-        "detectable": pd.DataFrame({"label": [undetectable], "detectable": [False]}),
+        "detectable": pd.DataFrame(
+            {"label": [undetectable], "detectable": [False], "failed": [None]}
+        ),
         "confusability": pd.DataFrame(merged),
     }
     tables |= {name: given.pop(name) for name in tables if name in given}
