@@ -56,17 +56,18 @@ def preflight_tables(
     if model is not None or not advice:
         model = model or build_model(campaign, None, revolutions(campaign, recordings))
         result = preflight(model, None, rate, counts(model, recordings), settings)
-    return _frames(result) | frames
+    return detectability_of(result) | frames
 
 
 def detectability_tables(baseline: Baseline, sensitivities: Sensitivities, rate: float) -> Frames:
     """Detectability and confusability of effects in the measured data, from the `sensitivities`
     about the fitted model."""
     problem, base, differences = baseline.problem, baseline.base, baseline.differences
-    return _frames(detectability(problem, base, differences, sensitivities, rate))
+    return detectability_of(detectability(problem, base, differences, sensitivities, rate))
 
 
-def _frames(result: Preflight) -> Frames:
+def detectability_of(result: Preflight) -> Frames:
+    """Tables `DETECTABLE` and `CONFUSABILITY` of a preflight."""
     effects, labels = result.effects, list(result.cosines.columns)
     detectable = effects.assign(
         # a stated parameter may differ from the fitted one; its unit is in the catalogue
@@ -125,9 +126,10 @@ def confusable_groups(confusability: pd.DataFrame) -> list[list[str]]:
 
 
 def undetectable(detectable: pd.DataFrame) -> list[str]:
-    """Effects that are not detectable within their bounds or cannot be simulated, from table
-    `DETECTABLE`."""
-    is_detectable = detectable.groupby("label", sort=False)["detectable"].any()
+    """Effects that are not detectable within their bounds, from table `DETECTABLE`; those whose
+    detectability is unknown are not among them."""
+    known = detectable[detectable["failed"].isna()]
+    is_detectable = known.groupby("label", sort=False)["detectable"].any()
     return list(is_detectable.index[~is_detectable])
 
 
@@ -254,7 +256,7 @@ def preflight_summary(
         lines.append(f"Not detectable with these runs: {joined(map(format_label, absent))}")
     for row in failed.itertuples():
         label = format_label(row.label)
-        lines.append(f"Detectability unknown, simulation failed: {label} ({row.failed})")
+        lines.append(f"Detectability unknown: {label} ({row.failed})")
     for group in confusable_groups(confusability):
         lines.append(f"Indistinguishable: {joined(map(format_label, group))}")
     for row in () if advice is None else advice.head(_MOST_ADVICE).itertuples():
