@@ -117,7 +117,7 @@ def cli() -> None:
 OF_SCENARIO, OF_CAMPAIGN = (f"Workflow: stages of a {part}" for part in ("scenario", "campaign"))
 cli.sections = {
     "Your mechanism": ["look", "simulate", "cycles", "effects"],
-    "Your measurement": ["new", "measure", "preflight", "analyse", "trend"],
+    "Your measurement": ["new", "measure", "preflight", "analyse", "analyse-model", "trend"],
     "Results": ["dashboard", "describe", "export"],
     "Configuration": ["config", "schema"],
     OF_SCENARIO: ["report", "overview"],
@@ -155,6 +155,32 @@ def analyse(campaign: Path, folder: Path | None, anyway: bool) -> None:
 
     state = CampaignState(campaign, folder)
     analyse_campaign(campaign, state.folder.path, pictures=True, anyway=anyway)
+    click.echo("\n".join(verdict_lines(state.folder.path)))
+    end_after_failures(state.folder)
+
+
+@cli.command("analyse-model")
+@click.argument("folder", type=FOLDER)
+@click.option("--results", type=FOLDER, help="Folder of results; default: results/models/NAME.")
+@click.option("--preflight", is_flag=True, help="Only print what the data can show.")
+@click.option("--track", is_flag=True, help="Publish verdict, fits and figures to MLflow.")
+def analyse_model(folder: Path, results: Path | None, preflight: bool, track: bool) -> None:
+    """Identify the effect that a model of your own lacks.
+
+    FOLDER contains model.yaml, the Python file of the model's class, and the measured data. Writes
+    verdict.json, tables, figures and a page.
+    """
+    from jointgap.app.run_summary import verdict_lines
+    from jointgap.axis import analyse as models
+    from jointgap.campaign.campaign_files import end_after_failures
+
+    if preflight:
+        click.echo(models.preflight_model(folder))
+        return
+    state = models.ModelState(folder, results)
+    models.analyse_model(folder, state.folder.path)
+    if track:
+        models.publish_model(state.folder.path)
     click.echo("\n".join(verdict_lines(state.folder.path)))
     end_after_failures(state.folder)
 

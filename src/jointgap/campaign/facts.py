@@ -37,7 +37,11 @@ def nuisances(by_key: Mapping[str, Mapping]) -> list[Estimate]:
     """Re-fitted parameters; ``kept``: the mechanism file keeps the stated value."""
     return [
         Estimate.of(
-            format_nuisance(key), estimate, _UNITS.get(key.partition("@")[0], ""), f"nuisance/{key}"
+            format_nuisance(key),
+            estimate,
+            # the parameter of a model of the user has its unit
+            estimate.get("unit") or _UNITS.get(key.partition("@")[0], ""),
+            f"nuisance/{key}",
         )
         for key, estimate in by_key.items()
     ]

@@ -44,6 +44,12 @@ def list_rows(panel: Panel, names: Sequence[str]) -> None:
     panel.axes.set_ylabel("")
 
 
+def _phase(verdict: Verdict) -> Quantity:
+    """The place in a cycle, of which figures show one."""
+    cycle = verdict.get("cycle", CRANK_ANGLE.name)
+    return CRANK_ANGLE if cycle == CRANK_ANGLE.name else Quantity(cycle, "deg")
+
+
 def _moments(before: pd.Series, after: pd.Series) -> list[str]:
     return ["before", "after"] if (before != after).any() else ["before"]
 
@@ -72,6 +78,7 @@ def measured_against_model(tables: Tables, verdict: Verdict) -> Drawing:
     keys = ["run", "channel", "held_out"]
     series = dict(list(samples.groupby(keys, sort=False)))
     errors = errors.set_index(keys)
+    phase = _phase(verdict)
     for column, run in enumerate(runs.itertuples()):
         lowest = None
         for row, channel in enumerate(channels):
@@ -80,7 +87,8 @@ def measured_against_model(tables: Tables, verdict: Verdict) -> Drawing:
                 if lowest is not None:
                     lowest.axes.set_xlabel("")
                     lowest.axes.tick_params(labelbottom=False)
-                lowest = _compare(sheet, (2 * row, column), series[key], errors.loc[key], moments)
+                place = 2 * row, column
+                lowest = _compare(sheet, place, series[key], errors.loc[key], moments, phase)
     sheet.legend()
     return sheet.drawing()
 
@@ -91,6 +99,7 @@ def _compare(
     samples: pd.DataFrame,
     error: pd.Series,
     moments: Sequence[str],
+    phase: Quantity,
 ) -> Panel:
     """Draw measured and predicted values of a channel above their difference; return the lower
     panel."""
@@ -99,7 +108,7 @@ def _compare(
     if is_angular:
         samples = _latest_revolution(samples)
     angle, unit = samples["crank_angle"].to_numpy(dtype=float), format_unit(error["unit"])
-    x, abscissa = np.degrees(angle % tau), CRANK_ANGLE
+    x, abscissa = np.degrees(angle % tau), phase
     if not is_angular:
         x, abscissa = samples["sample"].to_numpy(dtype=float), _SAMPLE
     names = ["measured", *(MODELS[moment] for moment in moments), "spread"]
@@ -109,7 +118,9 @@ def _compare(
     if channel == "crank_angle":
         quantity, steady = Quantity("deviation", unit), angle / error["si_per_unit"]
 
-    title = f"{label}\n{run}, {number(error['speed'] * 30.0 / pi)} rpm"
+    title = f"{label}\n{run}"
+    if np.isfinite(error["speed"]):
+        title += f", {number(error['speed'] * 30.0 / pi)} rpm"
     title += ", held out" if held_out else ""
     row, column = place
     upper = sheet.panel(place, title, abscissa, quantity)
@@ -165,7 +176,7 @@ def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
     sheet = Sheet(1.25 + 0.32 * sum(heights), len(heights), 1, height_ratios=heights)
     panel = None
     for row, (channel, part) in enumerate(channels.items()):
-        panel = sheet.panel((row, 0), format_name(channel), CRANK_ANGLE, _RUN, below=panel)
+        panel = sheet.panel((row, 0), format_name(channel), _phase(verdict), _RUN, below=panel)
         for place, (run, spans) in enumerate(part.groupby("run", sort=False)):
             colour = colours.to_rgba(spans["mean"].to_numpy())
             _spans(panel, MEAN.name, place, run, spans, facecolors=colour)

@@ -13,6 +13,7 @@ from jointgap.core import words
 from jointgap.core.facts import Fact
 from jointgap.core.words import format_name, joined, number, reading_unit
 from jointgap.effects import EFFECTS
+from jointgap.effects.axis_laws import AXIS_LAWS, axis_parameters
 from jointgap.effects.base import parameters_of
 from jointgap.rig.sensors import FAULTS
 
@@ -64,6 +65,8 @@ def _template(name: str) -> str:
         template = EFFECTS[name].WORDS
     elif name in FAULTS:
         template = FAULTS[name].words
+    elif name in AXIS_LAWS:
+        template = AXIS_LAWS[name].words
     return template or name.replace("_", " ")
 
 
@@ -91,6 +94,8 @@ def _parameters(name: str) -> dict[str, tuple[str, str | None]]:
     """Meaning and unit of each parameter of an effect; unit None: that of the channel."""
     if name in FAULTS:
         return {key: ("", unit or None) for key, unit in FAULTS[name].parameters.items()}
+    if name in AXIS_LAWS and name not in EFFECTS:
+        return {p.name: (p.meaning, p.unit) for p in axis_parameters(name)}
     is_law = name.startswith("discovered_")  # its parameters are a formula and its coefficients
     parameters = parameters_of(EFFECTS[name]) if name in EFFECTS else ()
     return {p.name: ("" if is_law else p.meaning, p.unit) for p in parameters}
@@ -242,7 +247,7 @@ def names_to_labels(sentence: str) -> str:
 
 def _label_of_match(match: re.Match) -> str:
     label = match[0]
-    if re.split(r"[:\[ ]", label)[0] in {*EFFECTS, *FAULTS}:
+    if re.split(r"[:\[ ]", label)[0] in {*EFFECTS, *FAULTS, *AXIS_LAWS}:
         return format_label(label)
     name, _, site = label.partition(":")
     text = words.format_nuisance(name) if name in NUISANCES else format_name(name)
@@ -254,10 +259,12 @@ def _any_of(names: Iterable[str]) -> str:
     return rf"(?:{'|'.join(longest_first)})(?::\w+)?(?:\[[^\]]*\])?"
 
 
-_EFFECT = _any_of({*EFFECTS, *FAULTS})
+_EFFECT = _any_of({*EFFECTS, *FAULTS, *AXIS_LAWS})
 _CODE_NAME = re.compile(
     rf"(?<![\w./-])(?:{_EFFECT}(?: \+ {_EFFECT})+|"
-    + _any_of(name for name in {*EFFECTS, *FAULTS, *CHANNELS, *NUISANCES} if "_" in name)
+    + _any_of(
+        name for name in {*EFFECTS, *FAULTS, *AXIS_LAWS, *CHANNELS, *NUISANCES} if "_" in name
+    )
     + r")(?![\w/]|\.\w)"
 )
 """Explanations ``a + b``, and names with an underscore; ``gravity`` and ``speed`` are words."""

@@ -43,8 +43,23 @@ def page(
     figures: Collection[str] = tuple(FIGURES),
     warnings: Sequence[str] = (),
     campaign: Campaign | None = None,
+    mechanism: str = MECHANISM,
 ) -> Page:
-    """The one-page summary of a campaign; `figures`: names of those that were drawn."""
+    """The one-page summary of a campaign.
+
+    Parameters
+    ----------
+    verdict, tables
+        Content of ``verdict.json`` and tables by name.
+    figures : collection of str
+        Those that were drawn.
+    warnings : sequence of str
+        Remarks on the data.
+    campaign : Campaign, optional
+        Or the file of a model of the user.
+    mechanism : str
+        The file of the mechanism with the effects; empty if there is none.
+    """
     is_tested = verdict["effects"] or verdict["best_known"] or verdict["equivalent"]
     moments = ("before", "after") if is_tested else ("before",)
     ranges = NUISANCES if campaign is None else campaign.nuisance
@@ -52,14 +67,14 @@ def page(
         "": [*_answer(verdict), "measured_against_model", *_parameters(verdict["effects"])],
         "Measured against model": _measured(tables.get("channel_errors"), moments),
         "Gap between simulation and measurement": _gap(verdict, tables.get("gaps"), moments),
-        "Location of the residual": _location(verdict["orders"], tables.get("map_windows")),
+        "Location of the residual": _location(verdict, tables.get("map_windows")),
         "Tested explanations": _tested(verdict, tables.get("missing_force")),
         "Influence on the optimum": _optimum(verdict["effects"], tables.get("campaign_optimum")),
-        "Re-fitted parameters": _nuisances(verdict, ranges),
+        "Re-fitted parameters": _nuisances(verdict, ranges, mechanism),
         "Limits of these data": [
             Bullets(_limits(verdict, tables.get("detectable"), tables.get("ranking")))
         ],
-        "Next steps": [Bullets(_next_steps(verdict))],
+        "Next steps": [Bullets(_next_steps(verdict, mechanism))],
         "Data": _data(campaign, tables.get("look"), warnings),
     }
     blocks: list[Block] = []
@@ -150,7 +165,8 @@ def _measured(errors: pd.DataFrame | None, moments: Sequence[str]) -> list[Block
         " re-fitted, no effect added. After: with the effects above. Noise: expected from sensor"
         " noise and solver error."
     )
-    names = ("run", "speed", "held_out", "channel", "unit", "noise", *moments)
+    speed = ["speed"] if errors["speed"].notna().any() else []
+    names = ("run", *speed, "held_out", "channel", "unit", "noise", *moments)
     return [frame_block(schema.CHANNEL_ERRORS, errors, names, caption)]
 
 
@@ -184,13 +200,15 @@ def _gap(verdict: Verdict, gaps: pd.DataFrame | None, moments: Sequence[str]) ->
     return [*blocks, "gaps"]
 
 
-def _location(
-    orders: Sequence[Mapping[str, Any]], windows: pd.DataFrame | None
-) -> list[Block | str]:
+def _location(verdict: Verdict, windows: pd.DataFrame | None) -> list[Block | str]:
+    orders, cycle = verdict["orders"], verdict.get("cycle", "crank angle")
+    if not cycle:
+        return []
+    word = cycle.replace(" ", "-")
     blocks: list[Block | str] = []
     if windows is not None and len(windows):
         caption = (
-            "Crank-angle windows with the largest residuals before effects are added [standard"
+            f"{word.capitalize()} windows with the largest residuals before effects are added [standard"
             " deviations of noise]."
         )
         largest = windows.sort_values("rms", ascending=False).head(_MOST_WINDOWS).round({"mean": 4})
@@ -198,13 +216,13 @@ def _location(
         blocks.append(frame_block(schema.MAP_WINDOWS, largest, names, caption))
     if orders:
         caption = (
-            "Crank orders that dominate the residual. Possible sources: drive, gear teeth, motor"
+            f"{'Crank orders' if cycle == 'crank angle' else 'Orders of the cycle'} that dominate the residual. Possible sources: drive, gear teeth, motor"
             " poles, joint impacts."
         )
         names = ("run", "channel", "order", "amplitude", "unit", "share")
         blocks.append(frame_block(schema.MAP_STANDOUT, pd.DataFrame(orders), names, caption))
     if not blocks:
-        blocks.append(Paragraph("No crank-angle window has a significant residual."))
+        blocks.append(Paragraph(f"No {word} window has a significant residual."))
     return [*blocks, "disagreement"]
 
 
@@ -249,7 +267,7 @@ def _optimum(effects: Sequence[labels.Effect], optimum: pd.DataFrame | None) -> 
     return [frame_block(schema.CAMPAIGN_OPTIMUM, models, names, caption)]
 
 
-def _nuisances(verdict: Verdict, ranges: Collection[str]) -> list[Block]:
+def _nuisances(verdict: Verdict, ranges: Collection[str], mechanism: str) -> list[Block]:
     """Re-fitted parameters; `ranges`: those whose range the campaign file states."""
     rows, at_bounds, is_kept = [], [], False
     for estimate in nuisances(verdict["nuisances"]):
@@ -259,12 +277,12 @@ def _nuisances(verdict: Verdict, ranges: Collection[str]) -> list[Block]:
             at_bounds.append(estimate.label)
         *row, remark = estimate.row
         if not key.startswith(_UNLISTED):
-            if verdict["nuisances"][key].get("kept") and not run:
+            if mechanism and verdict["nuisances"][key].get("kept") and not run:
                 remark, is_kept = "; ".join(filter(None, (remark, "stated value kept"))), True
         rows.append((*row, remark))
     blocks: list[Block] = [_parameter_table(rows)] if rows else []
     if is_kept:
-        text = f"The data do not determine some values: `{MECHANISM}` keeps the stated ones."
+        text = f"The data do not determine some values: `{mechanism}` keeps the stated ones."
         blocks.append(Paragraph(text))
     if at_bounds:
         values = (
@@ -345,7 +363,7 @@ _SMALLER = (
 )
 _NEXT = {
     "no_disagreement": ("Use the current model at these speeds and for these channels.", _SMALLER),
-    "parameters_only": (f"Use `{MECHANISM}`: it contains the re-fitted parameters.", _SMALLER),
+    "parameters_only": ("Use the re-fitted parameters in the model.", _SMALLER),
     "unexplained": (
         "Locate the residual in the map of disagreement, and look for a cause on the rig there.",
         "State a law of your own under `candidates` of the campaign file, and repeat.",
@@ -357,7 +375,7 @@ _NEXT = {
 }
 
 
-def _next_steps(verdict: Verdict) -> tuple[str, ...]:
+def _next_steps(verdict: Verdict, mechanism: str) -> tuple[str, ...]:
     faults = [effect for effect in verdict["effects"] if labels.is_fault(effect)]
     steps = list(_NEXT.get(verdict["verdict"], ()))
     if verdict.get("separated_by", "").startswith(ADVICE):
@@ -370,12 +388,15 @@ def _next_steps(verdict: Verdict) -> tuple[str, ...]:
             "Repair the sensor or its mounting, or correct its column:"
             f" {labels.format_explanation(faults)}."
         )
+    if mechanism and verdict["verdict"] == "parameters_only":
+        steps.insert(0, f"`{mechanism}` contains the re-fitted parameters.")
     if len(faults) < len(verdict["effects"]):
+        use = (
+            f"Use `{mechanism}`, your mechanism with the identified effects, as `mechanism` of a"
+            " scenario."
+        )
+        steps += [use] if mechanism else []
         steps += [
-            (
-                f"Use `{MECHANISM}`, your mechanism with the identified effects, as `mechanism` of"
-                " a scenario."
-            ),
             (
                 "Change the cause on the rig (oil, load, fit) and measure again: the parameter"
                 " should change accordingly."
@@ -405,9 +426,17 @@ def _data(
         {
             "run": run.id,
             "file": ", ".join(f"`{file}`" for file in run.files),
-            "crank speed [rpm]": words.number(30.0 / pi * run.speed),
+            **(
+                {"crank speed [rpm]": words.number(30.0 / pi * run.speed)}
+                if hasattr(run, "speed")
+                else {}
+            ),
             "use": _ROLES[run.role],
-            **dict(zip(("samples", "full revolutions"), sizes.get(run.id, "––"), strict=True)),
+            **(
+                dict(zip(("samples", "full revolutions"), sizes.get(run.id, "––"), strict=True))
+                if look is not None
+                else {}
+            ),
         }
         for run in campaign.runs
     ]
@@ -421,7 +450,7 @@ def _data(
     ]
     caption = f"Runs. Measured on {words.format_day(campaign.date)}." if campaign.date else "Runs."
     blocks: list[Block] = [
-        TableBlock.of(runs, "llrlrr", caption),
+        TableBlock.of(runs, "llrlrr" if "crank speed [rpm]" in runs[0] else "lll", caption),
         TableBlock.of(channels, caption="Measured channels."),
     ]
     if campaign.own_loads:

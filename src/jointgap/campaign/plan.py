@@ -56,17 +56,18 @@ def preflight_tables(
     if model is not None or not advice:
         model = model or build_model(campaign, None, revolutions(campaign, recordings))
         result = preflight(model, None, rate, counts(model, recordings), settings)
-    return _frames(result) | frames
+    return detectability_of(result) | frames
 
 
 def detectability_tables(baseline: Baseline, sensitivities: Sensitivities, rate: float) -> Frames:
     """Detectability and confusability of effects in the measured data, from the `sensitivities`
     about the fitted model."""
     problem, base, differences = baseline.problem, baseline.base, baseline.differences
-    return _frames(detectability(problem, base, differences, sensitivities, rate))
+    return detectability_of(detectability(problem, base, differences, sensitivities, rate))
 
 
-def _frames(result: Preflight) -> Frames:
+def detectability_of(result: Preflight) -> Frames:
+    """Tables `DETECTABLE` and `CONFUSABILITY` of a preflight."""
     effects, labels = result.effects, list(result.cosines.columns)
     detectable = effects.assign(
         # a stated parameter may differ from the fitted one; its unit is in the catalogue

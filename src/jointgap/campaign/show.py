@@ -5,7 +5,13 @@ from collections.abc import Iterable
 import pandas as pd
 
 from jointgap.campaign import sentences, verdict_json
-from jointgap.campaign.campaign_files import SUMMARIES, VERDICT, failures, recorded_failure
+from jointgap.campaign.campaign_files import (
+    MECHANISM,
+    SUMMARIES,
+    VERDICT,
+    failures,
+    recorded_failure,
+)
 from jointgap.campaign.figures import FIGURES
 from jointgap.campaign.page import page
 from jointgap.campaign.tables import BETWEEN_TEXTS
@@ -34,7 +40,8 @@ def show(folder: ResultsFolder, campaign: Campaign) -> None:
     title = f"Campaign {verdict['campaign']}: {sentences.answer(verdict)}"
     summary = Page(title, (Paragraph(f"Details: {VERDICT}"),))
     with recorded_failure(folder, "page"):
-        summary = page(verdict, tables, drawn, _remarks(folder), campaign)
+        mechanism = MECHANISM if (folder.path / MECHANISM).is_file() else ""
+        summary = page(verdict, tables, drawn, _remarks(folder), campaign, mechanism)
     markdown, html = (folder.path / name for name in SUMMARIES)
     write_text(markdown, to_markdown(summary))
     write_text(html, to_html(summary, folder.path / "figures"))

@@ -27,7 +27,9 @@ _ANGLE = "crank_angle"
 
 def clockwise(campaign: Campaign) -> frozenset[str]:
     """Runs with a clockwise crank."""
-    return frozenset(run.id for run in campaign.runs if run.direction == "clockwise")
+    return frozenset(
+        run.id for run in campaign.runs if getattr(run, "direction", "") == "clockwise"
+    )
 
 
 def spans_in_file_convention(spans: pd.DataFrame, clockwise_runs: Collection[str]) -> pd.DataFrame:
@@ -89,7 +91,7 @@ def noise_frame(noise: Mapping[tuple[str, str], NoiseEstimate]) -> pd.DataFrame:
 def channel_errors(residuals: pd.DataFrame, campaign: Campaign) -> pd.DataFrame:
     """Table `CHANNEL_ERRORS`: root mean square errors by run, channel and whether held out; runs by
     speed."""
-    speeds, rows = {run.id: run.speed for run in campaign.runs}, []
+    speeds, rows = {run.id: getattr(run, "speed", np.nan) for run in campaign.runs}, []
     by_series = residuals.groupby(["run", "channel", "held_out"], sort=False)
     for (run, name, held_out), samples in by_series:
         channel = name.partition(" ")[0]  # the name of a statistic begins with its channel

@@ -10,10 +10,13 @@ import pandas as pd
 from jointgap.campaign.outcome import Outcome
 from jointgap.campaign.plan import confusable_groups, undetectable
 from jointgap.campaign.tables import JOINED, clockwise, nuisances_in_file_convention
-from jointgap.config.campaign import Campaign
+from jointgap.config.campaign import NUISANCES, Campaign
+from jointgap.config.channels import CHANNELS
+from jointgap.core.candidates import Candidate
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import Frames
 from jointgap.effects import EFFECTS
+from jointgap.effects.axis_laws import AXIS_LAWS
 from jointgap.identification.confirmation import held_out_test
 from jointgap.identification.fit import (
     NOT_DETERMINED,
@@ -27,6 +30,8 @@ from jointgap.identification.force_law import effect_of, law_of
 from jointgap.identification.problem import Hypothesis, label_of
 
 SCHEMA_VERSION = 3  # increase when a key of verdict.json changes its meaning or is removed
+
+_KNOWN_UNITS = {*NUISANCES, "first_angle", "friction_speed", "clock_offset"}
 
 TABLES = ("detectable", "confusability", "gaps", "map_windows", "map_standout", "law_families")
 """Tables that `document` requires."""
@@ -130,7 +135,8 @@ def _nuisances(
         kept = {} if is_taken_over(estimate) else {"kept": True}
         if parameter.name in undetermined and estimate["interval_90"] != [None, None]:
             estimate = no_estimate(estimate["value"], estimate.get("remark", NOT_DETERMINED))
-        estimates[parameter.key] = estimate | kept
+        unit = {} if parameter.name in _KNOWN_UNITS else {"unit": parameter.unit}
+        estimates[parameter.key] = estimate | kept | unit
     return estimates
 
 
@@ -200,7 +206,7 @@ def effects_of(
 
     laws = tuple(c for c in fit.hypothesis if c.name.startswith("discovered_"))
     entries = [
-        entry(c.name, c.site, (c,), effect_estimates(fit, c))
+        entry(c.name, c.site, (c,), _with_units(c, effect_estimates(fit, c)))
         for c in fit.hypothesis
         if c not in laws and (labels is None or c.label in labels)
     ]
@@ -211,6 +217,19 @@ def effects_of(
             parameters[name] = coordinate_estimate(fit, keys.index(key))
         entries.append(entry(effect_of(laws[0]), law.site, laws, parameters))
     return entries
+
+
+def _with_units(candidate: Candidate, estimates: dict[str, Any]) -> dict[str, Any]:
+    """The estimates of an effect's parameters with their units, where no list of effects or
+    channels has them: those of a model of the user."""
+    is_listed = candidate.name in EFFECTS or candidate.name in AXIS_LAWS
+    if is_listed or (candidate.sensor and candidate.site in (*CHANNELS, "sensor")):
+        return estimates
+    units = {p.key: p.unit for p in candidate.coordinates}
+    return {
+        name: estimate | ({"unit": units[name]} if name in units else {})
+        for name, estimate in estimates.items()
+    }
 
 
 def _named_effects(outcome: Outcome, families: pd.DataFrame) -> list[dict[str, Any]]:

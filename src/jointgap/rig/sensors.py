@@ -434,11 +434,20 @@ def sensor_candidates(
         if offset and name == ENCODER_OFFSET:
             candidate = replace(candidate, initial_guesses=({}, {parameter: offset}))
         candidates.append(candidate)
-    return candidates + [
-        fault.candidate(channel, Reading(spread, CHANNELS[channel], turning))
-        for channel, spread in spreads.items()
+    readings = {
+        channel: Reading(spread, CHANNELS[channel], turning) for channel, spread in spreads.items()
+    }
+    return candidates + channel_faults(readings)
+
+
+def channel_faults(readings: Mapping[str, Reading]) -> list[Candidate]:
+    """Possible faults of the sensors of channels, from their `readings`."""
+    return [
+        fault.candidate(channel, reading)
+        for channel, reading in readings.items()
         for fault in FAULTS.values()
-        if fault.name not in (*ENCODER_FAULTS, LAG_AND_DELAY) and (fault.steady or spread > 0.0)
+        if fault.name not in (*ENCODER_FAULTS, LAG_AND_DELAY)
+        and (fault.steady or reading.spread > 0.0)
     ]
 
 
@@ -506,15 +515,11 @@ class Faults:
     def corrected(self, recording: Recording) -> Recording:
         """The `recording` corrected for the faults."""
         channels = dict(recording.channels)
-        # in reverse order of action
-        for when in ("after_filter", "delays", "over_time", "before_filter"):
-            for fault, site, value in self._faults:
-                if getattr(fault, when) and fault.undone is not None and site in channels:
-                    is_read = np.isfinite(channels[site])
-                    channels[site] = channels[site].copy()
-                    channels[site][is_read] = fault.undone(
-                        channels[site][is_read], value, recording.time[is_read]
-                    )
+        for site in channels:
+            is_read = np.isfinite(channels[site])
+            readings = self.undo(site, channels[site][is_read], recording.time[is_read])
+            channels[site] = channels[site].copy()
+            channels[site][is_read] = readings
         # without a measured torque the encoder's coupling is left as it is
         torque = np.nan_to_num(
             self._side * channels.get("crank_torque", np.zeros(recording.time.size))
@@ -523,6 +528,15 @@ class Faults:
         if self.lag and recording.has_time:
             angle = angle + self.lag * np.gradient(recording.crank_angle, recording.time)
         return replace(recording, crank_angle=angle, channels=channels)
+
+    def undo(self, channel: str, readings: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """The `readings` (n,) of a `channel` at `times` (n,) [s] without its faults."""
+        # in reverse order of action
+        for when in ("after_filter", "delays", "over_time", "before_filter"):
+            for fault, site, value in self._faults:
+                if site == channel and getattr(fault, when) and fault.undone is not None:
+                    readings = fault.undone(readings, value, times)
+        return readings
 
     def delay(self, channel: str) -> float:
         """Pure delay [s] of a channel."""

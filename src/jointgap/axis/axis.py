@@ -1,0 +1,312 @@
+"""`Axis`: the base class of a model of your own."""
+
+import inspect
+import math
+from collections import namedtuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from numbers import Real
+from typing import Any, ClassVar
+
+import numba
+import numpy as np
+
+from jointgap.core.candidates import Candidate, Parameter
+from jointgap.core.errors import InputError
+from jointgap.effects.axis_laws import SITE
+
+MOTION = ("position", "velocity", "acceleration", "time")
+"""Arguments that every method may have; further ones are measured channels."""
+
+_STEP_SHARE = 0.02  # [1] Step of a parameter over the width of its bounds
+
+
+@dataclass(frozen=True)
+class AxisParameter:
+    """An uncertain parameter of an `Axis`, made by `parameter`."""
+
+    nominal: float
+    unit: str
+    low: float
+    high: float
+    each_run: bool = False
+
+
+@dataclass(frozen=True)
+class AxisEffect:
+    """An effect that an `Axis` might lack, made by `effect`."""
+
+    unit: str
+    low: float
+    high: float
+    step: float
+    guesses: tuple[float, ...]
+    parts: tuple[str, ...]
+
+    def names(self, attribute: str) -> list[str]:
+        """Attributes of ``self`` in the methods."""
+        return [f"{attribute}_{part}" for part in self.parts] or [attribute]
+
+    def candidate(self, attribute: str) -> Candidate:
+        names = self.names(attribute)
+        parameters = tuple(
+            Parameter(name, 0.0, self.low, self.high, self.step, self.unit) for name in names
+        )
+        guesses = tuple({names[0]: guess} for guess in self.guesses) or ({},)
+        return Candidate(attribute, SITE, parameters, tuple(names), guesses)
+
+
+def effect(
+    unit: str = "1",
+    *,
+    step: float,
+    low: float = 0.0,
+    high: float = math.inf,
+    guesses: Sequence[float] = (),
+    parts: Sequence[str] = (),
+) -> Any:
+    """An effect of the class itself that the model might lack: 0 unless it is identified.
+
+    Parameters
+    ----------
+    unit : str
+        SI unit of its size by its pint name.
+    step : float
+        About the smallest size that exceeds the noise, in `unit`.
+    low, high : float
+        Bounds of the size in `unit`.
+    guesses : sequence of float
+        Sizes at which fits start, if the readings do not depend linearly on it from 0 on.
+    parts : sequence of str
+        Names of several sizes, such as ``("cosine", "sine")``: methods read
+        ``self.name_cosine``.
+
+    Raises
+    ------
+    ValueError
+        0 is outside of the bounds, or `guesses` are given for several parts.
+    """
+    if not low <= 0.0 <= high or not low < high or not step > 0.0:
+        raise ValueError(
+            f"effect('{unit}', step={step:g}, low={low:g}, high={high:g}): the bounds must include"
+            " 0, where the effect is absent, and the step be above 0"
+        )
+    if parts and guesses:
+        raise ValueError("effect: guesses are for an effect with one size; remove parts")
+    return AxisEffect(unit, low, high, step, tuple(guesses), tuple(parts))
+
+
+def parameter(
+    nominal: float, unit: str = "1", *, low: float, high: float, each_run: bool = False
+) -> Any:
+    """An uncertain parameter of an `Axis`, which every fit estimates.
+
+    Parameters
+    ----------
+    nominal : float
+        Start value in `unit`.
+    unit : str
+        SI unit by its pint name, such as ``kg*m**2``; ``1`` for a pure number.
+    low, high : float
+        Bounds in `unit`; all values between are equally probable before the fit.
+    each_run : bool
+        Whether each run has its own value, such as the zero of a sensor.
+
+    Raises
+    ------
+    ValueError
+        `nominal` is outside of the bounds, or a bound is infinite.
+    """
+    if not -math.inf < low < high < math.inf or not low <= nominal <= high:
+        raise ValueError(
+            f"parameter({nominal:g}, '{unit}', low={low:g}, high={high:g}): give finite bounds,"
+            " low < high, with the start value between them"
+        )
+    return AxisParameter(nominal, unit, low, high, each_run)
+
+
+class Axis:
+    """A mechanism with one degree of freedom: a body that slides or turns.
+
+    Subclasses state parameters as class attributes (`parameter`, or plain numbers for constants)
+    and some of the methods below. In these, ``self`` holds the values of the parameters [SI], and
+    the arguments are chosen by name: ``position`` [m or rad], ``velocity``, ``acceleration``,
+    ``time`` [s], and any measured channel of the model file. Numba compiles the methods for
+    simulations, so write NumPy functions of numbers that also accept arrays.
+
+    - ``mass(self, ...)``: mass [kg], or moment of inertia [kg m^2] of a body that turns; at least
+      for ``given: drive``.
+    - ``force(self, ...)``: sum of all forces [N] or torques [N m] along the axis except that of the
+      drive, such as weight, springs and viscous friction; default: none.
+    - ``load(self, ...)``: normal force [N], or whatever else presses on the surfaces, of which dry
+      friction takes a share (candidate ``load_friction``); default: the drive, if it is given.
+    - ``name_of_a_channel(self, ...)``: the reading of this channel, for ``given: position``.
+
+    Examples
+    --------
+    A rod with a weight:
+
+    >>> import numpy as np
+    >>> from jointgap.axis import Axis, parameter
+    >>> class Pendulum(Axis):
+    ...     inertia = parameter(0.15, "kg*m**2", low=0.02, high=1.0)
+    ...     gravity_torque = parameter(3.0, "N*m", low=0.3, high=20.0)
+    ...
+    ...     def mass(self):
+    ...         return self.inertia
+    ...
+    ...     def force(self, position):
+    ...         return -self.gravity_torque * np.sin(position)
+    >>> [p.name for p in Pendulum.parameters()]
+    ['inertia', 'gravity_torque']
+    """
+
+    _BUILT_IN: ClassVar = ("mass", "force", "load")
+
+    @classmethod
+    def parameters(cls, runs: Sequence[str] = ()) -> tuple[Parameter, ...]:
+        """The uncertain parameters, in the order in which the class states them; those of each run
+        for `runs`."""
+        parameters = []
+        for name, value in cls._attributes().items():
+            if isinstance(value, AxisParameter):
+                step = _STEP_SHARE * (value.high - value.low)
+                made = Parameter(name, value.nominal, value.low, value.high, step, value.unit)
+                each = runs if value.each_run else (None,)
+                parameters += [replace(made, run=run) for run in each]
+        return tuple(parameters)
+
+    @classmethod
+    def candidates(cls) -> tuple[Candidate, ...]:
+        """The effects of the class."""
+        attributes = cls._attributes().items()
+        return tuple(
+            value.candidate(name) for name, value in attributes if isinstance(value, AxisEffect)
+        )
+
+    @classmethod
+    def _attributes(cls) -> dict[str, Any]:
+        return {
+            name: value
+            for base in cls.__mro__[::-1]
+            if base not in (object, Axis)
+            for name, value in vars(base).items()
+            if not name.startswith("_")
+        }
+
+    @classmethod
+    def methods(cls) -> dict[str, Callable]:
+        """The methods of the subclass, by name."""
+        return {name: value for name, value in cls._attributes().items() if callable(value)}
+
+
+class Equations:
+    """The methods of an `Axis` as functions of one signature.
+
+    Parameters
+    ----------
+    kind : subclass of Axis
+    inputs : sequence of str
+        Measured channels that methods may have as arguments.
+    source : str
+        File of the class, for messages.
+
+    Raises
+    ------
+    InputError
+        A method has an unknown argument.
+    """
+
+    def __init__(self, kind: type[Axis], inputs: Sequence[str], source: str):
+        self.kind, self.source = kind, source
+        constants = {
+            name: float(value)
+            for name, value in kind._attributes().items()
+            if isinstance(value, Real)
+        }
+        attributes = kind._attributes().items()
+        self._names = [name for name, value in attributes if isinstance(value, AxisParameter)]
+        parts = [value.names(name) for name, value in attributes if isinstance(value, AxisEffect)]
+        self._parts = [name for names in parts for name in names]
+        self._record = namedtuple("Values", [*self._names, *self._parts, *constants])
+        self._constants = tuple(constants.values())
+        self.methods = {
+            name: self._with_common_signature(name, method, inputs)
+            for name, method in kind.methods().items()
+        }
+
+    def values(self, parameters: dict[str, float]) -> tuple:
+        """What methods get as ``self``, from all parameters and present effects by name [SI]."""
+        sizes = [parameters.get(name, 0.0) for name in self._parts]
+        return self._record(*(parameters[name] for name in self._names), *sizes, *self._constants)
+
+    def _with_common_signature(
+        self, name: str, method: Callable, inputs: Sequence[str]
+    ) -> Callable:
+        """The method as a function of ``(self, position, velocity, acceleration, time, inputs)``,
+        with ``inputs`` (k, ...) in the order of `inputs`."""
+        arguments = list(inspect.signature(method).parameters)[1:]
+        places = {argument: argument for argument in MOTION}
+        places |= {channel: f"inputs[{place}]" for place, channel in enumerate(inputs)}
+        for argument in arguments:
+            if argument not in places:
+                raise InputError(
+                    f"{self.source}: the method {name} has the argument '{argument}'; arguments are"
+                    f" {', '.join(places)}: rename it, or add the channel to the model file"
+                )
+        passed = ", ".join(["self", *(places[argument] for argument in arguments)])
+        line = f"lambda self, {', '.join(MOTION)}, inputs: method({passed})"
+        function = eval(line, {"method": method})  # only checked names are in the line
+        function.uncompiled = method, line
+        return function
+
+    def compiled(self, name: str, default: float, example: tuple) -> Callable:
+        """The method `name` compiled for numbers such as the arguments `example`; without such a
+        method a function that is `default`."""
+        if name not in self.methods:
+            return _constant(default)
+        method, line = self.methods[name].uncompiled
+        function = numba.njit(eval(line, {"method": numba.njit(method)}))
+        try:
+            value = function(*example)
+        except numba.core.errors.NumbaError as error:
+            reason = " ".join(str(error).split())[:300]
+            raise InputError(
+                f"{self.source}: the method {name} cannot be compiled ({reason}); write NumPy"
+                " functions of numbers, such as np.sin(position)"
+            ) from error
+        if not math.isfinite(value):
+            raise InputError(
+                f"{self.source}: the method {name} is {value} at the first sample with the start"
+                " values of the parameters; correct it"
+            )
+        return function
+
+    def evaluate(
+        self,
+        name: str,
+        values: tuple,
+        motion: Sequence[np.ndarray],
+        inputs: np.ndarray,
+        default=0.0,
+    ) -> np.ndarray:
+        """The method `name` at all samples (n,); `motion`: the arrays (n,) of `MOTION`."""
+        if name not in self.methods:
+            return np.full(len(motion[0]), default)
+        result = self.methods[name](values, *motion, inputs)
+        return np.broadcast_to(np.asarray(result, float), np.shape(motion[0]))
+
+
+_CONSTANTS: dict[float, Callable] = {}
+
+
+def _constant(value: float) -> Callable:
+    """A compiled function that is always `value`."""
+    if value not in _CONSTANTS:
+
+        @numba.njit
+        def function(self, position, velocity, acceleration, time, inputs):
+            return value
+
+        _CONSTANTS[value] = function
+    return _CONSTANTS[value]

@@ -1,0 +1,181 @@
+"""The measured runs of a model of your own, in SI units."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointgap.axis.model_file import POSITION, ModelFile, ModelRun, unit_of_channel
+from jointgap.core.csv_files import read_columns
+from jointgap.core.errors import InputError
+from jointgap.rig import checks
+from jointgap.rig.checks import MIN_SAMPLES
+from jointgap.rig.sensors import low_pass
+
+# [1] Largest deviation of a sampling interval from the median, where a low-pass is applied
+UNEVEN = 0.01
+
+
+@dataclass(frozen=True)
+class RunData:
+    """The samples of one run."""
+
+    run: ModelRun
+    time: np.ndarray  # (n,) [s], from 0 on
+    channels: dict[str, np.ndarray]  # (n,) [SI] by name, without time; NaN for gaps
+    reduce: Callable[[np.ndarray], np.ndarray]  # Of samples (n,) to those compared (m,)
+    filtered: Callable[[np.ndarray], np.ndarray]  # The low-pass of a given position, or none
+    count: int  # Samples whose mean is compared
+
+    @property
+    def interval(self) -> float:
+        """Median sampling interval [s]."""
+        return float(np.median(np.diff(self.time)))
+
+    @property
+    def held_out(self) -> np.ndarray:
+        """Compared samples (m,) that are used for neither fitting nor selection."""
+        place = np.arange(self.reduce(self.time).size)
+        first = {"identify": place.size, "confirm": 0, "split": 2 * place.size // 3}[self.run.role]
+        return place >= first
+
+
+def read_runs(model: ModelFile, needed: Sequence[str]) -> tuple[dict[str, RunData], list[str]]:
+    """All runs by id, and remarks on the data; `needed` channels have no gaps.
+
+    Raises
+    ------
+    InputError
+        A file is missing or invalid; the message gives file, column and row.
+    """
+    runs, remarks = {}, []
+    for run in model.runs:
+        runs[run.id] = _read_run(model, run, needed, remarks)
+    return runs, remarks
+
+
+def _read_run(
+    model: ModelFile, run: ModelRun, needed: Sequence[str], remarks: list[str]
+) -> RunData:
+    path = model.folder / run.file
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; correct `file` of run {run.id}")
+    clock = model.channels["time"].column
+    columns = [channel.column for channel in model.channels.values()]
+    read = read_columns(path, columns, model.csv, clock)
+    remarks += [f"{path}: {remark}" for remark in read.remarks]
+    values = {}
+    for name, channel in model.channels.items():
+        factor = 1.0 if name == "time" and read.began is not None else model.factor(name)
+        values[name] = channel.sign * factor * read.values[channel.column]
+        unit = unit_of_channel(name, channel)[0]
+        if other := read.other_unit(channel.column, model.factor(name), unit):
+            raise InputError(
+                f"{path}, column {channel.column}: the row of units says '{other}', the model file"
+                f" '{channel.unit}'; correct channels.{name}.unit"
+            )
+    time = values.pop("time")
+    begin, end = run.span
+    used = ~(time < begin) & ~(time > end)
+    time, rows = time[used], read.rows[used]
+    values = {name: samples[used] for name, samples in values.items()}
+    if time.size < MIN_SAMPLES:
+        raise InputError(
+            f"{path}: run {run.id} has {time.size} samples; give at least {MIN_SAMPLES}, or correct"
+            " 'from' and 'to'"
+        )
+    _check_times(path, clock, time, rows)
+    for name, samples in values.items():
+        where = f"{path}, column {model.channels[name].column}"
+        _check_samples(where, name, samples, rows, name in needed, remarks)
+    time = time - time[0]
+    filtered, count = _filters(model, str(path), time)
+    usable = time.size // count * count
+    if usable // count < MIN_SAMPLES:
+        raise InputError(
+            f"{path}: means of {count} samples leave {usable // count} of run {run.id}; give at"
+            f" least {MIN_SAMPLES}, or a smaller mean_of"
+        )
+
+    def reduce(samples: np.ndarray) -> np.ndarray:
+        return samples[:usable].reshape(-1, count).mean(axis=1) if count > 1 else samples
+
+    return RunData(run, time, values, reduce, filtered, count)
+
+
+def _filters(
+    model: ModelFile, path: str, time: np.ndarray
+) -> tuple[Callable[[np.ndarray], np.ndarray], int]:
+    """The low-pass of a given position, and the number of samples whose mean is compared."""
+    corner = model.channels[POSITION].bandwidth if POSITION in model.channels else None
+    if corner is None:
+        return (lambda samples: samples), model.mean_of or 1
+    intervals = np.diff(time)
+    interval = float(np.median(intervals))
+    if np.abs(intervals / interval - 1.0).max() > UNEVEN:
+        raise InputError(
+            f"{path}: its time stamps are not evenly spaced, which channels.position.bandwidth"
+            " requires; resample it, or remove bandwidth and give the column of the velocity"
+        )
+    if corner >= 0.45 / interval:
+        raise InputError(
+            f"{path}: channels.position.bandwidth = {corner:g} Hz is too high for samples every"
+            f" {interval:g} s; give at most {0.4 / interval:.3g} Hz"
+        )
+
+    def filtered(samples: np.ndarray) -> np.ndarray:
+        return low_pass(samples, interval, corner, causal=False)
+
+    return filtered, model.mean_of or max(round(0.5 / (corner * interval)), 1)
+
+
+def _check_times(path, clock: str, time: np.ndarray, rows: np.ndarray) -> None:
+    bad = np.flatnonzero(~np.isfinite(time))
+    if bad.size:
+        raise InputError(f"{path}, column {clock}, row {rows[bad[0]]}: no time; remove the row")
+    falls = np.flatnonzero(np.diff(time) <= 0.0)
+    if falls.size:
+        row = rows[falls[0] + 1]
+        raise InputError(
+            f"{path}, column {clock}, row {row}: the time {time[falls[0] + 1]:g} s is not after that"
+            f" of the row before, {time[falls[0]]:g} s; sort or correct the rows"
+        )
+
+
+def _check_samples(
+    where: str,
+    name: str,
+    samples: np.ndarray,
+    rows: np.ndarray,
+    is_needed: bool,
+    remarks: list[str],
+) -> None:
+    """InputError for unusable samples; other doubts become remarks. 'No data' values become
+    gaps."""
+    if (places := checks.no_data(samples)).size:
+        value = samples[places[0]]
+        remarks.append(
+            f"{where}, row {rows[places[0]]}: {places.size} samples are {value:g}, which looks like"
+            " 'no data'; they are not used"
+        )
+        samples[places] = np.nan
+    finite = np.isfinite(samples)
+    if is_needed and not finite.all():
+        row = rows[np.flatnonzero(~finite)[0]]
+        raise InputError(
+            f"{where}, row {row}: no value, but {name} must be known at every sample; fill the gap,"
+            " or cut the run by 'from' and 'to'"
+        )
+    if np.count_nonzero(finite) < MIN_SAMPLES or not np.ptp(samples[finite]) > 0.0:
+        raise InputError(
+            f"{where}: {name} has {np.count_nonzero(finite)} values, all alike; correct the column"
+            if finite.any()
+            else f"{where}: has no values; correct the column"
+        )
+    if name != POSITION and (remark := checks.clipped(samples)):
+        remarks.append(f"{where}: {name} {remark}")
+    if (far := checks.outliers(samples)).size:
+        remarks.append(
+            f"{where}, row {rows[far[0]]}: {name} is far from all other values"
+            f" ({far.size} samples); if it is no reading, leave the cell empty"
+        )

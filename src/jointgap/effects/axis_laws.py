@@ -1,0 +1,160 @@
+"""Force laws of a body with one degree of freedom: those of the slider, for a body that slides or
+turns.
+
+On a body that turns the position is an angle and the force a torque. The laws keep their equations;
+the names and units of their parameters change.
+"""
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from jointgap.core.candidates import Candidate, LawFamily, Parameter
+from jointgap.effects.base import (
+    CATALOGUE,
+    Effect,
+    FitContext,
+    MotionScale,
+    ParameterDescription,
+    Records,
+    parameters_of,
+)
+
+SITE = "axis"
+BACKLASH = "backlash"
+
+_PREFIX = "slider_"
+_NOT_ON_AN_AXIS = ("gas_pressure", "slider_force_table", "discovered_slider_force")
+
+_ROTARY_KEYS = {
+    "force_N": "torque_N_m",
+    "damping_N_s_m": "damping_N_m_s",
+    "drag_N_s2_m2": "drag_N_m_s2",
+    "stiffness_N_m": "stiffness_N_m_rad",
+    "rest_position_m": "rest_angle_rad",
+    "speed_m_s": "speed_rad_s",
+    "stribeck_speed_m_s": "stribeck_speed_rad_s",
+    "tightest_position_m": "tightest_angle_rad",
+    "length_m": "period_rad",
+    "play_m": "play_rad",
+}
+"""Parameter of a law on a body that turns, by that on a body that slides."""
+
+_ROTARY_UNITS = {
+    "N": "N*m",
+    "N*s/m": "N*m*s",
+    "N*s^2/m^2": "N*m*s^2",
+    "N/m": "N*m/rad",
+    "m": "rad",
+    "m/s": "rad/s",
+}
+
+
+class AxisLaw(NamedTuple):
+    """A law that an axis can lack."""
+
+    name: str
+    words: str  # Name in a verdict
+    law: str  # Equation
+    effect: type[Effect] | None  # None: a play, which is no force
+
+
+def _laws() -> Iterator[AxisLaw]:
+    for effect in sorted(CATALOGUE, key=lambda effect: effect.ORDER):
+        if effect.GROUP == "slider" and effect.NAME not in _NOT_ON_AN_AXIS:
+            words = re.sub(r" (of|on) the slider( guide)?", "", effect.WORDS)
+            yield AxisLaw(effect.NAME.removeprefix(_PREFIX), words, effect.LAW, effect)
+    law = "the motion reaches the rest through a play of play_m or play_rad"
+    yield AxisLaw(BACKLASH, "a backlash", law, None)
+
+
+AXIS_LAWS = {law.name: law for law in _laws()}
+"""Every law by its name; those of families are no candidates themselves."""
+
+
+def axis_parameters(name: str) -> list[ParameterDescription]:
+    """Parameters of the law `name`, on a body that slides and on one that turns."""
+    if name == BACKLASH:
+        described = [ParameterDescription("play_m", "m", ">= 0", "", "width of the play")]
+    else:
+        described = parameters_of(AXIS_LAWS[name].effect)
+    rotary = [
+        p._replace(name=_ROTARY_KEYS[p.name], unit=_ROTARY_UNITS.get(p.unit, p.unit))
+        for p in described
+        if p.name in _ROTARY_KEYS
+    ]
+    return described + rotary
+
+
+def axis_candidates(scale: MotionScale, runs: list[str], turns: bool) -> list[Candidate]:
+    """The force laws that an axis can lack; `turns`: its position is an angle."""
+    frequency = scale.turning / 6.0
+    context = FitContext(None, scale, {}, True, frequency, runs)
+    candidates = []
+    for law in AXIS_LAWS.values():
+        for candidate in law.effect.candidates(context) if law.effect else ():
+            candidates.append(_on_axis(candidate, turns))
+    return candidates
+
+
+def backlash_candidate(scale: MotionScale, turns: bool) -> Candidate:
+    """The play through which a given motion reaches the rest of the mechanism."""
+    key, unit = ("play_rad", "rad") if turns else ("play_m", "m")
+    play = Parameter(key, 0.0, 0.0, 2.0 * scale.stroke, 0.02 * scale.stroke, unit)
+    return Candidate(BACKLASH, SITE, (play,), (key,))
+
+
+def _on_axis(candidate: Candidate, turns: bool) -> Candidate:
+    """A candidate of the slider with the names and units of an axis."""
+    keys = _ROTARY_KEYS if turns else {}
+    units = _ROTARY_UNITS if turns else {}
+
+    def converted(function: Callable[[Mapping[str, float]], dict[str, float]]) -> Callable:
+        back = {new: old for old, new in keys.items()}
+
+        def convert(values: Mapping[str, float]) -> dict[str, float]:
+            sliding = function({back.get(key, key): value for key, value in values.items()})
+            return {keys.get(key, key): value for key, value in sliding.items()}
+
+        return convert
+
+    def renamed(name: str) -> str:
+        return name.removeprefix(_PREFIX)
+
+    return replace(
+        candidate,
+        name=renamed(candidate.name),
+        site=SITE,
+        coordinates=tuple(
+            replace(p, name=keys.get(p.name, p.name), unit=units.get(p.unit, p.unit))
+            for p in candidate.coordinates
+        ),
+        amplitudes=tuple(keys.get(key, key) for key in candidate.amplitudes),
+        initial_guesses=tuple(
+            {keys.get(key, key): value for key, value in guess.items()}
+            for guess in candidate.initial_guesses
+        ),
+        parameters=converted(candidate.parameters),
+        carrier=renamed(candidate.carrier),
+        families=tuple(
+            _family_on_axis(family, turns, keys, converted) for family in candidate.families
+        ),
+    )
+
+
+def _family_on_axis(
+    family: LawFamily, turns: bool, keys: Mapping[str, str], converted: Callable
+) -> LawFamily:
+    shape = keys.get(family.shape, family.shape)
+    return replace(
+        family, law=_on_axis(family.law, turns), shape=shape, values=converted(family.values)
+    )
+
+
+def compile_law(name: str, parameters: Mapping[str, Any], records: Records) -> None:
+    """Write the stated `parameters` of a law into the records of the equations of motion."""
+    back = {new: old for old, new in _ROTARY_KEYS.items()}
+    effect = AXIS_LAWS[name].effect
+    values = {back.get(key, key): value for key, value in parameters.items()}
+    effect(name=effect.NAME, parameters=values).compile_into(records)
