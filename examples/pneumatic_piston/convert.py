@@ -8,6 +8,7 @@ import pandas as pd
 ADDRESS = "https://github.com/EvaZillen/3D-printed-pneumatic-actuator"
 TESTS = Path("results_pneumatic-actuator") / "data" / "friction"
 PRESSURES = range(1, 8)  # bar
+SAMPLE_TIME = 0.01  # s
 FIRST_ROW = 15  # as in the authors' notebook: the rows before are from the start of the recording
 
 
@@ -18,13 +19,10 @@ def tables(download: Path) -> dict[str, pd.DataFrame]:
 
 
 def _table(path: Path) -> pd.DataFrame:
-    # ms; V, V, V; mm, bar, N
-    time, _, _, _, position, pressure, force = np.loadtxt(path, ndmin=2)[FIRST_ROW:].T
-    return pd.DataFrame(
-        {
-            "time": time / 1000.0,
-            "position": position / 1000.0,
-            "pressure": 1e5 * pressure,
-            "force": force,
-        }
-    )
+    samples = np.loadtxt(path, ndmin=2)[FIRST_ROW:]
+    recorded = samples[:, 0] / 1000.0  # s; some samples are late
+    time = np.arange(recorded[0], recorded[-1], SAMPLE_TIME)
+    columns = {"position": 1e-3 * samples[:, 4], "pressure": 1e5 * samples[:, 5]}
+    columns["force"] = samples[:, 6]
+    resampled = {name: np.interp(time, recorded, values) for name, values in columns.items()}
+    return pd.DataFrame({"time": time, **resampled})

@@ -86,7 +86,7 @@ def write_pneumatic_piston(folder: Path, dry: float = 3.2, per_bar: float = 0.77
         pressure = bar + 0.03 * speed
         force = 1e5 * pressure * np.pi * 0.0125**2 + (dry + per_bar * bar) * speed
         force += random.normal(0.0, 0.1, time.size)
-        read = position + random.normal(0.0, 0.01, time.size)
+        read = position + random.normal(0.0, 0.004, time.size)
         columns = [1000.0 * time, *3 * [0 * time], read, pressure, force]
         np.savetxt(path / f"Circle_{bar}bar.csv", np.column_stack(columns), "%.3f")
 
