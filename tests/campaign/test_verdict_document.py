@@ -170,7 +170,7 @@ def normal(value, sd, **tolerance):
 def test_an_effect_stands_with_its_site_its_gain_over_the_base_and_its_estimates():
     (stated,) = document(named_outcome(fitted([FRICTION], [1.5, 20.0])))["effects"]
     gain = pytest.approx(900.0 - 64.0 - LN)  # one parameter more, worth ln n
-    parameters = {"force_N": normal(20.0, 0.2)}
+    parameters = {"force_N": normal(20.0, 0.2) | {"unit": FRICTION.coordinates[0].unit}}
     key = {"name": "friction", "site": "slider", "delta_bic": gain}
     assert stated == key | {"parameters": parameters}
 
@@ -215,7 +215,9 @@ def test_terms_of_a_law_are_one_effect_with_a_formula_beside_the_other_effects()
 def test_nuisances_stand_with_value_and_standard_error_or_the_reason_why_there_is_none():
     stated = document(named_outcome(fitted([FRICTION], [9.0, 20.0])))["nuisances"]
     lows, highs = zip(*(stated["mass"].pop(f"interval_{level}") for level in LEVELS), strict=True)
-    assert stated == {"mass": {"value": 9.0, "sd": None, "remark": "at its bound", "kept": True}}
+    unit = {"unit": MASS.unit}  # as no list of quantities has it
+    at_bound = {"value": 9.0, "sd": None, "remark": "at its bound", "kept": True}
+    assert stated == {"mass": at_bound | unit}
     assert sorted(lows, reverse=True) == list(lows) and set(highs) == {9.0}
     chosen = fitted([], [0.3, 1.5], nuisances=(START, MASS))
     assert document(named_outcome(chosen))["nuisances"]["first_angle@back"] == normal(

@@ -7,8 +7,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from jointgap.axis.analyse import analyse_model
+from tests.axis.folders import pendulum
+
 PAGE = Path("docs/how_to/own_model.md").read_text(encoding="utf-8")
 CODE = "\n".join(re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL))
+FOLDER = {"model.yaml": "yaml", "model.py": "py"}
 NOISE = 0.05  # N
 MASS = 10.3  # kg; the page's model says 10
 
@@ -81,3 +85,13 @@ def test_a_force_absent_from_the_held_out_run_is_not_named(outcome):
     verdict = names["verdict"]
     assert (verdict.verdict, verdict.best_known.label) == ("unexplained", "slider_coulomb_friction")
     assert names["prediction"].test.outcome == "rises" and verdict.chosen is verdict.base
+
+
+def test_the_folder_of_the_page_is_a_model_that_lacks_friction(tmp_path):
+    folder = pendulum(tmp_path / "model")
+    for file, language in FOLDER.items():
+        (block,) = re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
+        (folder / file).write_text(block.replace("column: angle", "column: position"))
+    verdict = analyse_model(folder, tmp_path / "results", pictures=False)
+    names = {effect["name"] for effect in verdict["effects"]}
+    assert names == {"coulomb_friction", "viscous_friction"}, verdict["because"]

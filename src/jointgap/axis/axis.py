@@ -269,7 +269,7 @@ class Equations:
         function = numba.njit(eval(line, {"method": numba.njit(method)}))
         try:
             value = function(*example)
-        except numba.core.errors.NumbaError as error:
+        except Exception as error:  # whatever the method or its compilation raises
             reason = " ".join(str(error).split())[:300]
             raise InputError(
                 f"{self.source}: the method {name} cannot be compiled ({reason}); write NumPy"

@@ -137,8 +137,8 @@ def _check_times(path, clock: str, time: np.ndarray, rows: np.ndarray) -> None:
     if falls.size:
         row = rows[falls[0] + 1]
         raise InputError(
-            f"{path}, column {clock}, row {row}: the time {time[falls[0] + 1]:g} s is not after that"
-            f" of the row before, {time[falls[0]]:g} s; sort or correct the rows"
+            f"{path}, column {clock}, row {row}: the time {time[falls[0] + 1]:g} s is not after"
+            f" {time[falls[0]]:g} s of the row before; sort or correct the rows"
         )
 
 

@@ -137,6 +137,10 @@ class AxisModel:
 
     # ---- candidates
 
+    @property
+    def _has_drive(self) -> bool:
+        return DRIVE in self.file.channels
+
     @cached_property
     def scale(self) -> MotionScale:
         """Magnitudes of the motion and of the drive in all runs."""
@@ -157,16 +161,24 @@ class AxisModel:
             times = max(float(data.time[-1]) for data in fitted)
             low, high = -0.5 * speed * times, 0.5 * speed * times
         stroke = 0.5 * (high - low)
-        drives = [data.channels[DRIVE] for data in fitted if DRIVE in data.channels]
-        force = _rms(np.concatenate(drives)) if drives else 1.0
         turning = math.sqrt(2.0) * speed / stroke
-        force *= DETECTABLE_SHARE
+        force = DETECTABLE_SHARE * self._usual_drive(fitted, speed * turning)
         return MotionScale(stroke, speed, turning, force, force, 0.5 * (low + high))
+
+    def _usual_drive(self, runs: Sequence[RunData], acceleration: float) -> float:
+        """Root mean square of the measured drive; without one the inertia at an
+        `acceleration`."""
+        if DRIVE in self.file.channels:
+            return _rms(np.concatenate([data.channels[DRIVE] for data in runs]))
+        values = self._values({p.name: p.nominal for p in self.nuisances})
+        motion = tuple(np.zeros(1) for _ in MOTION)
+        inputs = self._inputs(runs[0])[:, :1]
+        return float(self.equations.evaluate("mass", values, motion, inputs, 1.0)[0]) * acceleration
 
     def _candidates(self) -> list[Candidate]:
         model, candidates = self.file, []
-        has_load = "load" in self.equations.methods or self.is_simulated
-        if DRIVE in model.channels:
+        has_load = "load" in self.equations.methods or (self.is_simulated and self._has_drive)
+        if self.is_simulated or self._has_drive:
             scale = self.scale
             if "load" in self.equations.methods:
                 scale = replace(scale, guide=self._usual_load())
@@ -178,7 +190,10 @@ class AxisModel:
         if not self.is_simulated:
             candidates.append(backlash_candidate(self.scale, model.turns))
         readings = {}
-        for name in dict.fromkeys((*self.compared, model.given)):
+        driving = (
+            [POSITION] if not self.is_simulated else [DRIVE] if self._has_drive else self.inputs
+        )
+        for name in dict.fromkeys((*self.compared, *driving)):
             unit = unit_of_channel(name, model.channels[name])[0]
             values = np.concatenate([data.channels[name] for data in self.runs.values()])
             readings[name] = Reading(float(np.nanstd(values)), unit, self.scale.turning)
@@ -254,10 +269,17 @@ class AxisModel:
         }
         return self.equations.values({**values, **own})
 
-    def _inputs(self, data: RunData) -> np.ndarray:
-        """Measured inputs (k, n) of the methods."""
-        empty = np.empty((0, data.time.size))
-        return np.vstack([empty, *(data.channels[name] for name in self.inputs)])
+    def _drive(self, data: RunData) -> np.ndarray:
+        """The measured drive (n,); 0 if other channels drive the axis."""
+        return data.channels.get(DRIVE, np.zeros(data.time.size))
+
+    def _inputs(self, data: RunData, faults: Faults | None = None) -> np.ndarray:
+        """Measured inputs (k, n) of the methods, without their `faults`."""
+        rows = [np.empty((0, data.time.size))]
+        for name in self.inputs:
+            values = data.channels[name]
+            rows.append(values if faults is None else faults.undo(name, values, data.time))
+        return np.vstack(rows)
 
     def _laws(self, effects: Effects, numerics: int) -> tuple:
         """The force laws and the play of `effects`."""
@@ -324,8 +346,8 @@ class AxisModel:
         numerics: int,
     ) -> dict[str, np.ndarray]:
         """Channels (n,) of the motion under the measured drive."""
-        drive = faults.undo(DRIVE, data.channels[DRIVE] + error, data.time)
-        inputs = self._inputs(data)
+        drive = faults.undo(DRIVE, self._drive(data) + error, data.time)
+        inputs = self._inputs(data, faults)
         start = values["start_position"], values.get("start_velocity", 0.0)
         methods, own_load = self._compiled, "load" in self.equations.methods
         strongest = int(np.argmax(np.abs(drive)))
@@ -382,6 +404,8 @@ class DrivenAxisModel(AxisModel):
         the run.
         """
         data = self.runs[run]
+        if not self._has_drive:
+            return {}
         drive = data.channels[DRIVE]
         noise = self.file.channels[DRIVE].noise_of(run)
         if noise is None:
@@ -410,7 +434,8 @@ def needed_channels(model: ModelFile, kind: type[Axis]) -> Sequence[str]:
     """Channels without which a motion cannot be computed at a sample."""
     methods = kind.methods()
     own = [name for name in model.channels if name not in ("time", *MOTION, DRIVE)]
-    return [model.given, *(name for name in own if name not in methods)]
+    given = [model.given] if model.given in model.channels else []
+    return [*given, *(name for name in own if name not in methods)]
 
 
 def _rms(values: np.ndarray) -> float:

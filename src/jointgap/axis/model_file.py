@@ -80,8 +80,8 @@ class ModelFile(ConfigModel, use_attribute_docstrings=True):
     model: str = "model.py"
     """Python file with one class derived from jointgap.axis.Axis"""
     given: Literal[DRIVE, POSITION]
-    """drive: the measured force or torque acts, and the motion is simulated; position: the motion
-    is given, and the other channels are computed"""
+    """drive: the measured force or torque (or what the method force makes of other channels) acts,
+    and the motion is simulated; position: the motion is given, and the others are computed"""
     channels: dict[Word, Channel] = Field(min_length=3)
     """time, drive, position, velocity, acceleration, and channels of your own"""
     mean_of: Annotated[int, Field(ge=1)] | None = None
@@ -112,7 +112,8 @@ class ModelFile(ConfigModel, use_attribute_docstrings=True):
         return channels
 
     def errors(self) -> Iterator[str]:
-        for name in ("time", self.given):
+        required = ("time",) if self.given == DRIVE else ("time", self.given)
+        for name in required:
             if name not in self.channels:
                 yield f"channels: {name} is missing; add its column"
         if not self.compared:

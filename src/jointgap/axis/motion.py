@@ -100,7 +100,7 @@ def march(mass, force, load, values, laws, own_load, time, drive, inputs, start,
     motion[0, 0], motion[1, 0] = q, v
     for k in range(1, time.size):
         span = time[k] - time[k - 1]
-        steps = max(int(math.ceil(span / step)), 1)
+        steps = max(math.ceil(span / step), 1)
         h = span / steps
         for i in range(steps):
             share = (i + 0.5) / steps

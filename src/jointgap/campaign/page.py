@@ -208,16 +208,16 @@ def _location(verdict: Verdict, windows: pd.DataFrame | None) -> list[Block | st
     blocks: list[Block | str] = []
     if windows is not None and len(windows):
         caption = (
-            f"{word.capitalize()} windows with the largest residuals before effects are added [standard"
-            " deviations of noise]."
+            f"{word.capitalize()} windows with the largest residuals before effects are added"
+            " [standard deviations of noise]."
         )
         largest = windows.sort_values("rms", ascending=False).head(_MOST_WINDOWS).round({"mean": 4})
         names = ("run", "channel", "start_deg", "end_deg", "mean", "rms")
         blocks.append(frame_block(schema.MAP_WINDOWS, largest, names, caption))
     if orders:
         caption = (
-            f"{'Crank orders' if cycle == 'crank angle' else 'Orders of the cycle'} that dominate the residual. Possible sources: drive, gear teeth, motor"
-            " poles, joint impacts."
+            "Orders, in cycles of the crank or of the motion, that dominate the residual. Possible"
+            " sources: drive, gear teeth, motor poles, joint impacts."
         )
         names = ("run", "channel", "order", "amplitude", "unit", "share")
         blocks.append(frame_block(schema.MAP_STANDOUT, pd.DataFrame(orders), names, caption))
@@ -412,6 +412,10 @@ _ROLES = {
 }
 
 
+_RUN_COLUMNS = {"run": "l", "file": "l", "crank speed [rpm]": "r", "use": "l"}
+_RUN_COLUMNS |= {"samples": "r", "full revolutions": "r"}
+
+
 def _data(
     campaign: Campaign | None, look: pd.DataFrame | None, warnings: Sequence[str]
 ) -> list[Block]:
@@ -450,7 +454,7 @@ def _data(
     ]
     caption = f"Runs. Measured on {words.format_day(campaign.date)}." if campaign.date else "Runs."
     blocks: list[Block] = [
-        TableBlock.of(runs, "llrlrr" if "crank speed [rpm]" in runs[0] else "lll", caption),
+        TableBlock.of(runs, "".join(map(_RUN_COLUMNS.__getitem__, runs[0])), caption),
         TableBlock.of(channels, caption="Measured channels."),
     ]
     if campaign.own_loads:

@@ -25,6 +25,7 @@ SITE = "axis"
 BACKLASH = "backlash"
 
 _PREFIX = "slider_"
+_OF_SLIDERS = re.compile(r", sgn v = tanh\([^)]*\)| of the guide|, not locked to the crank")
 _NOT_ON_AN_AXIS = ("gas_pressure", "slider_force_table", "discovered_slider_force")
 
 _ROTARY_KEYS = {
@@ -64,7 +65,8 @@ def _laws() -> Iterator[AxisLaw]:
     for effect in sorted(CATALOGUE, key=lambda effect: effect.ORDER):
         if effect.GROUP == "slider" and effect.NAME not in _NOT_ON_AN_AXIS:
             words = re.sub(r" (of|on) the slider( guide)?", "", effect.WORDS)
-            yield AxisLaw(effect.NAME.removeprefix(_PREFIX), words, effect.LAW, effect)
+            law = _OF_SLIDERS.sub("", effect.LAW)
+            yield AxisLaw(effect.NAME.removeprefix(_PREFIX), words, law, effect)
     law = "the motion reaches the rest through a play of play_m or play_rad"
     yield AxisLaw(BACKLASH, "a backlash", law, None)
 
