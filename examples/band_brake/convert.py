@@ -15,6 +15,7 @@ RUNS = {  # files of the tests with a band tension of 30 lb; amplitudes in inche
     "medium": "0.5Hz30lbtension1amplitude",
     "long": "0.5Hz30lbtension1.5amplitude",
 }
+AVERAGED = 16  # samples at 1024 Hz whose mean is one row
 INCH = 0.0254  # m
 KIP = 4448.2216  # N
 
@@ -26,5 +27,5 @@ def tables(download: Path) -> dict[str, pd.DataFrame]:
 
 def _table(path: Path) -> pd.DataFrame:
     samples = pd.DataFrame(json.loads(path.read_text(encoding="utf-8"))["data"])
-    time, position, force = samples[0], samples[1], samples[2]
-    return pd.DataFrame({"time": time, "position": INCH * position, "force": KIP * force})
+    means = samples.groupby(samples.index // AVERAGED).mean()
+    return pd.DataFrame({"time": means[0], "position": INCH * means[1], "force": KIP * means[2]})

@@ -13,8 +13,8 @@ ADDRESS = (
     "https://github.com/JelmerV/Anti-Backlash-Cycloidal-Actuator, with `git checkout a5fe58d`"
     " (later commits have no test data)"
 )
-FILE = Path("Code") / "test_data" / "2024-07-18__10-58-26__torqueramp__base_onyx runin1.csv"
-CYCLES = range(5)  # torque ramps up to 4 N m; those from 100 on go up to 40 N m
+FILE = Path("Code") / "test_data" / "2024-07-17__12-24-38__torqueramp__base910 reamed1.csv"
+CYCLES = (2, 3, 4)  # torque ramps up to 4 N m; in cycles 0 and 1 the rotor stops half-way
 
 
 def tables(download: Path) -> dict[str, pd.DataFrame]:

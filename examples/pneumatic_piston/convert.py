@@ -9,6 +9,7 @@ ADDRESS = "https://github.com/EvaZillen/3D-printed-pneumatic-actuator"
 TESTS = Path("results_pneumatic-actuator") / "data" / "friction"
 PRESSURES = range(1, 8)  # bar
 SAMPLE_TIME = 0.01  # s
+AVERAGED = 5  # samples whose mean is one row
 FIRST_ROW = 15  # as in the authors' notebook: the rows before are from the start of the recording
 
 
@@ -24,5 +25,6 @@ def _table(path: Path) -> pd.DataFrame:
     time = np.arange(recorded[0], recorded[-1], SAMPLE_TIME)
     columns = {"position": 1e-3 * samples[:, 4], "pressure": 1e5 * samples[:, 5]}
     columns["force"] = samples[:, 6]
-    resampled = {name: np.interp(time, recorded, values) for name, values in columns.items()}
-    return pd.DataFrame({"time": time, **resampled})
+    even = {name: np.interp(time, recorded, values) for name, values in columns.items()}
+    table = pd.DataFrame({"time": time, **even})
+    return table.groupby(table.index // AVERAGED).mean()

@@ -105,7 +105,7 @@ def write_cycloidal_gear(folder: Path, play: float = 1.5) -> None:
         twist = math.copysign(max(abs(angle) - half, 0.0), angle)
         return command - stiffness * twist - 2.0 * speed
 
-    for cycle in cycloidal_gear.CYCLES:
+    for cycle in range(max(cycloidal_gear.CYCLES) + 1):
         time = np.arange(1800) / 450.0
         angle, command = swing(time, start, 0.05, ramps, torque, lambda command: 2.0)
         start = angle[-1]
