@@ -108,7 +108,7 @@ SHOWN = {
     SEPARATE: (FURTHER, {}),
     "| before | network | 150 | 564 | 0.038 | 0.03 | yes | – |": (NAMED, BEFORE),
     "No effect was added to the mechanism": (effects(BIAS), NONE),
-    "simulation failed: the pressure ~ channels: an unbalance": (
+    "Detectability unknown: the pressure ~ channels: an unbalance": (
         undetectable("crank_unbalance", "gas_pressure"),
         {"detectable": SEEN},
     ),

@@ -42,7 +42,7 @@ def other_objective(summary: Summary) -> str:
 def verdict_lines(folder: Path) -> list[str]:
     """The verdict of a campaign: answer, sizes with intervals, gap on held-out data, page."""
     verdict = verdict_json.read(folder / VERDICT)
-    lines = [f"campaign {verdict['campaign']}: {say.answer(verdict)}"]
+    lines = [f"{say.subject(verdict)}: {say.answer(verdict)}"]
     lines += say.left_out_summary(verdict)
     for effect in verdict["effects"]:
         for estimate in labels.estimates([effect]):

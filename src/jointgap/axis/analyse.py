@@ -102,7 +102,7 @@ def analyse_model(
     settings: IdentificationSettings = DEFAULT_SETTINGS,
     pictures: bool = True,
 ) -> dict[str, Any]:
-    """Identify what the model in a folder lacks, and return the content of ``verdict.json``.
+    """Identify what the model in a folder lacks; return the content of ``verdict.json``.
 
     Parameters
     ----------
@@ -184,6 +184,7 @@ def _identify(state: ModelState) -> None:
         verdict = verdict_json.document(outcome, tables, state.campaign)
         verdict["false_alarm_rate"] = state.false_alarm_rate
         verdict["cycle"] = "phase" if any(run.period for run in state.campaign.runs) else ""
+        verdict["subject"] = "model"
         verdict["left_out"], verdict["failed"] = [], failures(folder)
     verdict["costs"] = costs(folder)
     write_text(folder.path / VERDICT, verdict_json.text(verdict))

@@ -14,6 +14,8 @@ from jointgap.rig.sensors import low_pass
 
 # [1] Largest deviation of a sampling interval from the median, where a low-pass is applied
 UNEVEN = 0.01
+# Periods of the corner at both ends of a run within which the filter's start disturbs accelerations
+EDGE_PERIODS = 1.0
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,7 @@ class RunData:
     reduce: Callable[[np.ndarray], np.ndarray]  # Of samples (n,) to those compared (m,)
     filtered: Callable[[np.ndarray], np.ndarray]  # The low-pass of a given position, or none
     count: int  # Samples whose mean is compared
+    edge: float  # [s] At both ends, where a filtered motion is not known well enough to compare
 
     @property
     def interval(self) -> float:
@@ -89,7 +92,7 @@ def _read_run(
         where = f"{path}, column {model.channels[name].column}"
         _check_samples(where, name, samples, rows, name in needed, remarks)
     time = time - time[0]
-    filtered, count = _filters(model, str(path), time)
+    filtered, count, edge = _filters(model, str(path), time)
     usable = time.size // count * count
     if usable // count < MIN_SAMPLES:
         raise InputError(
@@ -100,16 +103,17 @@ def _read_run(
     def reduce(samples: np.ndarray) -> np.ndarray:
         return samples[:usable].reshape(-1, count).mean(axis=1) if count > 1 else samples
 
-    return RunData(run, time, values, reduce, filtered, count)
+    return RunData(run, time, values, reduce, filtered, count, edge)
 
 
 def _filters(
     model: ModelFile, path: str, time: np.ndarray
-) -> tuple[Callable[[np.ndarray], np.ndarray], int]:
-    """The low-pass of a given position, and the number of samples whose mean is compared."""
+) -> tuple[Callable[[np.ndarray], np.ndarray], int, float]:
+    """The low-pass of a given position, the number of samples whose mean is compared, and the time
+    [s] at both ends that is not."""
     corner = model.channels[POSITION].bandwidth if POSITION in model.channels else None
     if corner is None:
-        return (lambda samples: samples), model.mean_of or 1
+        return (lambda samples: samples), model.mean_of or 1, 0.0
     intervals = np.diff(time)
     interval = float(np.median(intervals))
     if np.abs(intervals / interval - 1.0).max() > UNEVEN:
@@ -126,7 +130,8 @@ def _filters(
     def filtered(samples: np.ndarray) -> np.ndarray:
         return low_pass(samples, interval, corner, causal=False)
 
-    return filtered, model.mean_of or max(round(0.5 / (corner * interval)), 1)
+    count = model.mean_of or max(round(0.5 / (corner * interval)), 1)
+    return filtered, count, EDGE_PERIODS / corner
 
 
 def _check_times(path, clock: str, time: np.ndarray, rows: np.ndarray) -> None:

@@ -87,6 +87,8 @@ class AxisModel:
         unit, factor = unit_of_channel(channel, column)
         value = data.reduce(data.filtered(data.channels[channel]))
         time = data.reduce(data.time)
+        if data.edge:
+            value[(time < data.edge) | (time > data.time[-1] - data.edge)] = np.nan
         angle = np.full(time.size, np.nan)
         if data.run.period is not None:
             angle = math.tau * time / data.run.period

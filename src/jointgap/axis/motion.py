@@ -102,11 +102,13 @@ def march(mass, force, load, values, laws, own_load, time, drive, inputs, start,
         span = time[k] - time[k - 1]
         steps = max(math.ceil(span / step), 1)
         h = span / steps
+        x = inputs[:, k - 1]
         for i in range(steps):
             share = (i + 0.5) / steps
             t = time[k - 1] + share * span
             u = drive[k - 1] + share * (drive[k] - drive[k - 1])
-            x = inputs[:, k - 1] + share * (inputs[:, k] - inputs[:, k - 1])
+            if inputs.shape[0] > 0:
+                x = inputs[:, k - 1] + share * (inputs[:, k] - inputs[:, k - 1])
             q += 0.5 * h * v
             side = math.copysign(least_speed, v)
             left = h

@@ -341,6 +341,8 @@ def missing_force(tables: Tables, verdict: Verdict) -> Drawing:
     return sheet.drawing()
 
 
+_LEAST_GAP = 0.05  # shown; the end of an interval may be 0
+
 ROLES = {"confirm": "held-out data", "identify": "fitted data"}
 
 
@@ -355,7 +357,8 @@ def gaps(tables: Tables, verdict: Verdict) -> Drawing:
     height, ratios = 1.2 + sum(0.55 + 0.2 * count for count in counts), [2 + n for n in counts]
     sheet, panel = Sheet(height, len(counts), 1, height_ratios=ratios), None
     ends = table[[f"{moment}{end}" for moment in moments for end in ("", "_low", "_high")]]
-    limits = 0.85 * min(ends.min().min(), 0.9), 1.2 * max(ends.max().max(), 1.5)
+    lowest = max(ends.min().min(), _LEAST_GAP)
+    limits = 0.85 * min(lowest, 0.9), 1.2 * max(ends.max().max(), 1.5)
     offsets = {"before": -0.14, "after": 0.14} if len(moments) == 2 else {"before": 0.0}
     for row, (role, rows) in enumerate(by_role.items()):
         # all runs first, and of each run all channels first

@@ -90,7 +90,8 @@ def page(
         f"{written_today()} For programs: `{VERDICT}` and the Parquet tables (`jointgap"
         " describe FILE`)."
     )
-    subject = f"Campaign {verdict['campaign']}"
+    subject = say.subject(verdict)
+    subject = subject[:1].upper() + subject[1:]
     return Page(say.title(verdict), tuple(blocks), subject, footer, width="60rem")
 
 
@@ -316,7 +317,7 @@ def _limits(
             effects = joined(
                 f"{labels.format_label(row.label)} ({row.failed})" for row in failed.itertuples()
             )
-            lines.append(f"Detectability unknown, as the simulation failed: {effects}.")
+            lines.append(f"Detectability unknown: {effects}.")
         rows = detectable[detectable["detectable"]].sort_values("label")
         if verdict["verdict"] in say.ENOUGH and len(rows):
             sizes = ", ".join(

@@ -126,9 +126,10 @@ def confusable_groups(confusability: pd.DataFrame) -> list[list[str]]:
 
 
 def undetectable(detectable: pd.DataFrame) -> list[str]:
-    """Effects that are not detectable within their bounds or cannot be simulated, from table
-    `DETECTABLE`."""
-    is_detectable = detectable.groupby("label", sort=False)["detectable"].any()
+    """Effects that are not detectable within their bounds, from table `DETECTABLE`; those whose
+    detectability is unknown are not among them."""
+    known = detectable[detectable["failed"].isna()]
+    is_detectable = known.groupby("label", sort=False)["detectable"].any()
     return list(is_detectable.index[~is_detectable])
 
 
@@ -255,7 +256,7 @@ def preflight_summary(
         lines.append(f"Not detectable with these runs: {joined(map(format_label, absent))}")
     for row in failed.itertuples():
         label = format_label(row.label)
-        lines.append(f"Detectability unknown, simulation failed: {label} ({row.failed})")
+        lines.append(f"Detectability unknown: {label} ({row.failed})")
     for group in confusable_groups(confusability):
         lines.append(f"Indistinguishable: {joined(map(format_label, group))}")
     for row in () if advice is None else advice.head(_MOST_ADVICE).itertuples():

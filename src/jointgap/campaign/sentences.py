@@ -36,6 +36,11 @@ _UNEXPLAINED = "An effect is missing, but no tested effect explains the residual
 _NOTHING_HELD_OUT = "No held-out data confirm it: none of their samples can be used"
 
 
+def subject(verdict: Verdict) -> str:
+    """``campaign rig-a``, or ``model pendulum`` for a model of the user."""
+    return f"{verdict.get('subject', 'campaign')} {verdict['campaign']}"
+
+
 def title(verdict: Verdict) -> str:
     """The verdict in a line, with the parameter and its interval."""
     factor, wider = verdict.get("interval_factor", 1.0), ""

@@ -37,7 +37,7 @@ def show(folder: ResultsFolder, campaign: Campaign) -> None:
                 drawing.save(path)
                 drawn.append(name)
     verdict["failed"] = failures(folder)
-    title = f"Campaign {verdict['campaign']}: {sentences.answer(verdict)}"
+    title = f"{sentences.subject(verdict)}: {sentences.answer(verdict)}"
     summary = Page(title, (Paragraph(f"Details: {VERDICT}"),))
     with recorded_failure(folder, "page"):
         mechanism = MECHANISM if (folder.path / MECHANISM).is_file() else ""

@@ -25,6 +25,7 @@ SITE = "axis"
 BACKLASH = "backlash"
 
 _PREFIX = "slider_"
+_OTHER_NAMES = {"harmonic_force": "oscillating_force"}  # without the prefix
 _OF_SLIDERS = re.compile(r", sgn v = tanh\([^)]*\)| of the guide|, not locked to the crank")
 _NOT_ON_AN_AXIS = ("gas_pressure", "slider_force_table", "discovered_slider_force")
 
@@ -61,12 +62,17 @@ class AxisLaw(NamedTuple):
     effect: type[Effect] | None  # None: a play, which is no force
 
 
+def _renamed(name: str) -> str:
+    """The name of a law of the slider on an axis."""
+    return _OTHER_NAMES.get(name, name.removeprefix(_PREFIX))
+
+
 def _laws() -> Iterator[AxisLaw]:
     for effect in sorted(CATALOGUE, key=lambda effect: effect.ORDER):
         if effect.GROUP == "slider" and effect.NAME not in _NOT_ON_AN_AXIS:
             words = re.sub(r" (of|on) the slider( guide)?", "", effect.WORDS)
             law = _OF_SLIDERS.sub("", effect.LAW)
-            yield AxisLaw(effect.NAME.removeprefix(_PREFIX), words, law, effect)
+            yield AxisLaw(_renamed(effect.NAME), words, law, effect)
     law = "the motion reaches the rest through a play of play_m or play_rad"
     yield AxisLaw(BACKLASH, "a backlash", law, None)
 
@@ -121,12 +127,9 @@ def _on_axis(candidate: Candidate, turns: bool) -> Candidate:
 
         return convert
 
-    def renamed(name: str) -> str:
-        return name.removeprefix(_PREFIX)
-
     return replace(
         candidate,
-        name=renamed(candidate.name),
+        name=_renamed(candidate.name),
         site=SITE,
         coordinates=tuple(
             replace(p, name=keys.get(p.name, p.name), unit=units.get(p.unit, p.unit))
@@ -138,7 +141,7 @@ def _on_axis(candidate: Candidate, turns: bool) -> Candidate:
             for guess in candidate.initial_guesses
         ),
         parameters=converted(candidate.parameters),
-        carrier=renamed(candidate.carrier),
+        carrier=_renamed(candidate.carrier),
         families=tuple(
             _family_on_axis(family, turns, keys, converted) for family in candidate.families
         ),

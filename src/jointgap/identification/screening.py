@@ -26,6 +26,9 @@ from jointgap.identification.settings import DEFAULT_SETTINGS, ScreeningSettings
 
 _RATES_A_BLOCK = 64
 
+NOT_EXAMINED = "not examined: it takes long beside loose joints"
+"""Reason why the sensitivity of an effect is unknown, if it is screened last."""
+
 
 def likely_frequencies(
     parts: Sequence[Part],
@@ -297,7 +300,9 @@ class LinearizedFit:
 
 def is_slow_effect(effect: Candidate) -> bool:
     """Whether simulations with an effect beside loose joints take long: of finite size only, such
-    as an oil film, or not periodic with the crank."""
+    as an oil film, or not periodic with the crank. A fault of a sensor changes no motion."""
+    if effect.sensor:
+        return False
     is_finite = all({*guess} & {*effect.amplitudes} for guess in effect.initial_guesses)
     return is_finite or any(p.name == "frequency_Hz" for p in effect.coordinates)
 
@@ -317,12 +322,13 @@ def simulate_sensitivities(
     entries: list[Sensitivity] = []
     failed: dict[str, str] = {}
     if candidates is None:
-        candidates = [
-            one
-            for one in problem.model.candidates
-            if problem.has_statistics
-            or not (one.is_nonsmooth or (problem.is_rough and is_slow_effect(one)))
-        ]
+        candidates = list(problem.model.candidates)
+        if not problem.has_statistics:
+            candidates = [one for one in candidates if not one.is_nonsmooth]
+            if problem.is_rough:
+                slow = [one for one in candidates if is_slow_effect(one)]
+                failed |= {one.label: NOT_EXAMINED for one in slow}
+                candidates = [one for one in candidates if one not in slow]
     taken = {name for effect in base.hypothesis for name in effect.claims}
     candidates = [candidate for candidate in candidates if not taken & candidate.claims]
     for oscillating in (False, True):  # after their steady carriers
