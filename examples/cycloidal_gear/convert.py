@@ -14,7 +14,6 @@ ADDRESS = (
     " (later commits have no test data)"
 )
 FILE = Path("Code") / "test_data" / "2024-07-17__12-24-38__torqueramp__base910 reamed1.csv"
-AVERAGED = 8  # samples whose mean is one row
 CYCLES = (2, 3, 4)  # torque ramps up to 4 N m; in cycles 0 and 1 the rotor stops half-way
 
 
@@ -27,11 +26,10 @@ def tables(download: Path) -> dict[str, pd.DataFrame]:
 
 def _table(cycle: pd.DataFrame) -> pd.DataFrame:
     stamps = cycle["TIME"].to_numpy()
-    table = pd.DataFrame(
+    return pd.DataFrame(
         {
             "time": np.linspace(stamps[0], stamps[-1], stamps.size),
             "torque": cycle["CONTROL_TORQUE"].to_numpy(),
             "angle": 2.0 * np.pi * cycle["POSITION"].to_numpy(),
         }
     )
-    return table.groupby(table.index // AVERAGED).mean()

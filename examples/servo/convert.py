@@ -9,13 +9,11 @@ ADDRESS = (
     "https://github.com/Rhoban/bam, with `git checkout af22604` (later commits have no recordings)"
 )
 RECORDINGS = Path("bam") / "data.bak" / "raw"
-RUNS = {  # by trajectory and gain of the position controller
-    "sweep_100": "10h28m32",
-    "sines_200": "10h28m42",
-    "sweep_200": "10h29m04",
-    "lift_200": "10h28m57",
-    "sines_400": "10h29m14",
-    "sweep_400": "10h29m37",
+RUNS = {  # the swings of growing frequency, by the gain of the position controller
+    "gain_100": "10h28m32",
+    "gain_200": "10h29m04",
+    "gain_400": "10h29m37",
+    "gain_800": "10h30m10",
 }
 FULL_DUTY = 885  # count of the duty cycle that applies the whole supply voltage
 COUNTS = 65536  # of the unsigned register; the upper half is negative

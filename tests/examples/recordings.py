@@ -123,20 +123,16 @@ def write_servo(folder: Path, share: float = 0.28) -> None:
     random = np.random.default_rng(SEED)
     path = folder / servo.RECORDINGS
     path.mkdir(parents=True)
-    goals = {
-        "sweep": lambda time: math.sin(time**2),
-        "sines": lambda time: 1.2 * math.sin(time) + 0.3 * math.sin(5.0 * time),
-        "lift": lambda time: 0.4 * math.pi * min(time / 3.0, 1.0),
-    }
 
     def torque(voltage, angle, speed):
         return 0.1 * voltage - 0.04 * speed - 0.49 * 9.81 * 0.1 * math.sin(angle)
 
     for run, file in servo.RUNS.items():
-        trajectory, gain = run.split("_")
+        gain = 2.5 / servo.FULL_DUTY * float(run.removeprefix("gain_"))
 
-        def controller(time, angle, goal=goals[trajectory], gain=float(gain)):
-            return 7.0 * min(max(2.5 * gain / servo.FULL_DUTY * (goal(time) - angle), -1.0), 1.0)
+        def controller(time, angle, gain=gain):
+            duty = gain * (math.sin(time**2) - angle)
+            return 7.0 * min(max(duty, -1.0), 1.0)
 
         time = np.cumsum(random.uniform(0.0051, 0.0056, 1100))
         angle, voltage = swing(
@@ -162,8 +158,8 @@ def write_pendulum(folder: Path, dry: float = 0.15) -> None:
     torques = {
         "ddp": lambda time: (0.3 + 0.3 * time) * np.sin(4.1 * time),
         "direct_collocation": lambda time: 1.2 * np.sin(5.5 * time) + 0.6 * np.sin(2.0 * time),
-        "energy_shaping": lambda time: 0.9 * np.sign(np.sin(4.0 * time)),
-        "sac": lambda time: 0.8 * np.sign(np.sin(4.4 * time + 1.0)),
+        "energy_shaping": lambda time: 0.9 * np.tanh(3.0 * np.sin(4.0 * time)),
+        "sac": lambda time: 0.8 * np.tanh(3.0 * np.sin(4.4 * time + 1.0)),
     }
 
     def total(command, angle, speed):
@@ -194,7 +190,8 @@ def write_emps(folder: Path, dry: float = 20.0) -> None:
     time = emps.SAMPLE_TIME * np.arange(20000)
     for run, file in emps.RUNS.items():
         position = velocity = acceleration = 0.0
-        for amplitude, rate in ((0.1, 1.0), (0.02, 5.0 if run == "reference" else 7.0)):
+        for amplitude, order in ((0.1, 1.0), (0.02, 5.0 if run == "reference" else 7.0)):
+            rate = 2.0 * np.pi * order / 6.24
             position = position + amplitude * (1.0 - np.cos(rate * time))
             velocity = velocity + amplitude * rate * np.sin(rate * time)
             acceleration = acceleration + amplitude * rate**2 * np.cos(rate * time)
