@@ -19,9 +19,7 @@ HIDDEN = {
     "band_brake": {"play.play": 4e-3},
     "cycloidal_gear": {"play.play": 0.02618, "coulomb_friction.torque_N_m": 2.0},
     "emps": {"coulomb_friction.force_N": 20.0},
-    "pendulum": {"coulomb_friction.torque_N_m": 0.15},
     "pneumatic_piston": {"load_friction.coefficient": 0.77e-5 / AREA},
-    "servo": {"load_friction.coefficient": 0.28},
 }
 """Effects of the synthetic recordings by rig, with their sizes [SI]."""
 
@@ -31,7 +29,7 @@ FOUND = {
     "emps": {"coulomb_friction.force_N": (19.4, 21.4), "constant_force.force_N": (2.5, 4.0)},
     "pendulum": {"coulomb_friction.torque_N_m": (0.13, 0.17)},
     "pneumatic_piston": {"load_friction.coefficient": (0.012, 0.016)},
-    "servo": {"load_friction.coefficient": (0.2, 0.35)},
+    "servo": {"load_friction.coefficient": (0.5, 0.7)},
 }
 """Bounds of the sizes in the real recordings [SI]; what is known of the rigs: their READMEs."""
 
