@@ -3,10 +3,10 @@
 import inspect
 import math
 from collections import namedtuple
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import Any, ClassVar
+from typing import Any
 
 import numba
 import numpy as np
@@ -161,14 +161,12 @@ class Axis:
     ['inertia', 'gravity_torque']
     """
 
-    _BUILT_IN: ClassVar = ("mass", "force", "load")
-
     @classmethod
     def parameters(cls, runs: Sequence[str] = ()) -> tuple[Parameter, ...]:
         """The uncertain parameters, in the order in which the class states them; those of each run
         for `runs`."""
         parameters = []
-        for name, value in cls._attributes().items():
+        for name, value in cls.attributes().items():
             if isinstance(value, AxisParameter):
                 step = _STEP_SHARE * (value.high - value.low)
                 made = Parameter(name, value.nominal, value.low, value.high, step, value.unit)
@@ -179,13 +177,14 @@ class Axis:
     @classmethod
     def candidates(cls) -> tuple[Candidate, ...]:
         """The effects of the class."""
-        attributes = cls._attributes().items()
+        attributes = cls.attributes().items()
         return tuple(
             value.candidate(name) for name, value in attributes if isinstance(value, AxisEffect)
         )
 
     @classmethod
-    def _attributes(cls) -> dict[str, Any]:
+    def attributes(cls) -> dict[str, Any]:
+        """Parameters, effects, constants and methods of the class, by name."""
         return {
             name: value
             for base in cls.__mro__[::-1]
@@ -197,17 +196,18 @@ class Axis:
     @classmethod
     def methods(cls) -> dict[str, Callable]:
         """The methods of the subclass, by name."""
-        return {name: value for name, value in cls._attributes().items() if callable(value)}
+        return {name: value for name, value in cls.attributes().items() if callable(value)}
 
 
 class Equations:
-    """The methods of an `Axis` as functions of one signature.
+    """The methods of an `Axis` as functions of one signature: ``(self, position, velocity,
+    acceleration, time, inputs)``.
 
     Parameters
     ----------
     kind : subclass of Axis
     inputs : sequence of str
-        Measured channels that methods may have as arguments.
+        Measured channels that methods may have as arguments: rows of ``inputs`` (k, ...).
     source : str
         File of the class, for messages.
 
@@ -219,35 +219,39 @@ class Equations:
 
     def __init__(self, kind: type[Axis], inputs: Sequence[str], source: str):
         self.kind, self.source = kind, source
+        attributes = kind.attributes()
         constants = {
-            name: float(value)
-            for name, value in kind._attributes().items()
-            if isinstance(value, Real)
+            name: float(value) for name, value in attributes.items() if isinstance(value, Real)
         }
-        attributes = kind._attributes().items()
-        self._names = [name for name, value in attributes if isinstance(value, AxisParameter)]
-        parts = [value.names(name) for name, value in attributes if isinstance(value, AxisEffect)]
-        self._parts = [name for names in parts for name in names]
-        self._record = namedtuple("Values", [*self._names, *self._parts, *constants])
+        self._names = [
+            name for name, value in attributes.items() if isinstance(value, AxisParameter)
+        ]
+        effects = {
+            name: value for name, value in attributes.items() if isinstance(value, AxisEffect)
+        }
+        self._sizes = [size for name, value in effects.items() for size in value.names(name)]
+        self._record = namedtuple("Values", [*self._names, *self._sizes, *constants])
         self._constants = tuple(constants.values())
-        self.methods = {
-            name: self._with_common_signature(name, method, inputs)
-            for name, method in kind.methods().items()
+        self._methods = kind.methods()
+        self._lines = {
+            name: self._common_signature(name, method, inputs)
+            for name, method in self._methods.items()
         }
 
-    def values(self, parameters: dict[str, float]) -> tuple:
-        """What methods get as ``self``, from all parameters and present effects by name [SI]."""
-        sizes = [parameters.get(name, 0.0) for name in self._parts]
-        return self._record(*(parameters[name] for name in self._names), *sizes, *self._constants)
+    def __contains__(self, name: str) -> bool:
+        """Whether the class has the method `name`."""
+        return name in self._methods
 
-    def _with_common_signature(
-        self, name: str, method: Callable, inputs: Sequence[str]
-    ) -> Callable:
-        """The method as a function of ``(self, position, velocity, acceleration, time, inputs)``,
-        with ``inputs`` (k, ...) in the order of `inputs`."""
-        arguments = list(inspect.signature(method).parameters)[1:]
+    def values(self, values: Mapping[str, float]) -> tuple:
+        """What methods get as ``self``, from all parameters and present effects by name [SI]."""
+        sizes = [values.get(name, 0.0) for name in self._sizes]
+        return self._record(*(values[name] for name in self._names), *sizes, *self._constants)
+
+    def _common_signature(self, name: str, method: Callable, inputs: Sequence[str]) -> str:
+        """The code of a function with the common signature that calls the `method`."""
         places = {argument: argument for argument in MOTION}
         places |= {channel: f"inputs[{place}]" for place, channel in enumerate(inputs)}
+        arguments = list(inspect.signature(method).parameters)[1:]
         for argument in arguments:
             if argument not in places:
                 raise InputError(
@@ -255,18 +259,14 @@ class Equations:
                     f" {', '.join(places)}: rename it, or add the channel to the model file"
                 )
         passed = ", ".join(["self", *(places[argument] for argument in arguments)])
-        line = f"lambda self, {', '.join(MOTION)}, inputs: method({passed})"
-        function = eval(line, {"method": method})  # only checked names are in the line
-        function.uncompiled = method, line
-        return function
+        return f"lambda self, {', '.join(MOTION)}, inputs: method({passed})"
 
     def compiled(self, name: str, default: float, example: tuple) -> Callable:
         """The method `name` compiled for numbers such as the arguments `example`; without such a
         method a function that is `default`."""
-        if name not in self.methods:
+        if name not in self:
             return _constant(default)
-        method, line = self.methods[name].uncompiled
-        function = numba.njit(eval(line, {"method": numba.njit(method)}))
+        function = numba.njit(_with_method(self._lines[name], numba.njit(self._methods[name])))
         try:
             value = function(*example)
         except Exception as error:  # whatever the method or its compilation raises
@@ -288,13 +288,25 @@ class Equations:
         values: tuple,
         motion: Sequence[np.ndarray],
         inputs: np.ndarray,
-        default=0.0,
+        default: float = 0.0,
     ) -> np.ndarray:
         """The method `name` at all samples (n,); `motion`: the arrays (n,) of `MOTION`."""
-        if name not in self.methods:
-            return np.full(len(motion[0]), default)
-        result = self.methods[name](values, *motion, inputs)
-        return np.broadcast_to(np.asarray(result, float), np.shape(motion[0]))
+        shape = np.shape(motion[0])
+        if name not in self:
+            return np.full(shape, default)
+        function = _with_method(self._lines[name], self._methods[name])
+        try:
+            return np.broadcast_to(np.asarray(function(values, *motion, inputs), float), shape)
+        except Exception as error:  # whatever the method raises
+            raise InputError(
+                f"{self.source}: the method {name} fails for arrays of samples:"
+                f" {type(error).__name__}: {error}; use NumPy functions, which accept arrays"
+            ) from error
+
+
+def _with_method(line: str, method: Callable) -> Callable:
+    """The function of a `line` of `Equations`, whose names are checked."""
+    return eval(line, {"method": method})
 
 
 _CONSTANTS: dict[float, Callable] = {}

@@ -179,10 +179,10 @@ class AxisModel:
 
     def _candidates(self) -> list[Candidate]:
         model, candidates = self.file, []
-        has_load = "load" in self.equations.methods or (self.is_simulated and self._has_drive)
+        has_load = "load" in self.equations or (self.is_simulated and self._has_drive)
         if self.is_simulated or self._has_drive:
             scale = self.scale
-            if "load" in self.equations.methods:
+            if "load" in self.equations:
                 scale = replace(scale, guide=self._usual_load())
             else:
                 scale = replace(scale, guide=scale.force / DETECTABLE_SHARE)
@@ -326,7 +326,7 @@ class AxisModel:
         motion, inputs = self._given_motion(data, position, play), self._inputs(data)
         evaluate, readings = self.equations.evaluate, {}
         for channel in self.compared:
-            if channel in self.equations.methods:
+            if channel in self.equations:
                 readings[channel] = evaluate(channel, parameters, motion, inputs)
                 continue
             load = np.ascontiguousarray(evaluate("load", parameters, motion, inputs))
@@ -351,7 +351,7 @@ class AxisModel:
         drive = faults.undo(DRIVE, self._drive(data) + error, data.time)
         inputs = self._inputs(data, faults)
         start = values["start_position"], values.get("start_velocity", 0.0)
-        methods, own_load = self._compiled, "load" in self.equations.methods
+        methods, own_load = self._compiled, "load" in self.equations
         strongest = int(np.argmax(np.abs(drive)))
         state = *start, 0.0, inputs[:, strongest], drive[strongest]
         arguments = *methods, parameters, force_laws, own_load
@@ -371,7 +371,7 @@ class AxisModel:
             readings["acceleration"] = accelerations(*arguments, motion)
         every = motion[0], motion[1], readings.get("acceleration", motion[1]), data.time
         for channel in self.compared:
-            if channel in self.equations.methods:
+            if channel in self.equations:
                 readings[channel] = self.equations.evaluate(channel, parameters, every, inputs)
         self._check_finite(readings, data)
         return readings

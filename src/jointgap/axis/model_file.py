@@ -24,6 +24,7 @@ from jointgap.core.units import (
     split_share,
     unit_factor,
 )
+from jointgap.core.words import joined
 
 NAME = "model.yaml"
 DRIVE, POSITION = "drive", "position"
@@ -117,7 +118,7 @@ class ModelFile(ConfigModel, use_attribute_docstrings=True):
             if name not in self.channels:
                 yield f"channels: {name} is missing; add its column"
         if not self.compared:
-            yield f"channels: only {joined_names(self.channels)}; add a channel to compare"
+            yield f"channels: only {joined(list(self.channels))}; add a channel to compare"
         if self.channels[POSITION].bandwidth is not None if POSITION in self.channels else False:
             if self.given == DRIVE:
                 yield f"channels: {POSITION}.bandwidth requires given: {POSITION}; remove it"
@@ -173,14 +174,9 @@ class ModelFile(ConfigModel, use_attribute_docstrings=True):
         """SI value of one unit of the channel's column, without its sign."""
         return unit_of_channel(channel, self.channels[channel])[1]
 
-    # a table or page reads these of a campaign
-
+    # Tables and pages read these of a campaign
     own_loads: ClassVar[tuple] = ()
     nuisance: ClassVar[dict] = {}
-
-
-def joined_names(names) -> str:
-    return ", ".join(names)
 
 
 def unit_of_channel(name: str, channel: Channel) -> tuple[str, float]:

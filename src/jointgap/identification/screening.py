@@ -375,28 +375,47 @@ def oscillating_shapes(
     ] or candidate.initial_guesses
 
 
-def _absent(candidate: Candidate, shapes: Mapping[str, float], base: Fit) -> dict[str, float]:
-    """The base's values with the candidate at zero amplitude, without nuisances that it replaces
-    (nominal)."""
-    own = {
-        p.key: 0.0 if p.key in candidate.amplitudes else shapes[p.key]
-        for p in candidate.coordinates
-    }
-    kept = {
-        key: value
-        for key, value in base.mapping.items()
-        if key.partition("@")[0] not in candidate.replaces
-    }
-    return kept | {f"{candidate.label}.{key}": value for key, value in own.items()}
-
-
 class _Start(NamedTuple):
-    """A candidate at zero amplitude, for one start of its shape parameters."""
+    """A candidate at the base, for one start of its shape parameters: its amplitudes are zero, or
+    what the nuisances that they replace differ from nominal."""
 
     candidate: Candidate
     shapes: Mapping[str, float]
+    amplitudes: Mapping[str, float]  # By key of the candidate
     values: Mapping[str, float]
-    origin: np.ndarray  # Residuals there
+    residual: np.ndarray  # There
+    is_base: bool  # Whether it is that of the base, in all runs
+
+    @classmethod
+    def of(
+        cls, problem: Problem, base: Fit, candidate: Candidate, shapes: Mapping[str, float]
+    ) -> "_Start":
+        nominal = {p.name: p.nominal for p in problem.nuisances}
+        replaced = {
+            amplitude: base.mapping[name] - nominal[name]
+            for name, amplitude in candidate.replaces.items()
+            if name in base.mapping and amplitude not in shapes
+        }
+        amplitudes = {key: replaced.get(key, 0.0) for key in candidate.amplitudes}
+        # a nuisance of several sites remains a coordinate of the others
+        remaining = {
+            p.key: base.mapping.get(p.key, shapes.get(p.key, p.nominal))
+            if p.key in candidate.replaces
+            else shapes[p.key]
+            for p in candidate.coordinates
+            if p.key not in amplitudes
+        }
+        own = {f"{candidate.label}.{key}": at for key, at in (amplitudes | remaining).items()}
+        kept = {
+            key: value
+            for key, value in base.mapping.items()
+            if key.partition("@")[0] not in candidate.replaces
+        }
+        shapes, values, residual = {**shapes, **remaining}, kept | own, base.residual
+        if candidate.replaces:
+            residual = problem.residual(values, (*base.hypothesis, candidate))
+        is_base = len(replaced) == len(candidate.replaces)
+        return cls(candidate, shapes, amplitudes, values, residual, is_base)
 
     @property
     def secant(self) -> str:
@@ -417,29 +436,24 @@ def _starts(
 ) -> list[_Start]:
     """The starts of a candidate; those of an oscillating effect depend on its carrier among the
     `entries`."""
-    origin, guesses = base.residual, candidate.initial_guesses
-    if candidate.replaces:
-        absent = _absent(candidate, guesses[0], base)
-        origin = problem.residual(absent, (*base.hypothesis, candidate))
+    guesses = candidate.initial_guesses
     carriers = [entry for entry in entries if entry.candidate.label == candidate.carrier]
     if carriers:
         guesses = oscillating_shapes(
             problem, candidate, base.residual, base.jacobian, carriers[0].columns[:, 0]
         )
-    return [
-        _Start(candidate, shapes, _absent(candidate, shapes, base), origin) for shapes in guesses
-    ]
+    return [_Start.of(problem, base, candidate, shapes) for shapes in guesses]
 
 
 def _linearised(
     problem: Problem, base: Fit, differences: FiniteDifferences, starts: Sequence[_Start]
 ) -> dict[tuple[int, str], LinearisedColumn]:
     """Derivatives by linearisation about the base, by index of the values of a start and key of the
-    amplitude; of candidates that replace a nuisance there are none, as they begin elsewhere."""
+    amplitude; none of starts with other residuals than the base."""
     directions = [
         direction
         for start in starts
-        if not start.secant and not start.candidate.replaces
+        if not start.secant and start.is_base
         for direction in start.directions(problem, base)
     ]
     columns = differences.linearised(base.mapping, base.hypothesis, directions)
@@ -456,21 +470,25 @@ def _sensitivity(
     start: _Start,
     linearised: Mapping[tuple[int, str], LinearisedColumn],
 ) -> Sensitivity:
-    candidate, shapes, values, origin = start
+    candidate, shapes, residual = start.candidate, start.shapes, start.residual
     factor = problem.settings.screening.secant_factor
     if key := start.secant:
         # nonlinear near zero: use a secant to a finite amplitude
-        varied = {**values, f"{candidate.label}.{key}": shapes[key]}
-        change = problem.residual(varied, (*base.hypothesis, candidate)) - origin
+        varied = {**start.values, f"{candidate.label}.{key}": shapes[key]}
+        change = problem.residual(varied, (*base.hypothesis, candidate)) - residual
         columns = change[:, None] / shapes[key]
     else:
         columns = np.column_stack(
             [
-                differences.column(p, at, origin, both, linearised=linearised.get((id(at), p.key)))
+                differences.column(
+                    p, at, residual, both, linearised=linearised.get((id(at), p.key))
+                )
                 for p, at, both in start.directions(problem, base)
             ]
         )
-    return Sensitivity(candidate, dict(shapes), columns, origin, problem.runs, factor)
+    sensitivity = Sensitivity(candidate, dict(shapes), columns, residual, problem.runs, factor)
+    present = np.array([start.amplitudes[p.key] for p in sensitivity.amplitudes])
+    return replace(sensitivity, origin=residual - columns @ present)
 
 
 class SensitivityRegression:

@@ -123,10 +123,16 @@ class Search:
         return self
 
     def _queue(self) -> list[Proposal]:
-        """The proposals that are worth a fit, the most promising first."""
+        """The proposals that are worth a fit, the most promising first; beside loose joints single
+        effects first, as predictions about the poor fit of another effect mislead."""
         for step in self.steps:
             self._proposals += step.propose(self)
-        return sorted(self.worth(), key=lambda proposal: (proposal.is_slow, proposal.bic))
+
+        def place(proposal: Proposal) -> tuple[bool, bool, float]:
+            is_later = self.problem.is_rough and len(proposal.hypothesis) > 1
+            return proposal.is_slow, is_later, proposal.bic
+
+        return sorted(self.worth(), key=place)
 
     def worth(self) -> list[Proposal]:
         """The proposals so far that are worth a fit."""
