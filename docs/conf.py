@@ -40,6 +40,7 @@ root_doc = "docs/index"
 include_patterns = [
     "docs/**",
     "config/README.md",
+    "examples/README.md",
     "examples/*/README.md",
     "CODE_OF_CONDUCT.md",
     "CONTRIBUTING.md",

@@ -10,7 +10,6 @@ from scipy.stats import chi2 as chi2_distribution
 
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.identification.baseline import probed_differences
-from jointgap.identification.block_sums import BlockSums
 from jointgap.identification.fit import (
     CONVERGED,
     FAILED,
@@ -316,12 +315,3 @@ def test_runs_that_a_model_linearises_need_no_differences():
     assert simulated and linearised not in simulated
     scale = np.linalg.norm(by_differences, axis=0)
     np.testing.assert_allclose(found / scale, by_differences / scale, atol=1e-2)
-
-    sums = BlockSums(here, 12)
-    np.testing.assert_allclose(
-        FiniteDifferences(sums).jacobian(
-            here.parameters(VISCOUS), start, sums.residual(start, VISCOUS), VISCOUS
-        ),
-        sums.sums(found),
-        atol=1e-2 * np.abs(found).max(),
-    )

@@ -8,10 +8,8 @@ import scipy.linalg
 
 from jointgap.core.candidates import Model
 from jointgap.core.errors import InputError, SimulationError
-from jointgap.identification.block_sums import fit_through_sums, is_poor
 from jointgap.identification.fit import (
     FAILED,
-    STOPPED,
     BoundedNormal,
     FiniteDifferences,
     Fit,
@@ -270,18 +268,14 @@ def recalibrate(
     values: Mapping[str, float] | None = None,
     settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> Baseline:
-    """Fit the nuisances from `values` by key [SI] (default: nominal), with solver error as noise.
-
-    Where chi2 is rough and the fit stalls far above noise, it is repeated through sums of samples.
-    """
+    """Fit the nuisances from `values` by key [SI] (default: nominal), with solver error as
+    noise."""
     start = {p.key: p.nominal for p in model.nuisances} | dict(values or {})
     problem = Problem(model, numerics_noise(model, start, noise, settings.noise), settings=settings)
     differences = probed_differences(problem, start)
     base = fit_hypothesis(problem, start=start, differences=differences)
     if base.status == FAILED:
         raise SimulationError(f"{model.name}: the current model cannot be simulated: {base.reason}")
-    if problem.is_rough and base.status == STOPPED and is_poor(base):
-        base = min(base, fit_through_sums(problem, base, differences), key=lambda fit: fit.chi2)
     nominal = fit_hypothesis(
         problem,
         start={key: value for key, value in base.mapping.items() if "@" in key},

@@ -300,11 +300,9 @@ class LinearizedFit:
 
 def is_slow_effect(effect: Candidate) -> bool:
     """Whether simulations with an effect beside loose joints take long: of finite size only, such
-    as an oil film, or not periodic with the crank. A fault of a sensor changes no motion."""
-    if effect.sensor:
-        return False
+    as an oil film. A fault of a sensor changes no motion."""
     is_finite = all({*guess} & {*effect.amplitudes} for guess in effect.initial_guesses)
-    return is_finite or any(p.name == "frequency_Hz" for p in effect.coordinates)
+    return is_finite and not effect.sensor
 
 
 def simulate_sensitivities(

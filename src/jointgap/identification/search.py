@@ -286,7 +286,11 @@ def _different(queue: Sequence[Proposal]) -> Iterator[Proposal]:
 
 @dataclass(frozen=True)
 class SingleEffects:
-    """One effect, by linear regression about the base."""
+    """One effect, by linear regression about the base.
+
+    Beside loose joints predictions mislead: as long as none suffices, every effect that changes
+    the motion is fitted if it is predicted to explain a hundredth of the misfit.
+    """
 
     name: str = "single effects"
 
@@ -294,13 +298,20 @@ class SingleEffects:
         if not search.is_new(self.name):
             return []
         about, settings = search.sensitivities, search.settings
-        singles = SensitivityRegression(about).singles()
+        regression = SensitivityRegression(about)
+        singles = regression.singles()
         if search.is_sufficient(search.base):
             return search.proposals(self.name, singles, about)
-        leading = shortlist(singles, settings.max_singles)
+        tried = shortlist(singles, settings.max_singles)
+        if search.problem.is_rough:
+            without = regression.explained(()).chi2
+            most = without - settings.least_explained_share * (without - search.problem.size)
+            moving = [one for one in singles if not one.hypothesis[0].sensor and one.chi2 < most]
+            tried += [one for one in moving if one not in tried]
+        others = [one for one in singles if one not in tried]
         return [
-            *search.proposals(self.name, leading, about, explores=True),
-            *search.proposals(self.name, singles[len(leading) :], about),
+            *search.proposals(self.name, tried, about, explores=True),
+            *search.proposals(self.name, others, about),
         ]
 
 

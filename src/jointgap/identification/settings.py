@@ -147,11 +147,12 @@ class WindowSettings:
 class ModelSelectionSettings:
     """Selection and comparison of hypotheses."""
 
-    # Sums of residuals per revolution, fitted in this order before all samples (experience)
-    sums_per_revolution: tuple[int, ...] = (6, 12, 24, 48)
     max_singles: int = (
         8  # Candidates fitted alone, and sums of terms of one size for a law (experience)
     )
+    # [1] Predicted share of the misfit above which an effect is fitted beside loose joints,
+    # whatever explains more (experience)
+    least_explained_share: float = 0.01
     # [1] Share of a predicted change that counts as real, as residuals are nonlinear
     linear_share: float = 0.5
     fits_per_round: int = 4  # Fits that are made before their proposals join the queue
