@@ -406,11 +406,14 @@ class Exchanges:
         best, proposals = search.best, []
         if not best.hypothesis or best.in_windows or not search.is_new(self.name, id(best)):
             return []
+        sensitivities = search.sensitivities
+        if search.problem.is_rough and search.is_sufficient(best):
+            # those about the base say little about a fit far from it
+            differences = search.baseline.differences
+            sensitivities = simulate_sensitivities(search.problem, best, differences)
         smaller = [tuple(c for c in best.hypothesis if c is not out) for out in best.hypothesis]
         for hypothesis in smaller if len(best.hypothesis) == 1 else [*smaller, ()]:
-            about = search.sensitivities.about(
-                without_other_effects(search.problem, best, hypothesis)
-            )
+            about = sensitivities.about(without_other_effects(search.problem, best, hypothesis))
             regression = SensitivityRegression(about, hypothesis)
             without = regression.explained(())
             proposals += search.proposals(self.name, [without], about)
