@@ -19,6 +19,7 @@ HIDDEN = {
     "band_brake": {"play.play": 4e-3},
     "cycloidal_gear": {"play.play": 0.02618, "coulomb_friction.torque_N_m": 2.0},
     "emps": {"coulomb_friction.force_N": 20.0},
+    "pendulum": {"coulomb_friction.torque_N_m": 0.15},
     "pneumatic_piston": {"load_friction.coefficient": 0.77e-5 / AREA},
 }
 """Effects of the synthetic recordings by rig, with their sizes [SI]."""
