@@ -1,6 +1,7 @@
 """Estimation of channel noise."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from jointgap.core.candidates import Driven, Model, Series, runs_of
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.words import format_size
 from jointgap.identification.confirmation import fit_run_parameters
-from jointgap.identification.fit import FAILED, fit_hypothesis
+from jointgap.identification.fit import FAILED, FiniteDifferences, fit_hypothesis
 from jointgap.identification.problem import (
     Noise,
     Problem,
@@ -410,7 +411,12 @@ def first_values(
     """Nuisances by key [SI] of the current model, fitted with stated or guessed noise; of held-out
     runs their own ones."""
     guess = {series.key: _guess(series, settings.noise.guessed_share) for series in model.series}
-    first = fit_hypothesis(Problem(model, guess, settings=settings))
+    problem = Problem(model, guess, settings=settings)
+    differences = FiniteDifferences(problem)
+    nominal = {p.key: p.nominal for p in problem.nuisances}
+    with suppress(InputError, SimulationError):  # reported by the fit
+        differences.probe(problem.nuisances, nominal, problem.residual(nominal))
+    first = fit_hypothesis(problem, differences=differences)
     if first.status == FAILED:
         raise SimulationError(
             f"{model.name}: the current model cannot be simulated: {first.reason}"
