@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from jointgap.core.errors import InputError
+from jointgap.core.files import write_text
 
 EXAMPLES = Path(__file__).parent
 
@@ -47,7 +48,7 @@ def write(name: str, download: Path, folder: Path | None = None) -> list[Path]:
     written = []
     for run, table in tables.items():
         written.append(target / f"{run}.csv")
-        table.to_csv(written[-1], index=False, float_format="%.7g")
+        write_text(written[-1], table.to_csv(index=False, float_format="%.7g"))
     return written
 
 

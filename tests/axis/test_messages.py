@@ -1,5 +1,6 @@
 """Errors in the folder of a model: which file, key, column or row, and what to do."""
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -45,6 +46,7 @@ def refusal(folder, tmp_path):
         ([("0.14,", "0.14 +,")], ["model.py, line 10", "SyntaxError"]),
         ([("low=0.02", "low=0.2")], ["model.py, line 10", "low < high", "0.14"]),
         ([("return self.inertia", "return np.log(-self.inertia)")], ["method mass is nan"]),
+        ([("self, position, velocity", "self, position, velocity, acceleration")], ["force"]),
     ],
 )
 def test_errors_of_the_class_name_file_and_method(folder, tmp_path, pairs, words):
@@ -126,6 +128,39 @@ def test_samples_at_uneven_times_cannot_be_filtered(tmp_path):
         _ = ModelState(folder, tmp_path / "results").model
 
 
+def test_a_gap_of_a_filtered_channel_is_a_gap_of_that_sample(tmp_path):
+    folder = piston(tmp_path / "piston")
+    before = ModelState(folder, tmp_path / "results").model.series[0].value
+    samples = pd.read_csv(folder / "low.csv")
+    samples.loc[1000, "F"] = None
+    samples.to_csv(folder / "low.csv", index=False)
+    after = ModelState(folder, tmp_path / "results").model.series[0].value
+    assert np.isfinite(before).sum() - np.isfinite(after).sum() == 1
+
+
+def test_a_run_that_the_filter_uses_up_is_refused(tmp_path):
+    pairs = ("10 Hz", "0.1 Hz"), ("given:", "mean_of: 5\ngiven:")
+    folder = changed(piston(tmp_path / "piston"), tmp_path, "model.yaml", *pairs)
+    with pytest.raises(InputError, match=r"low\.csv.*to compare.*bandwidth"):
+        _ = ModelState(folder, tmp_path / "results").model
+
+
+def test_a_stated_noise_is_reduced_by_the_filter(tmp_path):
+    folder = changed(
+        piston(tmp_path / "piston"), tmp_path, "model.yaml", ("unit: N}", "unit: N, noise: 0.1}")
+    )
+    (series, *_) = ModelState(folder, tmp_path / "results").model.series
+    # white noise of 100 Hz, through 10 Hz and means of 5 samples
+    assert 0.02 < series.stated_noise[0] < 0.1 * 5.0**-0.5
+
+
+def test_a_constant_input_is_no_error(tmp_path):
+    folder = piston(tmp_path / "piston")
+    samples = pd.read_csv(folder / "low.csv").assign(p=1.0)
+    samples.to_csv(folder / "low.csv", index=False)
+    assert ModelState(folder, tmp_path / "results").model.inputs == ["pressure"]
+
+
 def test_a_folder_without_a_model_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"model\.yaml"):
         ModelState(tmp_path)
@@ -136,5 +171,7 @@ def test_impossible_parameters_and_effects_are_refused():
         parameter(1.0, "kg", low=0.0, high=float("inf"))
     with pytest.raises(ValueError, match="include 0"):
         effect("N", step=1.0, low=1.0, high=2.0)
+    with pytest.raises(ValueError, match="'deg' is no SI unit; give values in rad"):
+        parameter(1.0, "deg", low=0.0, high=2.0)
     with pytest.raises(ValueError, match="guesses"):
         effect("N", step=1.0, parts=("cosine", "sine"), guesses=(1.0,))

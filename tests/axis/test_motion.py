@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from jointgap.axis.analyse import ModelState
-from jointgap.axis.motion import played
+from jointgap.axis.motion import behind_play, played
 from tests.axis.folders import write
 
 FILE = """
@@ -18,6 +18,7 @@ channels:
   time: {column: t, unit: s}
   drive: {column: F, unit: N}
   position: {column: x, unit: m, noise: 0.001}
+  inertia_force: {column: I, unit: N, noise: 0.1}
 runs:
   - {id: one, file: one.csv, role: identify}
   - {id: two, file: two.csv, role: confirm}
@@ -37,6 +38,9 @@ class Slide(Axis):
 
     def force(self, position, velocity):
         return -self.stiffness * position - self.damping * velocity
+
+    def inertia_force(self, acceleration):
+        return self.MASS * acceleration
 """
 
 
@@ -45,11 +49,11 @@ def slide(tmp_path_factory):
     """A function: positions of the slide under a drive, from a start."""
     folder = tmp_path_factory.mktemp("slide")
     place = np.linspace(-1.0, 1.0, 100)
-    samples = pd.DataFrame({"t": np.arange(100.0), "F": place, "x": place})
+    samples = pd.DataFrame({"t": np.arange(100.0), "F": place, "x": place, "I": place})
     write(folder, FILE, CODE, {"one": samples, "two": samples})
     model = ModelState(folder, folder / "results").model
 
-    def simulate(time, drive, start, friction=0.0, numerics=0, **parameters):
+    def simulate(time, drive, start, friction=0.0, numerics=0, channel="position", **parameters):
         channels = {"drive": drive, "position": np.linspace(-1.0, 1.0, time.size)}
         model.runs["one"] = replace(
             model.runs["one"], time=time, channels=channels, reduce=lambda samples: samples
@@ -58,7 +62,7 @@ def slide(tmp_path_factory):
         values |= {"start_position": start[0], "start_velocity": start[1]}
         candidates = {candidate.label: candidate for candidate in model.candidates}
         effects = ((candidates["coulomb_friction"], {"force_N": friction}),) if friction else ()
-        return model.simulate("one", values, effects, numerics)["position"]
+        return model.simulate("one", values, effects, numerics)[channel]
 
     return simulate
 
@@ -105,6 +109,14 @@ def test_reversals_under_friction_lose_the_same_amplitude_each(slide):
         assert np.interp(turn * half, time, found) == pytest.approx(extreme, abs=2e-4)
 
 
+def test_a_method_of_a_channel_gets_the_acceleration_which_is_zero_where_friction_holds(slide):
+    time = np.arange(0.0, 4.0, 0.01)
+    force = slide(time, 1.0 * time, (0.0, 0.0), friction=2.0, channel="inertia_force")
+    assert np.ptp(force[time < 1.99]) == 0.0 == force[0]
+    moving = time > 2.05
+    np.testing.assert_allclose(force[moving], time[moving] - 2.0, atol=1e-6)
+
+
 def test_half_the_step_changes_little(slide):
     time = np.arange(0.0, 3.0, 0.01)
     drive = 5.0 * np.sin(2.0 * time)
@@ -121,3 +133,5 @@ def test_what_is_behind_a_play_stands_still_until_it_is_crossed():
     assert np.ptp(behind[crossing]) == pytest.approx(0.0, abs=1e-12)
     assert behind[-1] == pytest.approx(-0.8)
     np.testing.assert_array_equal(played(given, 0.0), given)
+    _, is_open = behind_play(given, 0.4)
+    assert is_open[105:140].all() and not is_open[:100].any() and not is_open[142:].any()

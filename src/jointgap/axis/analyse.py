@@ -123,6 +123,7 @@ def analyse_model(
     state = ModelState(Path(folder), results and Path(results), settings)
     check_same_file(state.path, state.folder.path)
     state.folder.check_writable(*(table.path for table in _TABLES), VERDICT, *SUMMARIES)
+    _ = state.model  # errors of the data leave the earlier results
     _remove_conclusions(state.folder)
     steps = [_measure, _identify, *([_show] if pictures else [])]
     for step in with_progress(steps, "stages of the analysis"):
@@ -146,7 +147,9 @@ def publish_model(results: Path) -> dict[str, Any]:
     from jointgap.core.publish import publish_records
 
     name = verdict_json.read(results / VERDICT)["campaign"]
-    store = results.resolve().parents[1]
+    store = results.resolve().parent
+    if store.name == RESULTS.name:
+        store = store.parent
     summary = publish_records(name, DESCRIPTION, records(results), None, store)
     write_text(results / PUBLISHED, json.dumps(summary, indent=2) + "\n")
     return summary

@@ -13,7 +13,8 @@ import numpy as np
 
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.errors import InputError
-from jointgap.effects.axis_laws import SITE
+from jointgap.core.units import coherent, dimension_of, format_dimension
+from jointgap.effects.axis_laws import AXIS_LAWS, SITE
 
 MOTION = ("position", "velocity", "acceleration", "time")
 """Arguments that every method may have; further ones are measured channels."""
@@ -86,6 +87,7 @@ def effect(
     ValueError
         0 is outside of the bounds, or `guesses` are given for several parts.
     """
+    _check_unit(unit)
     if not low <= 0.0 <= high or not low < high or not step > 0.0:
         raise ValueError(
             f"effect('{unit}', step={step:g}, low={low:g}, high={high:g}): the bounds must include"
@@ -117,12 +119,23 @@ def parameter(
     ValueError
         `nominal` is outside of the bounds, or a bound is infinite.
     """
+    _check_unit(unit)
     if not -math.inf < low < high < math.inf or not low <= nominal <= high:
         raise ValueError(
             f"parameter({nominal:g}, '{unit}', low={low:g}, high={high:g}): give finite bounds,"
             " low < high, with the start value between them"
         )
     return AxisParameter(nominal, unit, low, high, each_run)
+
+
+def _check_unit(unit: str) -> None:
+    """ValueError unless it is an SI unit: methods calculate with the numbers as they are."""
+    factor, dimension = coherent(1.0, unit) if unit != "1" else (1.0, None)
+    if factor != 1.0:
+        raise ValueError(
+            f"the unit '{unit}' is no SI unit; give values in"
+            f" {'rad' if dimension == dimension_of('') else format_dimension(dimension)}"
+        )
 
 
 class Axis:
@@ -140,7 +153,11 @@ class Axis:
       drive, such as weight, springs and viscous friction; default: none.
     - ``load(self, ...)``: normal force [N], or whatever else presses on the surfaces, of which dry
       friction takes a share (candidate ``load_friction``); default: the drive, if it is given.
-    - ``name_of_a_channel(self, ...)``: the reading of this channel, for ``given: position``.
+    - ``name_of_a_channel(self, ...)``: the reading of this channel.
+
+    Methods cannot call each other; write functions outside the class. ``time`` is 0 at the first
+    sample of a run that is used. The three methods above have no ``acceleration`` where the motion
+    is simulated.
 
     Examples
     --------
@@ -229,14 +246,17 @@ class Equations:
         effects = {
             name: value for name, value in attributes.items() if isinstance(value, AxisEffect)
         }
+        for name in effects.keys() & AXIS_LAWS.keys():
+            raise InputError(f"{source}: the effect {name} has the name of a known one; rename it")
         self._sizes = [size for name, value in effects.items() for size in value.names(name)]
         self._record = namedtuple("Values", [*self._names, *self._sizes, *constants])
         self._constants = tuple(constants.values())
         self._methods = kind.methods()
-        self._lines = {
-            name: self._common_signature(name, method, inputs)
+        self.arguments = {
+            name: tuple(inspect.signature(method).parameters)[1:]
             for name, method in self._methods.items()
         }
+        self._lines = {name: self._common_signature(name, inputs) for name in self._methods}
 
     def __contains__(self, name: str) -> bool:
         """Whether the class has the method `name`."""
@@ -247,11 +267,11 @@ class Equations:
         sizes = [values.get(name, 0.0) for name in self._sizes]
         return self._record(*(values[name] for name in self._names), *sizes, *self._constants)
 
-    def _common_signature(self, name: str, method: Callable, inputs: Sequence[str]) -> str:
-        """The code of a function with the common signature that calls the `method`."""
+    def _common_signature(self, name: str, inputs: Sequence[str]) -> str:
+        """The code of a function with the common signature that calls the method `name`."""
         places = {argument: argument for argument in MOTION}
         places |= {channel: f"inputs[{place}]" for place, channel in enumerate(inputs)}
-        arguments = list(inspect.signature(method).parameters)[1:]
+        arguments = self.arguments[name]
         for argument in arguments:
             if argument not in places:
                 raise InputError(
@@ -266,7 +286,8 @@ class Equations:
         method a function that is `default`."""
         if name not in self:
             return _constant(default)
-        function = numba.njit(_with_method(self._lines[name], numba.njit(self._methods[name])))
+        compiled = numba.njit(self._methods[name], error_model="numpy")
+        function = numba.njit(_with_method(self._lines[name], compiled), error_model="numpy")
         try:
             value = function(*example)
         except Exception as error:  # whatever the method or its compilation raises

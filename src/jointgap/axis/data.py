@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointgap.axis.model_file import POSITION, ModelFile, ModelRun, unit_of_channel
+from jointgap.axis.model_file import DRIVE, POSITION, ModelFile, ModelRun, unit_of_channel
 from jointgap.core.csv_files import read_columns
 from jointgap.core.errors import InputError
 from jointgap.rig import checks
@@ -16,6 +16,7 @@ from jointgap.rig.sensors import low_pass
 UNEVEN = 0.01
 # Periods of the corner at both ends of a run within which the filter's start disturbs accelerations
 EDGE_PERIODS = 1.0
+_RESPONSE_PERIODS = 6.0  # Of the corner, after which its response has faded
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,7 @@ class RunData:
     reduce: Callable[[np.ndarray], np.ndarray]  # Of samples (n,) to those compared (m,)
     filtered: Callable[[np.ndarray], np.ndarray]  # The low-pass of a given position, or none
     count: int  # Samples whose mean is compared
+    noise_gain: float  # [1] Of white noise, from a sample to what is compared
     edge: float  # [s] At both ends, where a filtered motion is not known well enough to compare
 
     @property
@@ -90,9 +92,10 @@ def _read_run(
     _check_times(path, clock, time, rows)
     for name, samples in values.items():
         where = f"{path}, column {model.channels[name].column}"
-        _check_samples(where, name, samples, rows, name in needed, remarks)
+        is_input = name in needed and name != POSITION
+        _check_samples(where, name, samples, rows, name in needed, is_input, remarks)
     time = time - time[0]
-    filtered, count, edge = _filters(model, str(path), time)
+    filtered, count, noise_gain, edge = _filters(model, str(path), time)
     usable = time.size // count * count
     if usable // count < MIN_SAMPLES:
         raise InputError(
@@ -103,17 +106,18 @@ def _read_run(
     def reduce(samples: np.ndarray) -> np.ndarray:
         return samples[:usable].reshape(-1, count).mean(axis=1) if count > 1 else samples
 
-    return RunData(run, time, values, reduce, filtered, count, edge)
+    return RunData(run, time, values, reduce, filtered, count, noise_gain, edge)
 
 
 def _filters(
     model: ModelFile, path: str, time: np.ndarray
-) -> tuple[Callable[[np.ndarray], np.ndarray], int, float]:
-    """The low-pass of a given position, the number of samples whose mean is compared, and the time
-    [s] at both ends that is not."""
+) -> tuple[Callable[[np.ndarray], np.ndarray], int, float, float]:
+    """The low-pass of a given position, the number of samples whose mean is compared, the gain of
+    white noise by both, and the time [s] at both ends that is not compared."""
     corner = model.channels[POSITION].bandwidth if POSITION in model.channels else None
     if corner is None:
-        return (lambda samples: samples), model.mean_of or 1, 0.0
+        count = model.mean_of or 1
+        return (lambda samples: samples), count, count**-0.5, 0.0
     intervals = np.diff(time)
     interval = float(np.median(intervals))
     if np.abs(intervals / interval - 1.0).max() > UNEVEN:
@@ -128,10 +132,17 @@ def _filters(
         )
 
     def filtered(samples: np.ndarray) -> np.ndarray:
-        return low_pass(samples, interval, corner, causal=False)
+        known = np.isfinite(samples)
+        if not known.all():  # gaps stay gaps
+            samples = np.interp(time, time[known], samples[known])
+        return np.where(known, low_pass(samples, interval, corner, causal=False), np.nan)
 
     count = model.mean_of or max(round(0.5 / (corner * interval)), 1)
-    return filtered, count, EDGE_PERIODS / corner
+    impulse = np.zeros(2 * max(round(_RESPONSE_PERIODS / (corner * interval)), count) + 1)
+    impulse[impulse.size // 2] = 1.0
+    response = low_pass(impulse, interval, corner, causal=False)
+    response = np.convolve(response, np.full(count, 1.0 / count))
+    return filtered, count, float(np.linalg.norm(response)), EDGE_PERIODS / corner
 
 
 def _check_times(path, clock: str, time: np.ndarray, rows: np.ndarray) -> None:
@@ -153,11 +164,12 @@ def _check_samples(
     samples: np.ndarray,
     rows: np.ndarray,
     is_needed: bool,
+    is_input: bool,
     remarks: list[str],
 ) -> None:
-    """InputError for unusable samples; other doubts become remarks. 'No data' values become
-    gaps."""
-    if (places := checks.no_data(samples)).size:
+    """InputError for unusable samples; other doubts become remarks. 'No data' values become gaps,
+    except of a drive, which may have pulses."""
+    if name != DRIVE and (places := checks.no_data(samples)).size:
         value = samples[places[0]]
         remarks.append(
             f"{where}, row {rows[places[0]]}: {places.size} samples are {value:g}, which looks like"
@@ -171,12 +183,15 @@ def _check_samples(
             f"{where}, row {row}: no value, but {name} must be known at every sample; fill the gap,"
             " or cut the run by 'from' and 'to'"
         )
-    if np.count_nonzero(finite) < MIN_SAMPLES or not np.ptp(samples[finite]) > 0.0:
+    if np.count_nonzero(finite) < MIN_SAMPLES:
         raise InputError(
-            f"{where}: {name} has {np.count_nonzero(finite)} values, all alike; correct the column"
-            if finite.any()
-            else f"{where}: has no values; correct the column"
+            f"{where}: has {np.count_nonzero(finite)} values, fewer than {MIN_SAMPLES}; correct the"
+            " column"
         )
+    if not np.ptp(samples[finite]) > 0.0:
+        if is_input:
+            return
+        raise InputError(f"{where}: all values of {name} are {samples[finite][0]:g}; correct it")
     if name != POSITION and (remark := checks.clipped(samples)):
         remarks.append(f"{where}: {name} {remark}")
     if (far := checks.outliers(samples)).size:

@@ -1,5 +1,6 @@
 """An axis with its data as a model for identification."""
 
+import inspect
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -12,11 +13,11 @@ from jointgap.axis.data import RunData
 from jointgap.axis.model_file import DRIVE, POSITION, ModelFile, unit_of_channel
 from jointgap.axis.motion import (
     accelerations,
+    behind_play,
     fastest_rate,
     law_forces,
     laws,
     march,
-    played,
 )
 from jointgap.core.candidates import Candidate, Effects, Parameter, Series
 from jointgap.core.errors import InputError, SimulationError, did_you_mean
@@ -31,6 +32,7 @@ from jointgap.effects.axis_laws import (
 from jointgap.effects.base import DETECTABLE_SHARE, MotionScale
 from jointgap.identification.noise import scatter_between_samples
 from jointgap.identification.settings import DEFAULT_SETTINGS
+from jointgap.rig.checks import MIN_SAMPLES
 from jointgap.rig.sensors import Faults, Reading, channel_faults
 
 SIGN_SHARE = 0.01
@@ -41,6 +43,7 @@ SIGN_SHARE = 0.01
 _EXACT_SIGN, _LEAST_SPEED = 1e-9, 1e-6
 _STEP_SHARE = 0.05  # [1] Step over the shortest time constant
 _SHORTEST_STEP = 1e-6  # [s]
+_RATES_AT = (-1.0, -0.5, 0.0, 0.5, 1.0)  # Positions [half strokes] at which rates are compared
 _FINER = 0.5  # [1] Step or width of the sign of the solver variant
 # [1] Half width of the bounds of an unknown start, of the range of positions or velocities
 _START_REACH = 0.1
@@ -62,7 +65,7 @@ class AxisModel:
         )
         inputs = [name for name in model.channels if name not in ("time", *MOTION, DRIVE)]
         self.inputs = [name for name in inputs if name not in self.compared]
-        source = str(model.folder / model.model)
+        source = inspect.getfile(kind)
         self.equations = Equations(kind, self.inputs, source)
         if not self.compared:
             raise InputError(
@@ -71,8 +74,14 @@ class AxisModel:
             )
         if "mass" not in methods and self.is_simulated:
             raise InputError(f"{source}: given: {DRIVE} requires the method mass; add it")
-        coarse = "steps of half the length" if self.is_simulated else "friction changes sign faster"
-        self.numerics = (coarse,)
+        for name in ("mass", "force", "load") if self.is_simulated else ():
+            if "acceleration" in self.equations.arguments.get(name, ()):
+                raise InputError(
+                    f"{source}: the method {name} has the argument acceleration, which is the"
+                    f" result of a simulation (given: {DRIVE}); write it into mass"
+                )
+        finer = "steps of half the length" if self.is_simulated else "friction changes sign faster"
+        self.numerics = (finer,)
         self.nuisances = (*kind.parameters(list(runs)), *self._starts())
         self.effects = {candidate.name: candidate for candidate in kind.candidates()}
         self.series = tuple(
@@ -89,12 +98,18 @@ class AxisModel:
         time = data.reduce(data.time)
         if data.edge:
             value[(time < data.edge) | (time > data.time[-1] - data.edge)] = np.nan
+        if (count := np.count_nonzero(np.isfinite(value))) < MIN_SAMPLES:
+            raise InputError(
+                f"{self.file.folder / data.run.file}: run {data.run.id} has {count} samples of"
+                f" {channel} to compare, fewer than {MIN_SAMPLES}; give a longer run, a smaller"
+                " mean_of or a higher bandwidth"
+            )
         angle = np.full(time.size, np.nan)
         if data.run.period is not None:
             angle = math.tau * time / data.run.period
         noise, step = column.noise_of(data.run.id), column.resolution or 0.0
-        root = math.sqrt(data.count)
-        stated = None if noise is None else np.full(time.size, factor * noise / root)
+        gain = data.noise_gain
+        stated = None if noise is None else np.full(time.size, factor * noise * gain)
         return Series(
             data.run.id,
             channel,
@@ -104,7 +119,7 @@ class AxisModel:
             angle,
             data.held_out,
             stated,
-            resolution=factor * step / root,
+            resolution=factor * step * gain,
         )
 
     def _starts(self) -> list[Parameter]:
@@ -307,15 +322,18 @@ class AxisModel:
                 [[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(data.time))]
             )
         smooth, time = data.filtered(position), data.time
-        velocity = None if play else data.channels.get("velocity")
-        acceleration = None if play else data.channels.get("acceleration")
-        if play:
-            smooth = played(smooth, play)
+        velocity = data.channels.get("velocity")
         velocity = np.gradient(smooth, time) if velocity is None else data.filtered(velocity)
+        acceleration = data.channels.get("acceleration")
         if acceleration is None:
             acceleration = np.gradient(velocity, time)
         else:
             acceleration = data.filtered(acceleration)
+        if play:
+            smooth, is_open = behind_play(smooth, play)
+            velocity, acceleration = (
+                np.where(is_open, 0.0, rate) for rate in (velocity, acceleration)
+            )
         return smooth, velocity, acceleration, time
 
     def _computed(
@@ -334,6 +352,9 @@ class AxisModel:
             forces = forces + evaluate("force", parameters, motion, inputs)
             inertia = evaluate("mass", parameters, motion, inputs) * motion[2]
             readings[channel] = inertia - forces
+            if play:  # nothing touches
+                is_open = behind_play(data.filtered(position), play)[1]
+                readings[channel] = np.where(is_open, 0.0, readings[channel])
         self._check_finite(readings, data)
         return readings
 
@@ -353,11 +374,14 @@ class AxisModel:
         start = values["start_position"], values.get("start_velocity", 0.0)
         methods, own_load = self._compiled, "load" in self.equations
         strongest = int(np.argmax(np.abs(drive)))
-        state = *start, 0.0, inputs[:, strongest], drive[strongest]
         arguments = *methods, parameters, force_laws, own_load
-        rate = fastest_rate(*arguments, *state, 2.0 * self.scale.stroke, self.scale.speed)
+        rate, scale = 0.0, self.scale
+        for share in _RATES_AT:
+            position = scale.middle + share * scale.stroke
+            state = position, start[1], 0.0, inputs[:, strongest], drive[strongest]
+            rate = max(rate, fastest_rate(*arguments, *state, 2.0 * scale.stroke, scale.speed))
         if not math.isfinite(rate):
-            raise SimulationError("the acceleration at the start is not a number")
+            raise SimulationError("the acceleration is not a number; is the mass 0?")
         step = max(_STEP_SHARE / max(rate, 1e-300), _SHORTEST_STEP) * (_FINER if numerics else 1.0)
         if numerics:
             step = min(step, _FINER * data.interval)
@@ -367,9 +391,8 @@ class AxisModel:
         if not np.isfinite(motion).all():
             raise SimulationError(f"run {data.run.id}: the motion grows without limit")
         readings = {POSITION: motion[0], "velocity": motion[1]}
-        if "acceleration" in self.compared:
-            readings["acceleration"] = accelerations(*arguments, motion)
-        every = motion[0], motion[1], readings.get("acceleration", motion[1]), data.time
+        readings["acceleration"] = accelerations(*arguments, motion, least)
+        every = motion[0], motion[1], readings["acceleration"], data.time
         for channel in self.compared:
             if channel in self.equations:
                 readings[channel] = self.equations.evaluate(channel, parameters, every, inputs)
@@ -381,7 +404,8 @@ class AxisModel:
         """Mass, force and load as compiled functions."""
         data = next(iter(self.runs.values()))
         values = self._values({p.name: p.nominal for p in self.nuisances})
-        example = values, 0.0, 0.0, 0.0, 0.0, self._inputs(data)[:, 0].copy()
+        first = float(data.channels[POSITION][0]), float(self._measured_velocity(data)[0])
+        example = values, *first, 0.0, 0.0, self._inputs(data)[:, 0].copy()
         compiled = self.equations.compiled
         return (
             compiled("mass", 1.0, example),
@@ -436,7 +460,8 @@ def needed_channels(model: ModelFile, kind: type[Axis]) -> Sequence[str]:
     """Channels without which a motion cannot be computed at a sample."""
     methods = kind.methods()
     own = [name for name in model.channels if name not in ("time", *MOTION, DRIVE)]
-    given = [model.given] if model.given in model.channels else []
+    motion = (DRIVE,) if model.given == DRIVE else MOTION[:3]
+    given = [name for name in motion if name in model.channels]
     return [*given, *(name for name in own if name not in methods)]
 
 

@@ -14,7 +14,7 @@ from jointgap.config.campaign import Channel, Day
 from jointgap.config.load import validate
 from jointgap.config.yaml_files import read_yaml
 from jointgap.core.csv_files import Csv
-from jointgap.core.errors import InputError
+from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.section import ConfigModel, Word
 from jointgap.core.units import (
     coherent,
@@ -39,6 +39,8 @@ _BASES = {
 """SI units of the channels of every axis: of a body that slides, or turns."""
 
 _OF_CAMPAIGNS = ("filter", "high_pass", "average", "jitter", "repeated", "reads_gravity", "bore")
+_OF_CAMPAIGNS += ("ambient_pressure",)
+_METHODS = ("mass", "force", "load")
 
 
 class ModelRun(ConfigModel, use_attribute_docstrings=True):
@@ -47,7 +49,7 @@ class ModelRun(ConfigModel, use_attribute_docstrings=True):
     id: Word
     """name of the run"""
     file: str
-    """table of samples, CSV or Parquet, from the folder of the model file"""
+    """table of samples, CSV or Parquet, from `folder`"""
     role: Literal["identify", "confirm", "split"]
     """split: the last third is held out for confirm"""
     start: Literal["moving", "at_rest"] = "moving"
@@ -101,6 +103,8 @@ class ModelFile(ConfigModel, use_attribute_docstrings=True):
     @classmethod
     def _have_units(cls, channels: dict[str, Channel]) -> dict[str, Channel]:
         for name, channel in channels.items():
+            if name in _METHODS:
+                raise ValueError(f"{name} is the name of a method; rename the channel")
             for key in _OF_CAMPAIGNS:
                 if getattr(channel, key) != Channel.model_fields[key].default:
                     raise ValueError(f"{name}.{key} does not apply to a model; remove it")
@@ -140,6 +144,11 @@ class ModelFile(ConfigModel, use_attribute_docstrings=True):
             yield "runs: none has the role identify; nothing could be fitted"
         if not roles & {"confirm", "split"}:
             yield "runs: none has the role confirm; hold out one, or the last third (role: split)"
+        for name, channel in self.channels.items():
+            for run in channel.noise if isinstance(channel.noise, dict) else ():
+                if run not in ids:
+                    hint = did_you_mean(run, ids)
+                    yield f"channels: {name}.noise: there is no run '{run}'; {hint}"
         for run in self.runs:
             if not run.span[0] < run.span[1]:
                 yield f"runs: '{run.id}': 'from' must be before 'to'"

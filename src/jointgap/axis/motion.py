@@ -16,6 +16,7 @@ from jointgap.dynamics.parameters import (
     record,
 )
 
+_CLOSED = 1e-9  # [1] Rounding, of half a play
 NEAR = 0.05  # [1] Share of a range over which derivatives of forces are differences
 
 
@@ -33,7 +34,7 @@ def laws(fields: dict[str, float]) -> Laws:
     return Laws(record(effects), NO_TABLE, program_record(NOTHING))
 
 
-@numba.njit
+@numba.njit(error_model="numpy")
 def law_forces(laws, load, position, velocity, time):
     """Forces (n,) [N or N m] of the laws on a given motion (n,) with normal forces `load` (n,)."""
     forces = np.empty(position.size)
@@ -42,7 +43,7 @@ def law_forces(laws, load, position, velocity, time):
     return forces
 
 
-@numba.njit
+@numba.njit(error_model="numpy")
 def played(position, play):
     """Motion (n,) behind a play: it stands still until the `position` (n,) has crossed the play.
 
@@ -62,7 +63,13 @@ def played(position, play):
     return behind
 
 
-@numba.njit
+def behind_play(position, play):
+    """Motion (n,) behind a play, and where the play is open: nothing touches (n,)."""
+    behind = played(position, play)
+    return behind, np.abs(position - behind) < 0.5 * play * (1.0 - _CLOSED)
+
+
+@numba.njit(error_model="numpy")
 def _acceleration(mass, force, load, values, laws, own_load, q, v, t, inputs, drive):
     """Acceleration of the axis; dry friction opposes the sign of the velocity `v`."""
     weight = load(values, q, v, 0.0, t, inputs) if own_load else drive
@@ -71,7 +78,7 @@ def _acceleration(mass, force, load, values, laws, own_load, q, v, t, inputs, dr
     return total / mass(values, q, v, 0.0, t, inputs)
 
 
-@numba.njit
+@numba.njit(error_model="numpy")
 def fastest_rate(mass, force, load, values, laws, own_load, q, v, t, inputs, drive, span, speed):
     """Fastest rate [1/s] of smooth motion near a state, from differences over the shares of the
     `span` of positions and of the typical `speed`."""
@@ -86,7 +93,7 @@ def fastest_rate(mass, force, load, values, laws, own_load, q, v, t, inputs, dri
     return max(frequency, abs(after - before) / (2.0 * NEAR * fast))
 
 
-@numba.njit
+@numba.njit(error_model="numpy")
 def march(mass, force, load, values, laws, own_load, time, drive, inputs, start, least_speed, step):
     """Positions and velocities (2, n) at the times (n,) [s], from `start` on.
 
@@ -143,13 +150,20 @@ def march(mass, force, load, values, laws, own_load, time, drive, inputs, start,
     return motion
 
 
-@numba.njit
-def accelerations(mass, force, load, values, laws, own_load, time, drive, inputs, motion):
-    """Acceleration (n,) at a simulated `motion` (2, n)."""
+@numba.njit(error_model="numpy")
+def accelerations(
+    mass, force, load, values, laws, own_load, time, drive, inputs, motion, least_speed
+):
+    """Acceleration (n,) at a simulated `motion` (2, n); 0 where dry friction holds the axis."""
     result = np.empty(time.size)
     for k in range(time.size):
-        q, v = motion[0, k], motion[1, k]
-        result[k] = _acceleration(
-            mass, force, load, values, laws, own_load, q, v, time[k], inputs[:, k], drive[k]
+        q, v, t, x, u = motion[0, k], motion[1, k], time[k], inputs[:, k], drive[k]
+        if v != 0.0:
+            result[k] = _acceleration(mass, force, load, values, laws, own_load, q, v, t, x, u)
+            continue
+        forwards = _acceleration(mass, force, load, values, laws, own_load, q, least_speed, t, x, u)
+        backwards = _acceleration(
+            mass, force, load, values, laws, own_load, q, -least_speed, t, x, u
         )
+        result[k] = max(forwards, 0.0) + min(backwards, 0.0)
     return result
