@@ -27,8 +27,8 @@ HIDDEN = {
 FOUND = {
     "band_brake": {"play.play": (4.0e-3, 4.4e-3)},
     "cycloidal_gear": {"play.play": (0.036, 0.040)},
-    "emps": {"coulomb_friction.force_N": (19.4, 21.4), "constant_force.force_N": (2.5, 4.0)},
-    "pendulum": {"coulomb_friction.torque_N_m": (0.13, 0.17)},
+    "emps": {"coulomb_friction.force_N": (18.9, 21.4), "constant_force.force_N": (2.5, 4.0)},
+    "pendulum": {"coulomb_friction.torque_N_m": (0.10, 0.17)},
     "pneumatic_piston": {"load_friction.coefficient": (0.012, 0.016)},
     "servo": {"load_friction.coefficient": (0.5, 0.7)},
 }

@@ -26,6 +26,7 @@ from jointgap.campaign.figures import FIGURES
 from jointgap.campaign.identify import explain, locate, write_detectability, write_tables
 from jointgap.campaign.plan import detectability_of, preflight_summary
 from jointgap.campaign.show import show
+from jointgap.campaign.stages import CAMPAIGN_STAGES
 from jointgap.campaign.state import FALSE_ALARM_RATE
 from jointgap.core import schema
 from jointgap.core.files import write_text
@@ -36,21 +37,6 @@ from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSet
 
 RESULTS = Path("results/models")
 PUBLISHED = "track/published.json"
-
-_TABLES = (
-    schema.NOISE,
-    schema.RANKING,
-    schema.LAW_FAMILIES,
-    schema.RESIDUALS,
-    schema.CHANNEL_ERRORS,
-    schema.GAPS,
-    schema.DETECTABLE,
-    schema.CONFUSABILITY,
-    schema.MAP_BINS,
-    schema.MAP_WINDOWS,
-    schema.MAP_STANDOUT,
-    schema.REMARKS,
-)
 
 
 class ModelState:
@@ -122,7 +108,8 @@ def analyse_model(
     """
     state = ModelState(Path(folder), results and Path(results), settings)
     check_same_file(state.path, state.folder.path)
-    state.folder.check_writable(*(table.path for table in _TABLES), VERDICT, *SUMMARIES)
+    tables = CAMPAIGN_STAGES.written_by("measure", "identify")
+    state.folder.check_writable(*(table.path for table in tables), VERDICT, *SUMMARIES)
     _ = state.model  # errors of the data leave the earlier results
     _remove_conclusions(state.folder)
     steps = [_measure, _identify, *([_show] if pictures else [])]
