@@ -40,6 +40,7 @@ def test_friction_delay_and_gain_of_a_simulated_motion_are_named_with_their_size
 def test_page_and_figures_are_written_in_units_of_a_body_that_turns(results):
     page = (results / "summary.md").read_text(encoding="utf-8")
     assert "Coulomb friction" in page and "N m" in page and "kg m²" in page
+    assert "friction torque" in page and "slider" not in page
     assert "crank" not in page.lower().replace("crank or of the motion", "")
     figures = {path.stem for path in (results / "figures").glob("*.png")}
     assert figures >= {"measured_against_model", "ranking", "gaps"}

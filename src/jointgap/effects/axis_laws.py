@@ -38,10 +38,12 @@ _ROTARY_KEYS = {
     "speed_m_s": "speed_rad_s",
     "stribeck_speed_m_s": "stribeck_speed_rad_s",
     "tightest_position_m": "tightest_angle_rad",
-    "length_m": "period_rad",
+    "length_m": "span_rad",
     "play_m": "play_rad",
 }
 """Parameter of a law on a body that turns, by that on a body that slides."""
+
+_ROTARY_WORDS = {"force": "torque", "position": "angle", "length": "angle"}
 
 _ROTARY_UNITS = {
     "N": "N*m",
@@ -86,9 +88,18 @@ def axis_parameters(name: str) -> list[ParameterDescription]:
     if name == BACKLASH:
         described = [ParameterDescription("play_m", "m", ">= 0", "", "width of the play")]
     else:
-        described = parameters_of(AXIS_LAWS[name].effect)
+        described = [
+            p._replace(meaning=p.meaning.replace("slider ", "").replace(" along +x", ""))
+            for p in parameters_of(AXIS_LAWS[name].effect)
+        ]
     rotary = [
-        p._replace(name=_ROTARY_KEYS[p.name], unit=_ROTARY_UNITS.get(p.unit, p.unit))
+        ParameterDescription(
+            _ROTARY_KEYS[p.name],
+            _ROTARY_UNITS.get(p.unit, p.unit),
+            p.bounds,
+            p.default,
+            re.sub("|".join(_ROTARY_WORDS), lambda word: _ROTARY_WORDS[word[0]], p.meaning),
+        )
         for p in described
         if p.name in _ROTARY_KEYS
     ]
