@@ -262,7 +262,7 @@ def test_results_of_another_campaign_file_are_kept(tmp_path, monkeypatch):
         lambda file: analyse(file, results),
         lambda file: campaigns([str(file)], (tmp_path,)),
     ]
-    message = f"{results} contains the results of another campaign file, {first}.*give this.*delete"
+    message = f"{results} contains the results of another file, {first}.*give this.*delete"
     for command, file in product(commands, (second, damaged)):
         with pytest.raises(InputError, match=message):
             command(file)

@@ -219,3 +219,17 @@ def test_no_page_shows_the_name_of_an_effect_a_channel_or_a_parameter_as_the_cod
     plain = re.sub("`[^`]*`|<code>.*?</code>", "", text)
     assert {name for name in CODE_NAMES if re.search(rf"\b{name}\b", plain)} == set()
     assert "a bias of the sensor of crank torque may be at work: slider acceleration reads" in text
+
+
+def test_the_page_of_a_model_of_the_user_advises_what_a_model_has():
+    unexplained = VERDICTS["unexplained"] | {"subject": "model", "cycle": ""}
+    unexplained |= {"nuisances": {"inertia": bounded(0.2, 0.1)}}
+    said = markdown(unexplained)
+    assert "class of the model" in said and "campaign file" not in said
+    assert "in the class: this value is at its bound" in said
+
+
+def test_a_gain_that_was_not_measured_is_said_to_be_so():
+    said = markdown(effects(COULOMB, BIAS | {"delta_bic": None}))
+    assert "Gain in BIC: 812 for Coulomb friction of the slider." in said
+    assert "No fit was made without a bias of the sensor of crank torque." in said

@@ -120,8 +120,8 @@ def check_same_file(file: Path, results: Path) -> None:
     )
     if not same:
         raise InputError(
-            f"{file}: {results} contains the results of another campaign file, {earlier}; give this"
-            f" campaign another `name`, use --folder of `jointgap`, or delete {results}"
+            f"{file}: {results} contains the results of another file, {earlier}; give this one"
+            f" another `name`, choose another folder of results, or delete {results}"
         )
 
 

@@ -239,8 +239,12 @@ def _tested(verdict: Verdict, force: pd.DataFrame | None) -> list[Block | str]:
         gains = joined(
             f"{say.format_gain(effect['delta_bic'])} for {labels.format_effect(effect)}"
             for effect in effects
+            if effect["delta_bic"] is not None
         )
-        text = f"Gain in BIC: {gains}. {text}"
+        text = f"Gain in BIC: {gains}. {text}" if gains else text
+        needed = [labels.format_effect(effect) for effect in effects if effect["delta_bic"] is None]
+        if needed:
+            text += f" No fit was made without {' or without '.join(needed)}."
     has_force = (force is None or len(force)) and not all(map(labels.is_fault, effects))
     return [Paragraph(text), "ranking", *(["missing_force"] if has_force else [])]
 
@@ -271,10 +275,11 @@ def _optimum(effects: Sequence[labels.Effect], optimum: pd.DataFrame | None) -> 
 def _nuisances(verdict: Verdict, ranges: Collection[str], mechanism: str) -> list[Block]:
     """Re-fitted parameters; `ranges`: those whose range the campaign file states."""
     rows, at_bounds, is_kept = [], [], False
+    is_model = verdict.get("subject") == "model"
     for estimate in nuisances(verdict["nuisances"]):
         key = estimate.name.partition("/")[2]
         name, _, run = key.partition("@")
-        if estimate.remark == AT_BOUND and name in ranges:
+        if estimate.remark == AT_BOUND and (is_model or name in ranges):
             at_bounds.append(estimate.label)
         *row, remark = estimate.row
         if not key.startswith(_UNLISTED):
@@ -289,8 +294,9 @@ def _nuisances(verdict: Verdict, ranges: Collection[str], mechanism: str) -> lis
         values = (
             "these values are at their bounds" if at_bounds[1:] else "this value is at its bound"
         )
-        text = f"Check the range of {joined(at_bounds)} under `nuisance`: {values}, or an effect is"
-        blocks.append(Paragraph(f"{text} missing."))
+        place = "in the class" if is_model else "under `nuisance`"
+        text = f"Check the range of {joined(at_bounds)} {place}: {values}, or an effect is missing."
+        blocks.append(Paragraph(text))
     return blocks
 
 
@@ -359,26 +365,36 @@ def not_distinguished(
     return groups
 
 
-_SMALLER = (
-    "To find smaller effects, measure a further speed or channel: `jointgap preflight` ranks them."
-)
 _NEXT = {
-    "no_disagreement": ("Use the current model at these speeds and for these channels.", _SMALLER),
-    "parameters_only": ("Use the re-fitted parameters in the model.", _SMALLER),
+    "no_disagreement": "Use the current model at these speeds and for these channels.",
+    "parameters_only": "Use the re-fitted parameters in the model.",
     "unexplained": (
-        "Locate the residual in the map of disagreement, and look for a cause on the rig there.",
-        "State a law of your own under `candidates` of the campaign file, and repeat.",
-        (
-            "List uncertain masses, lengths and zeros under `nuisance` of the campaign file, and"
-            " repeat."
-        ),
+        "Locate the residual in the map of disagreement, and look for a cause on the rig there."
     ),
+}
+_LAW = "State a law of your own under `candidates` of the campaign file, and repeat."
+_UNCERTAIN = "List uncertain masses, lengths and zeros under `nuisance` of the campaign file, and"
+_LAW_OF_CLASS = "Add a law of your own to the class of the model as an `effect`, and repeat."
+_CONSTANTS = "Make uncertain constants of the class a `parameter` with a wide range, and repeat."
+_SMALLER = "To find smaller effects, measure a further speed or channel"
+_BY_SUBJECT = {
+    "campaign": {
+        "no_disagreement": (f"{_SMALLER}: `jointgap preflight` ranks them.",),
+        "parameters_only": (f"{_SMALLER}: `jointgap preflight` ranks them.",),
+        "unexplained": (_LAW, f"{_UNCERTAIN} repeat."),
+    },
+    "model": {
+        "no_disagreement": (f"{_SMALLER}.",),
+        "parameters_only": (f"{_SMALLER}.",),
+        "unexplained": (_LAW_OF_CLASS, _CONSTANTS),
+    },
 }
 
 
 def _next_steps(verdict: Verdict, mechanism: str) -> tuple[str, ...]:
     faults = [effect for effect in verdict["effects"] if labels.is_fault(effect)]
-    steps = list(_NEXT.get(verdict["verdict"], ()))
+    steps = [_NEXT[verdict["verdict"]]] if verdict["verdict"] in _NEXT else []
+    steps += _BY_SUBJECT[verdict.get("subject", "campaign")].get(verdict["verdict"], ())
     if verdict.get("separated_by", "").startswith(ADVICE):
         steps.append(
             "Measure the run or channel that separates the explanations, add it to the campaign,"

@@ -267,6 +267,6 @@ def preflight_summary(
         if gains:
             lines.append(f"A further {names_to_labels(row.change)} {' and '.join(gains)}")
     if noise := assumed(detectable):
-        lines.append("Assumed noise (the campaign file states none):")
+        lines.append("Assumed noise (none is stated):")
         lines += [f"  {names_to_labels(text)}" for text in noise]
     return "\n".join(lines)

@@ -242,11 +242,9 @@ def share_explained(verdict: Verdict) -> str:
     return percent(share) if gap_change(**gap).startswith(FALLS) else ""
 
 
-def format_gain(gain: float | None) -> str:
+def format_gain(gain: float) -> str:
     """A gain in BIC: a number up to 1000, as residuals beyond noise make larger ones
     meaningless."""
-    if gain is None:
-        return "unknown"
     if round(gain) <= 0:
         return "none"
     return "more than 1000" if gain > _LARGEST_GAIN else f"{gain:.0f}"
