@@ -13,6 +13,7 @@ from jointgap.identification.baseline import probed_differences
 from jointgap.identification.fit import (
     CONVERGED,
     FAILED,
+    NEEDS_DERIVATIVES,
     STOPPED,
     FiniteDifferences,
     Fit,
@@ -315,3 +316,14 @@ def test_runs_that_a_model_linearises_need_no_differences():
     assert simulated and linearised not in simulated
     scale = np.linalg.norm(by_differences, axis=0)
     np.testing.assert_allclose(found / scale, by_differences / scale, atol=1e-2)
+
+
+def test_a_provisional_fit_stops_where_it_needs_new_derivatives_and_can_be_continued():
+    model = free_oscillator(frequency=1.5)
+    whole, begun = fit_hypothesis(model), fit_hypothesis(model, vary=())
+    known = dict(zip((p.key for p in whole.parameters), whole.jacobian.T, strict=True))
+    provisional = fit_hypothesis(model, known_derivatives=known, provisional=True)
+    assert (provisional.status, provisional.reason) == (STOPPED, NEEDS_DERIVATIVES)
+    assert provisional.simulations < whole.simulations and provisional.chi2 < begun.chi2
+    continued = fit_hypothesis(model, start=provisional.mapping)
+    assert continued.chi2 == pytest.approx(whole.chi2, abs=1.0)

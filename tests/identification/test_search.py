@@ -1,6 +1,7 @@
 """Which hypotheses are fitted, and when the search ends."""
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,11 +9,12 @@ import pytest
 from jointgap.core.errors import SimulationError
 from jointgap.identification.baseline import recalibrate
 from jointgap.identification.decide import decide
-from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
+from jointgap.identification.fit import FAILED, NEEDS_DERIVATIVES, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import labels_of, without_other_effects
 from jointgap.identification.problem import Problem
 from jointgap.identification.search import (
     STEPS,
+    Completion,
     Exchanges,
     MaskedPairs,
     OneMore,
@@ -279,3 +281,35 @@ def test_clearances_are_searched_if_no_single_effect_suffices(
     if best:
         assert best_labels(search) == best.keys()
         assert search.best.in_windows == ("spring" in best)
+
+
+def test_a_provisional_fit_that_would_be_named_is_completed():
+    base, sensitivities = screened(toy({"viscous": {"damping_N_s_m": 0.5}}, seed=3))
+    near = {"viscous.damping_N_s_m": 0.4}
+    begun = fit_hypothesis(base.problem, (candidate_of("viscous"),), near, vary=())
+    whole = fit_hypothesis(base.problem, (candidate_of("viscous"),), near)
+    begun = replace(whole, values=whole.values, residual=begun.residual, reason=NEEDS_DERIVATIVES)
+    search = Search(base, sensitivities, LIMITS, (Known((begun,)), Completion())).run()
+    assert search.best.reason == ""
+    assert search.best.chi2 < begun.chi2
+    assert search.best.chi2 == pytest.approx(whole.chi2, abs=0.1)
+
+
+def test_a_combination_off_course_is_not_fitted():
+    """With two effects of at most three a third of the misfit must be explained."""
+    base, sensitivities = screened(toy(TWO, seed=3))
+    pair = (candidate_of("viscous"), candidate_of("spring"))
+    made, misfit = [], base.base.chi2 - base.problem.size
+
+    def fit(_):
+        made.append(fit_hypothesis(base.problem, pair))
+        return made[-1:]
+
+    for share, count in ((0.3, 0), (0.4, 1)):
+        chi2 = base.base.chi2 - share * misfit
+        proposal = Proposal("pair", pair, chi2, chi2, fit, explores=True)
+        step = SimpleNamespace(
+            name="pair", propose=lambda search, one=proposal: [one] if search.is_new("pair") else []
+        )
+        Search(base, sensitivities, LIMITS, (step,)).run()
+        assert len(made) == count

@@ -426,6 +426,9 @@ class StoppingRule:
 
 CONVERGED, STOPPED, FAILED = "converged", "stopped", "failed"
 
+NEEDS_DERIVATIVES = "the linear model has proved wrong: new derivatives are needed"
+"""Reason of a provisional fit."""
+
 _NONSMOOTH = "predicted decreases are not found: the residual is nonsmooth here"
 
 
@@ -465,6 +468,12 @@ class Fit:
     def chi2(self) -> float:
         """Sum of squared whitened residuals; infinite if the fit failed."""
         return np.inf if self.status == FAILED else float(self.residual @ self.residual)
+
+    @cached_property
+    def predicted_chi2(self) -> float:
+        """The minimum of chi2 that the derivatives predict."""
+        low, high = bounds_of(self.parameters)
+        return bounded_step(self.jacobian, self.residual, low - self.values, high - self.values)[1]
 
     @cached_property
     def bic(self) -> float:
@@ -595,11 +604,12 @@ def fit_hypothesis(
     refresh: bool = False,
     vary: Sequence[Parameter] | None = None,
     sufficient_chi2: float = np.inf,
+    provisional: bool = False,
 ) -> Fit:
     """Fit the nuisances and the parameters of a hypothesis with few simulations.
 
     Damped Gauss-Newton steps within bounds, with Broyden updates of the Jacobian, which is
-    recomputed if the fit stalls.
+    recomputed if the fit stalls; a `provisional` fit stops there.
     """
     parameters = tuple(problem.parameters(hypothesis) if vary is None else vary)
     differences = differences or FiniteDifferences(problem)
@@ -628,7 +638,7 @@ def fit_hypothesis(
         problem.settings.stopping, problem.size, differences.numerical_noise_chi2, sufficient_chi2
     )
     try:
-        status, reason = _descend(descent, stopping, problem.settings.damping)
+        status, reason = _descend(descent, stopping, problem.settings.damping, provisional)
     except (InputError, SimulationError) as error:  # in a new Jacobian
         status, reason = STOPPED, str(error)
     if refresh:
@@ -640,17 +650,21 @@ def fit_hypothesis(
 
 
 def _descend(
-    descent: "_Descent", stopping: StoppingRule, damping: DampingSettings
+    descent: "_Descent", stopping: StoppingRule, damping: DampingSettings, provisional: bool
 ) -> tuple[str, str]:
     """Iterate until the stopping rule ends; return status and reason."""
     stopping.record(descent.chi2)
-    max_steps = stopping.settings.max_steps
+    max_steps, max_renewals = stopping.settings.max_steps, stopping.settings.max_renewals
     for iteration in range(max_steps):
+        if descent.renewals > max_renewals:
+            return STOPPED, f"not converged with {max_renewals} new Jacobians"
         if stopping.poor_and_slow():
             return STOPPED, "poor fit, stalled"
         if not descent.fresh and stopping.stalled(iteration):
             if not stopping.renew(iteration):
                 return STOPPED, f"stalled after {iteration} steps"
+            if provisional:
+                return STOPPED, NEEDS_DERIVATIVES
             descent.renew()
         min_decrease = stopping.min_decrease()
         step, predicted = descent.propose()
@@ -665,6 +679,8 @@ def _descend(
             stopping.record(descent.chi2)
         descent.trusted = gain_ratio > damping.trusted_gain_ratio
         following = next_damping(descent.damping, gain_ratio, descent.fresh, damping)
+        if following is None and provisional:
+            return STOPPED, NEEDS_DERIVATIVES
         if following is None:
             descent.renew()
         else:
@@ -690,6 +706,7 @@ class _Descent:
         self.values = np.clip([self._fixed[p.key] for p in parameters], self._low, self._high)
         self.residual, self.jacobian = np.full(problem.size, np.nan), np.empty((problem.size, 0))
         self.fresh, self.trusted, self.damping = True, True, 0.0
+        self.renewals = 0
 
     def begin(self, known_derivatives: Mapping[str, np.ndarray] | None) -> None:
         """Simulate the start; `known_derivatives` are used as columns of the Jacobian."""
@@ -714,6 +731,7 @@ class _Descent:
     def renew(self) -> None:
         """Recompute the Jacobian; the next step is undamped."""
         self.jacobian, self.fresh, self.damping = self.derivatives(), True, 0.0
+        self.renewals += bool(self._hypothesis) and self._problem.is_rough
 
     def propose(self) -> tuple[np.ndarray, float]:
         """The step (k,) [SI], and the decrease of chi2 that the linear model predicts for it."""

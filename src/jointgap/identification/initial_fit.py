@@ -19,18 +19,26 @@ def fit_screened(
     sensitivities: Sensitivities,
     screened: LinearizedFit,
     sufficient_chi2: float = np.inf,
+    provisional: bool = False,
 ) -> Fit:
     """The fit of a screened hypothesis, from the best of 1, 2, 4 ... times the linear estimate, as
-    loose joints respond more than proportionally to small forces.
+    loose joints respond more than proportionally to small forces; a `provisional` one uses the
+    sensitivities as derivatives, and stops where new ones are needed.
     """
     is_finite = any(
         p.key in one.shape_parameters for one in screened.sensitivities for p in one.amplitudes
     )
     # no multiples of a finite amplitude
     start, near = (screened.start, False) if is_finite else _best_multiple(problem, screened)
-    known = sensitivities.derivatives(screened.sensitivities) if near else None
+    known = sensitivities.derivatives(screened.sensitivities) if near or provisional else None
     return fit_hypothesis(
-        problem, screened.hypothesis, start, known, differences, sufficient_chi2=sufficient_chi2
+        problem,
+        screened.hypothesis,
+        start,
+        known,
+        differences,
+        sufficient_chi2=sufficient_chi2,
+        provisional=provisional,
     )
 
 

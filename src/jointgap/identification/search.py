@@ -8,14 +8,14 @@ fit as long as its prediction could change the verdict; the search ends if none 
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Any, Protocol
 
 from jointgap.core.progress import report_progress
 from jointgap.identification.baseline import Baseline
 from jointgap.identification.evidence import reduced_chi2
-from jointgap.identification.fit import FAILED, Fit
+from jointgap.identification.fit import FAILED, NEEDS_DERIVATIVES, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened, labels_of, without_other_effects
 from jointgap.identification.likelihood import fitted
 from jointgap.identification.problem import Hypothesis
@@ -29,6 +29,9 @@ from jointgap.identification.screening import (
 )
 from jointgap.identification.verdict import Thresholds
 from jointgap.identification.window_search import fit_clearances, likely_clearances
+
+MOST_EFFECTS = 3
+"""Effects of an explanation, at most."""
 
 Labels = frozenset[str]
 """The effects of a hypothesis in any order."""
@@ -173,6 +176,12 @@ class Search:
         fits = self.fits.values()
         return min((fit.chi2 for fit in fits if self.is_sufficient(fit)), default=math.inf)
 
+    @property
+    def share_left(self) -> float:
+        """Share of the misfit that the best fit of all leaves."""
+        least = min(fit.chi2 for fit in self.fits.values())
+        return (least - self.problem.size) / max(self.base.chi2 - self.problem.size, 1e-300)
+
     def leading(self, size: int) -> list[Fit]:
         """The best fits with `size` effects, one of alternatives; not those in windows, which have
         partners already."""
@@ -211,7 +220,9 @@ class Search:
 
         def fit_of(regression: LinearizedFit) -> Callable[[float], Sequence[Fit]]:
             return lambda sufficient_chi2: [
-                fit_screened(problem, differences, about, regression, sufficient_chi2)
+                fit_screened(
+                    problem, differences, about, regression, sufficient_chi2, problem.is_rough
+                )
             ]
 
         return [
@@ -242,6 +253,8 @@ class Search:
             return True
         if self._cannot_be_simulated(proposal):
             return False
+        if not self._is_on_course(proposal):
+            return False
         is_first = known is None
         if is_first and proposal.explores and math.isinf(self.sufficient_chi2):
             return True
@@ -254,6 +267,13 @@ class Search:
         apart = self.problem.settings.decision.min_delta_bic + self.limits.numerical_noise
         return share * rise < (apart if further == 0 else max(apart, self.min_gain))
 
+    def _is_on_course(self, proposal: Proposal) -> bool:
+        """Whether it is predicted to explain its part of the misfit: with two effects of at most
+        three a third, with three two thirds."""
+        misfit = self.base.chi2 - self.problem.size
+        part = (len(proposal.hypothesis) - 1) / MOST_EFFECTS
+        return self.base.chi2 - proposal.chi2 >= part * misfit
+
     def _cannot_be_simulated(self, proposal: Proposal) -> bool:
         """Whether a fit of one of the effects alone failed."""
         alone = (self.fits.get(frozenset([label])) for label in proposal.labels)
@@ -265,6 +285,8 @@ class Search:
         fits = proposal.fit(self.sufficient_chi2)
         self.made += fits
         for fit in fits:
+            if fit.reason == NEEDS_DERIVATIVES:
+                self._proposals.append(self.completed(proposal, fit))
             labels = labels_of(fit.hypothesis)
             known = self.fits.get(labels)
             if known is None or fit.chi2 < known.chi2:
@@ -272,6 +294,23 @@ class Search:
         seconds = time.monotonic() - begin
         self.seconds[proposal.labels] = self.seconds.get(proposal.labels, 0.0) + seconds
         report_progress("fits of effects", len(self.seconds))
+
+    def completed(self, proposal: Proposal, fit: Fit) -> Proposal:
+        """A `proposal` whose `fit` is provisional, to be continued with new derivatives."""
+
+        def again(sufficient_chi2: float) -> Sequence[Fit]:
+            return [
+                fit_hypothesis(
+                    self.problem,
+                    fit.hypothesis,
+                    fit.mapping,
+                    differences=self.baseline.differences,
+                    sufficient_chi2=sufficient_chi2,
+                )
+            ]
+
+        bic = fit.bic - fit.chi2 + fit.predicted_chi2
+        return replace(proposal, chi2=fit.predicted_chi2, bic=bic, fit=again, explores=False)
 
 
 def _different(queue: Sequence[Proposal]) -> Iterator[Proposal]:
@@ -320,18 +359,20 @@ class Clearances:
     """Clearances of joints that are ideal in the file: sizes by a filter, fits in windows.
 
     They are due if no single effect suffices, or if two are the best, as a clearance can resemble
-    two effects. Beside loose joints, where this takes long, they are due if nothing else is left.
+    two effects. Beside loose joints, where this takes long, they are due if nothing else is left
+    and all else leaves more than half of the misfit.
     """
 
     name: str = "likely clearances"
     share: float = 0.5  # Of the simulated runs of a search
+    least_left: float = 0.5  # Of the misfit, beside loose joints
 
     def propose(self, search: Search) -> Iterable[Proposal]:
         alone = [fit for fit in search.fits.values() if len(fit.hypothesis) == 1]
         suffices = any(map(search.is_sufficient, [search.base, *alone]))
         is_due = (bool(alone) and not suffices) or len(search.best.hypothesis) > 1
         if search.problem.is_rough:
-            is_due = bool(alone) and math.isinf(search.sufficient_chi2) and not search.worth()
+            is_due = bool(alone) and search.share_left > self.least_left and not search.worth()
         if not (search.has_clearances and is_due and search.is_new(self.name)):
             return []
         starts = likely_clearances(search.baseline)
@@ -372,15 +413,16 @@ class OneMore:
     linear regression about them."""
 
     name: str = "one effect more"
-    most_effects: int = 3
 
     def propose(self, search: Search) -> Iterable[Proposal]:
         best, proposals = search.best, []
-        fits = [fit for size in range(1, self.most_effects) for fit in search.leading(size)]
+        if search.problem.is_rough and any(len(one.hypothesis) == 1 for one in search.worth()):
+            return []  # they come first, and sensitivities about each fit are simulated
+        fits = [fit for size in range(1, MOST_EFFECTS) for fit in search.leading(size)]
         if search.is_sufficient(best):
             fits = [best]
         for fit in fits:
-            extends = 0 < len(fit.hypothesis) < self.most_effects and not fit.in_windows
+            extends = 0 < len(fit.hypothesis) < MOST_EFFECTS and not fit.in_windows
             if extends and search.is_new(self.name, id(fit)):
                 about, settings = search.about(fit), search.settings
                 singles = SensitivityRegression(about, fit.hypothesis).singles()
@@ -389,6 +431,22 @@ class OneMore:
                 partners = shortlist(singles, count)
                 proposals += search.proposals(self.name, partners, about, explores)
         return proposals
+
+
+@dataclass(frozen=True)
+class Completion:
+    """The best fit with new derivatives, if it is provisional and nothing else is left."""
+
+    name: str = "completion of the best fit"
+
+    def propose(self, search: Search) -> Iterable[Proposal]:
+        best = search.best
+        if best.reason != NEEDS_DERIVATIVES or search.worth():
+            return []
+        if not search.is_new(self.name, id(best)):
+            return []
+        proposal = Proposal(self.name, best.hypothesis, -math.inf, -math.inf, lambda _: [best])
+        return [replace(search.completed(proposal, best), chi2=-math.inf, bic=-math.inf)]
 
 
 @dataclass(frozen=True)
@@ -404,7 +462,9 @@ class Exchanges:
 
     def propose(self, search: Search) -> Iterable[Proposal]:
         best, proposals = search.best, []
-        if not best.hypothesis or best.in_windows or not search.is_new(self.name, id(best)):
+        if not best.hypothesis or best.in_windows or best.reason == NEEDS_DERIVATIVES:
+            return []
+        if not search.is_new(self.name, id(best)):
             return []
         sensitivities = search.sensitivities
         if search.problem.is_rough and search.is_sufficient(best):
@@ -429,13 +489,15 @@ class Exchanges:
 
 @dataclass(frozen=True)
 class SlowEffects:
-    """Beside loose joints, single effects whose simulations take long, if nothing else is left."""
+    """Beside loose joints, single effects whose simulations take long, if nothing else is left and
+    nothing explains nearly all."""
 
     name: str = "effects with slow simulations"
 
     def propose(self, search: Search) -> Iterable[Proposal]:
         problem = search.problem
         is_due = problem.is_rough and math.isinf(search.sufficient_chi2) and len(search.fits) > 1
+        is_due &= search.share_left > 1.0 - problem.settings.decision.min_explained_share
         if not is_due or search.worth() or not search.is_new(self.name):
             return []
         candidates = [one for one in problem.model.candidates if is_slow_effect(one)]
@@ -479,8 +541,9 @@ STEPS: tuple[Step, ...] = (
     SingleEffects(),
     MaskedPairs(),
     OneMore(),
+    Completion(),
     Exchanges(),
-    SlowEffects(),
     Clearances(),
+    SlowEffects(),
 )
 """The steps of the search."""

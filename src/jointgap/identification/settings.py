@@ -72,6 +72,7 @@ class StoppingSettings:
     # up to chi2 per sample
     min_decrease: float = 0.05
     max_steps: int = 80  # Only a safeguard (experience)
+    max_renewals: int = 6  # New Jacobians of a fit with effects beside loose joints (experience)
     stalled_window: int = 4  # Steps over which progress is measured
     # [1] Above, a fit is poor and ends if it improves by less than `poor_progress` in the window
     poor_chi2_per_sample: float = 2.0
