@@ -92,9 +92,7 @@ PLANNED = {
     "drifting": "b12d54b15708",
     "development": "4d6f8647ce65",
     "rehearsal": "f5edd5fb3dc6",
-    "published": "7369a3b6b1d1",
-    "published_loose": "78f0485cc723",
-    "published_limited": "0a2893462a89",
+    "v0_1_0rc1": "a0de55cb4bd8",
     "steps": "45e1c13d0bc0",
 }
 
