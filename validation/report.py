@@ -26,6 +26,45 @@ DESCRIPTION = "Blind trials: campaigns with hidden effects, analysed without the
 # Required rates: relation and value
 GOALS = {what: rate["goal"].split() for what, rate in RECIPE["rates"].items() if "goal" in rate}
 
+BASES = {"ideal": "ideal joints", "loose": "loose joints", "chaotic": "never repeats"}
+"""Columns of the tables in the documentation, by the joints and motion of a trial."""
+
+_ROWS = {
+    "right name, one detectable effect": ("right name", 100),
+    "wrong name, one detectable effect": ("wrong name", 100),
+    "right joint, clearance hidden": ("right joint, a clearance hidden", 100),
+    "wrong name, clearance hidden": ("wrong name, a clearance hidden", 100),
+    "size within 10 %, clearance named": ("size within 10 %, a clearance named right", 100),
+    "nothing named, nothing hidden": ("nothing found, nothing hidden", 100),
+    "both of two effects and no third": ("both named and no third", 100),
+    "wrong name, two effects": ("wrong name, two effects", 100),
+    "all of three effects and no other": ("all three named and no other", 100),
+    "wrong name, three effects": ("wrong name, three effects", 100),
+    "wrong name, effect not listed": ("wrong name, effect off the list", 100),
+    "wrong name, data fault": ("wrong name, data wired wrongly", 100),
+    "damaged channel reported": ("told which channel, data wired wrongly", 100),
+    "right name, encoder on a coupling or eccentric disc": ("right name, encoder fault", 100),
+    "right name, AC-coupled channel": ("right name, AC-coupled channel", 100),
+    "nothing named, truncating counter": ("nothing found, truncating counter", 100),
+    "unfinished": ("unfinished", 100),
+    "size within its 90 % interval": ("size within the 90 % interval", 100),
+    "nuisance within its 90 % interval": ("nuisance within its 90 % interval", 100),
+    "map of the crank angle, F1": ("map: F1 of the bins", 100),
+    "names, F1": ("names: F1", 100),
+    "processor time, median [s]": ("seconds, median", 1),
+    "processor time, 90 % of the trials [s]": ("seconds, of 90 % at most", 1),
+}
+_FRONT_ROWS = {
+    "one effect": ("right name", "wrong name"),
+    "a clearance": ("right joint, a clearance hidden", "wrong name, a clearance hidden"),
+    "two effects, both identified": ("both named and no third", "wrong name, two effects"),
+    "an effect that is not listed: not explained, or its force found": (
+        "unexplained or the force found, effect off the list",
+        "wrong name, effect off the list",
+    ),
+    "nothing": ("nothing found, nothing hidden", "wrong name, nothing hidden"),
+}
+
 _SHOWN = (
     "id kind base gap_caused numerics_gap detectable hidden verdict named outcome cause reason"
 ).split()
@@ -78,6 +117,45 @@ def write_score(name: str, trials: pd.DataFrame, folder: Path) -> str:
     text = to_markdown(page, ".")
     (folder / "summary.md").write_text(text, encoding="utf-8")
     return text
+
+
+def rates_of(trials: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Rates of the trials with each base, by name of the rate."""
+    tables = {}
+    for base in BASES:
+        table = rates(trials[trials["base"] == base])
+        whole = table["group"].isin(["all", f"base {base}"])
+        tables[base] = table[whole].drop_duplicates("what").set_index("what")
+    return tables
+
+
+def _cell(table: pd.DataFrame, what: str, factor: float) -> str:
+    if what not in table.index:
+        return "–"
+    row = table.loc[what]
+    value, low, high = (f"{factor * row[name]:.0f}" for name in ("value", "low", "high"))
+    return f"{value} ({low} - {high}) of {row['count']:.0f}"
+
+
+def documented_rates(trials: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
+    """Heads and rows of the table of rates [%] by joints."""
+    tables = rates_of(trials)
+    rows = [
+        [label, *(_cell(table, what, factor) for table in tables.values())]
+        for label, (what, factor) in _ROWS.items()
+    ]
+    return ["rate [%]", *BASES.values()], [row for row in rows if {*row[1:]} != {"–"}]
+
+
+def front_rates(trials: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
+    """Heads and rows of the table of the front page: right and wrong [%] by what is hidden."""
+    tables, bases = rates_of(trials), ("ideal", "loose")
+    heads = [f"{base}: {what}" for base in bases for what in ("right", "wrong")]
+    rows = [
+        [label, *(_cell(tables[base], what, 100) for base in bases for what in pair)]
+        for label, pair in _FRONT_ROWS.items()
+    ]
+    return ["hidden", *heads], rows
 
 
 def draw_rates(table: pd.DataFrame) -> plot.Drawing:

@@ -56,7 +56,7 @@ def test_profiles_help_and_versions_are_complete():
 def test_generated_pages_are_up_to_date():
     pages = sorted(
         page
-        for page in ROOT.glob("docs/**/*.md")
+        for page in (ROOT / "README.md", *ROOT.glob("docs/**/*.md"))
         if "<!-- generated:" in page.read_text(encoding="utf-8")
     )
     assert len(pages) > 5
