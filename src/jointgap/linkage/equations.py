@@ -1,0 +1,575 @@
+"""Equations of motion of any planar linkage in the coordinates of its clearances, once, in plain Python.
+
+State: the clearance vector of each loose joint with its rate, and the angle and speed of the crank
+where no drive prescribes them. All loops run over bodies and joints, never over values, so the same
+code works on floats (reference), on arrays (kinematics of many angles) and on symbols (machine code).
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from jointgap.linkage.topology import FRAME, Body, Dyad, Joint, Linkage, Place, Vector, number
+
+Number = Any
+"""A float, an array or a symbol."""
+
+Pair = tuple[Number, Number]
+
+
+def add(a: Pair, b: Pair) -> Pair:
+    return a[0] + b[0], a[1] + b[1]
+
+
+def subtract(a: Pair, b: Pair) -> Pair:
+    return a[0] - b[0], a[1] - b[1]
+
+
+def times(factor: Number, a: Pair) -> Pair:
+    return factor * a[0], factor * a[1]
+
+
+def dot(a: Pair, b: Pair) -> Number:
+    return a[0] * b[0] + a[1] * b[1]
+
+
+def cross(a: Pair, b: Pair) -> Number:
+    return a[0] * b[1] - a[1] * b[0]
+
+
+def across(a: Pair) -> Pair:
+    """A vector turned by a quarter turn."""
+    return -a[1], a[0]
+
+
+def negative(a: Pair) -> Pair:
+    return -a[0], -a[1]
+
+
+NOTHING = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Arithmetic:
+    """What the equations ask of their numbers."""
+
+    parameter: Callable[[str, float], Number] = lambda _, value: value
+    """A parameter of the linkage by name, with its value"""
+    sqrt: Callable[[Number], Number] = math.sqrt
+    cos_sin: Callable[[Number], Pair] = lambda angle: (math.cos(angle), math.sin(angle))
+
+
+class Crank(NamedTuple):
+    """Motion of the crank: cosine and sine of its angle, speed [rad/s], acceleration [rad/s^2]; None
+    where it follows from the torque."""
+
+    cosine: Number
+    sine: Number
+    speed: Number
+    acceleration: Number | None = 0.0
+
+
+class JointForce(NamedTuple):
+    """Force of the partner on the body in a loose joint, and moments on both."""
+
+    fx: Number
+    fy: Number
+    on_body: Number = 0.0
+    on_partner: Number = 0.0
+
+
+class Pose:
+    """Positions and velocities of all bodies.
+
+    Parameters
+    ----------
+    linkage : Linkage
+    signs : sequence of float
+        Of each dyad: 1.0 or -1.0, its assembly.
+    crank : Crank
+    clearances : mapping
+        By loose joint, vector [m] and rate [m/s]; of a loose slide offset across it [m] and tilt
+        [rad], and their rates.
+    arithmetic : Arithmetic, optional
+    """
+
+    def __init__(
+        self,
+        linkage: Linkage,
+        signs: Sequence[float],
+        crank: Crank,
+        clearances: Mapping[str, tuple[Pair, Pair]],
+        arithmetic: Arithmetic = Arithmetic(),
+    ):
+        self.linkage, self.clearances, self.arithmetic = linkage, clearances, arithmetic
+        self.crank = crank
+        self.directions: dict[str, Pair] = {FRAME: (1.0, 0.0)}  # Cosine and sine
+        self.speeds: dict[str, Number] = {FRAME: 0.0}  # [rad/s]
+        self.slips: dict[str, Number] = {}  # [m/s] Of the ideal slides
+        self._anchors: dict[str, tuple[str, Pair, Pair]] = {}
+        self.directions[linkage.crank] = crank.cosine, crank.sine
+        self.speeds[linkage.crank] = crank.speed
+        self._anchor(linkage.joints[linkage.drive], linkage.crank)
+        for dyad, sign in zip(linkage.dyads, signs, strict=False):
+            {"RRR": self._rrr, "RRP": self._rrp, "RPR": self._rpr}[dyad.kind](dyad, sign)
+
+    # ---- vectors
+
+    def local(self, body: str, point: str | None, origin: str | None = None) -> Pair:
+        """Vector [m] from a point to another in a body's axes; None: its mass centre."""
+        ends = [_place(self.linkage.bodies[body], name) for name in (origin, point)]
+        name = f"{body}.{point or 'mass_centre'}-{origin or 'mass_centre'}"
+        return self._parameters(name, ends[1], ends[0])
+
+    def turned(self, body: str, vector: Pair) -> Pair:
+        """A vector in a body's axes, turned to those of the frame."""
+        c, s = self.directions[body]
+        return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]
+
+    def point(self, body: str, point: str | None) -> tuple[Pair, Pair]:
+        """Position [m] and velocity [m/s] of a point of a placed body; None: its mass centre."""
+        if body == FRAME:
+            place = _place(self.linkage.bodies[FRAME], point)
+            return self._parameters(f"{FRAME}.{point}", place), NOTHING
+        anchor, position, velocity = self._anchors[body]
+        if point == anchor:
+            return position, velocity
+        arm = self.turned(body, self.local(body, point, anchor))
+        return add(position, arm), add(velocity, times(self.speeds[body], across(arm)))
+
+    def line(self, joint: Joint) -> Pair:
+        """Direction of a slide in its carrier's axes."""
+        if joint.direction is None:
+            return 1.0, 0.0
+        name, angle = f"{joint.name}.direction", joint.direction
+        parameter = self.arithmetic.parameter
+        return parameter(f"{name}.x", math.cos(angle)), parameter(f"{name}.y", math.sin(angle))
+
+    def _parameters(self, name: str, end: Vector, begin: Vector = (None, None)) -> Pair:
+        """A difference of two vectors as parameters; coordinates that are zero by the form of the
+        file stay the number 0."""
+        return tuple(
+            0.0
+            if one is None and other is None
+            else self.arithmetic.parameter(f"{name}.{axis}", number(one) - number(other))
+            for axis, one, other in zip("xy", end, begin, strict=True)
+        )
+
+    # ---- bodies
+
+    def _gap(self, joint: Joint, body: str) -> tuple[Pair, Pair]:
+        """The body's point minus that of the other body, and its rate."""
+        if joint.name not in self.clearances:
+            return NOTHING, NOTHING
+        vector, rate = self.clearances[joint.name]
+        if joint.body.body == body:
+            return vector, rate
+        return negative(vector), negative(rate)
+
+    def _beside(self, joint: Joint, body: str) -> tuple[Pair, Pair]:
+        """Position and velocity of the body's point in a joint whose other body is placed."""
+        (position, velocity), (gap, rate) = self.point(*joint.other(body)), self._gap(joint, body)
+        return add(position, gap), add(velocity, rate)
+
+    def _anchor(self, joint: Joint, body: str) -> tuple[Pair, Pair]:
+        """Place a body's point in a joint."""
+        position, velocity = self._beside(joint, body)
+        self._anchors[body] = joint.place(body).point, position, velocity
+        return position, velocity
+
+    def _square(self, body: str, point: str, origin: str) -> Number:
+        """Squared distance [m^2] of two points of a body."""
+        ends = [_place(self.linkage.bodies[body], name) for name in (point, origin)]
+        distance = math.dist(*([number(each) for each in end] for end in ends))
+        return self.arithmetic.parameter(f"{body}.{point}-{origin}.squared", distance**2)
+
+    def _orient(self, body: str, vector: Pair, point: str, origin: str) -> None:
+        """Turn a body so that the vector between two of its points is the given one."""
+        ends = [_place(self.linkage.bodies[body], name) for name in (point, origin)]
+        x, y = (number(one) - number(two) for one, two in zip(*ends, strict=True))
+        shares = [
+            0.0
+            if one is None and two is None
+            else self.arithmetic.parameter(
+                f"{body}.{point}-{origin}.share.{axis}", value / (x * x + y * y)
+            )
+            for axis, value, one, two in zip("xy", (x, y), *ends, strict=True)
+        ]
+        self.directions[body] = dot(vector, shares), cross(shares, vector)
+
+    # ---- dyads
+
+    def _rrr(self, dyad: Dyad, sign: float) -> None:
+        """Two bodies with revolute joints: the corner of a triangle."""
+        one, two = dyad.bodies
+        ends = [
+            (body, dyad.inner.place(body).point, joint.place(body).point)
+            for body, joint in ((one, dyad.first), (two, dyad.second))
+        ]
+        begin, begin_rate = self._anchor(dyad.first, one)
+        end, end_rate = self._anchor(dyad.second, two)
+        gap, gap_rate = self._gap(dyad.inner, one)
+        span = subtract(add(end, gap), begin)
+        rate = subtract(add(end_rate, gap_rate), begin_rate)
+        squares = [self._square(*each) for each in ends]
+        inverse = 1.0 / dot(span, span)
+        along = 0.5 + 0.5 * (squares[0] - squares[1]) * inverse
+        height = sign * self.arithmetic.sqrt(squares[0] * inverse - along * along)
+        first = add(times(along, span), times(height, across(span)))
+        second = subtract(first, span)
+        for (body, point, origin), vector in zip(ends, (first, second), strict=True):
+            self._orient(body, vector, point, origin)
+        share = inverse / height
+        self.speeds[one] = dot(rate, second) * share
+        self.speeds[two] = dot(rate, first) * share
+
+    def _rrp(self, dyad: Dyad, sign: float) -> None:
+        """A body whose end runs on the line of a slide."""
+        one, two = dyad.bodies
+        slide, carrier = dyad.second, dyad.second.partner.body
+        begin, begin_rate = self._anchor(dyad.first, one)
+        gap, gap_rate = self._gap(dyad.inner, one)
+        start, start_rate = self.point(*slide.partner)
+        line = self.turned(carrier, self.line(slide))
+        turning = self.speeds[carrier]
+        self.directions[two], self.speeds[two] = self.directions[carrier], turning
+        if slide.name in self.clearances:  # carried by the frame
+            (offset, tilt), (offset_rate, tilt_rate) = self.clearances[slide.name]
+            self.directions[two], self.speeds[two] = self.arithmetic.cos_sin(tilt), tilt_rate
+            start = add(start, times(offset, across(line)))
+            start_rate = add(start_rate, times(offset_rate, across(line)))
+        pin = dyad.inner.place(two).point
+        arm = self.turned(two, self.local(two, pin, slide.body.point))
+        start = add(start, arm)
+        start_rate = add(start_rate, times(self.speeds[two], across(arm)))
+        span = subtract(add(start, gap), begin)
+        rate = subtract(add(start_rate, gap_rate), begin_rate)
+        point, origin = dyad.inner.place(one).point, dyad.first.place(one).point
+        height = cross(line, span)
+        along = sign * self.arithmetic.sqrt(self._square(one, point, origin) - height * height)
+        self._orient(one, add(times(along, line), times(height, across(line))), point, origin)
+        place = along - dot(line, span)
+        self.speeds[one] = (cross(line, rate) + turning * place) / along
+        position, velocity = self.point(one, point)
+        self._anchors[two] = pin, subtract(position, gap), subtract(velocity, gap_rate)
+        moved = subtract(self._anchors[two][2], start_rate)
+        self.slips[slide.name] = dot(line, moved)
+
+    def _rpr(self, dyad: Dyad, sign: float) -> None:
+        """A block that slides on a pivoted body."""
+        block, carrier = dyad.bodies
+        slide = dyad.inner
+        pin, pin_rate = self._anchor(dyad.first, block)
+        pivot, pivot_rate = self._anchor(dyad.second, carrier)
+        span, rate = subtract(pin, pivot), subtract(pin_rate, pivot_rate)
+        line = self.line(slide)
+        to_line = self.local(carrier, slide.partner.point, dyad.second.place(carrier).point)
+        to_pin = self.local(block, dyad.first.place(block).point, slide.body.point)
+        height = cross(line, add(to_line, to_pin))
+        square = dot(span, span)
+        along = sign * self.arithmetic.sqrt(square - height * height)
+        vector = add(times(along, line), times(height, across(line)))
+        inverse = 1.0 / square
+        self.directions[carrier] = dot(vector, span) * inverse, cross(vector, span) * inverse
+        axis = self.turned(carrier, line)
+        self.speeds[carrier] = dot(across(axis), rate) / along
+        self.directions[block] = self.directions[carrier]
+        self.speeds[block] = self.speeds[carrier]
+        self.slips[slide.name] = dot(axis, rate) + self.speeds[carrier] * height
+
+
+def _place(body: Body, point: str | None) -> Vector:
+    return body.centre if point is None else body.points[point]
+
+
+Key = tuple[str, str]
+"""A generalised acceleration: body, and ``x``, ``y``, ``turn`` or ``slide``."""
+
+Row = dict[Key, Number]
+
+
+class Dynamics:
+    """Reactions of the ideal joints, and accelerations, in a pose.
+
+    Parameters
+    ----------
+    pose : Pose
+    forces : mapping of str to JointForce
+        Of each loose joint.
+    torque : Number, optional
+        On the crank [N m], where its motion is not prescribed.
+    loads : mapping, optional
+        Of bodies: force on the mass centre [N] and moment [N m].
+    moments : mapping, optional
+        Friction moment on the body [N m] of ideal revolute joints; the opposite acts on the partner.
+
+    Attributes
+    ----------
+    rates : dict
+        Second rates of the clearance vectors of the loose joints.
+    crank_acceleration : Number
+        [rad/s^2]
+    reactions : dict of str to pair
+        Force of the partner on the body [N] in ideal joints of two moving bodies; of a slide the
+        force across it and the moment.
+    """
+
+    def __init__(
+        self,
+        pose: Pose,
+        forces: Mapping[str, JointForce],
+        torque: Number = 0.0,
+        loads: Mapping[str, tuple[Pair, Number]] | None = None,
+        moments: Mapping[str, Number] | None = None,
+    ):
+        self.pose, self.linkage = pose, pose.linkage
+        self._parameter = pose.arithmetic.parameter
+        self._loads: dict[Key, Number] = {}
+        self._inverse: dict[Key, Number] = {}
+        self._begin(torque)
+        for body, (force, moment) in (loads or {}).items():
+            self._push(body, force, moment)
+        for joint in self.linkage.loose:
+            self._press(joint, forces[joint.name])
+        for name, moment in (moments or {}).items():
+            joint = self.linkage.joints[name]
+            self._turn(joint.body.body, moment)
+            self._turn(joint.partner.body, -moment)
+        self._solve()
+
+    # ---- bodies
+
+    def is_driven(self, body: str) -> bool:
+        """Whether the motion of a body is prescribed, or at least its rotation."""
+        return body == self.linkage.crank and self.pose.crank.acceleration is not None
+
+    def origin(self, body: str) -> str | None:
+        """The point about which a body's motion is counted: its pivot, or its mass centre."""
+        if self.linkage.kinds[body] == "pivoted":
+            return self.linkage.joint_with_frame(body).place(body).point
+        return None
+
+    def axis(self, body: str) -> Pair:
+        """Direction of the slide of the frame on which a body moves."""
+        return self.pose.line(self.linkage.joint_with_frame(body))
+
+    def _begin(self, torque: Number) -> None:
+        """Inverse inertia and weight of each free coordinate."""
+        gravity = self.pose._parameters("gravity", self.linkage.gravity)
+        for name in self.linkage.moving:
+            body, kind = self.linkage.bodies[name], self.linkage.kinds[name]
+            weight = times(self._parameter(f"{name}.mass", body.mass), gravity)
+            if kind == "sliding":
+                self._inverse[name, "slide"] = self._parameter(
+                    f"{name}.inverse_mass", 1 / body.mass
+                )
+                self._loads[name, "slide"] = dot(self.axis(name), weight)
+            if kind == "free":
+                for axis, load in zip("xy", weight, strict=True):
+                    inverse = self._parameter(f"{name}.inverse_mass", 1 / body.mass)
+                    self._inverse[name, axis], self._loads[name, axis] = inverse, load
+            if kind == "sliding" or self.is_driven(name):
+                continue
+            moment, inertia = 0.0, body.inertia
+            if kind == "pivoted":
+                arm = self.pose.local(name, None, self.origin(name))
+                moment = cross(self.pose.turned(name, arm), weight)
+                ends = _place(body, None), _place(body, self.origin(name))
+                inertia += body.mass * sum(
+                    (number(one) - number(two)) ** 2 for one, two in zip(*ends, strict=True)
+                )
+            self._inverse[name, "turn"] = self._parameter(f"{name}.inverse_inertia", 1 / inertia)
+            self._loads[name, "turn"] = moment + torque if name == self.linkage.crank else moment
+
+    def _push(self, body: str, force: Pair, moment: Number = 0.0, point: str | None = None) -> None:
+        """Apply a force at a point of a body (None: the mass centre), and a moment."""
+        if body == FRAME:
+            return
+        for axis, component in zip("xy", force, strict=True):
+            if (body, axis) in self._loads:
+                self._loads[body, axis] = self._loads[body, axis] + component
+        if (body, "slide") in self._loads:
+            along = dot(self.axis(body), force)
+            self._loads[body, "slide"] = self._loads[body, "slide"] + along
+        if (body, "turn") in self._loads:
+            arm = self._arm(body, point)
+            self._turn(body, cross(arm, force) + moment)
+
+    def _turn(self, body: str, moment: Number) -> None:
+        """Apply a moment to a body."""
+        if (body, "turn") in self._loads:
+            self._loads[body, "turn"] = self._loads[body, "turn"] + moment
+
+    def _press(self, joint: Joint, force: JointForce) -> None:
+        """Apply the force in a loose joint to its two bodies."""
+        (body, point), (partner, other) = joint.body, joint.partner
+        self._push(body, (force.fx, force.fy), force.on_body, point)
+        self._push(partner, (-force.fx, -force.fy), force.on_partner, other)
+
+    def _arm(self, body: str, point: str | None) -> Pair:
+        """From the origin of a body's motion to a point of it."""
+        origin = self.origin(body)
+        if point == origin:
+            return NOTHING
+        return self.pose.turned(body, self.pose.local(body, point, origin))
+
+    # ---- accelerations
+
+    def _acceleration(self, place: Place, arm: Pair | None = None) -> tuple[Row, Row, Pair]:
+        """Acceleration of a body's point, or of that at an `arm` from its origin: coefficients of the
+        generalised accelerations in x and y, and the rest."""
+        body, point = place
+        if body == FRAME:
+            return {}, {}, NOTHING
+        kind = self.linkage.kinds[body]
+        if kind == "sliding":
+            x, y = self.axis(body)
+            return {(body, "slide"): x}, {(body, "slide"): y}, NOTHING
+        arm = self._arm(body, point) if arm is None else arm
+        speed = self.pose.speeds[body]
+        rest = times(-(speed * speed), arm)
+        x: Row = {(body, "x"): 1.0} if kind == "free" else {}
+        y: Row = {(body, "y"): 1.0} if kind == "free" else {}
+        if self.is_driven(body):
+            return x, y, add(rest, times(self.pose.crank.acceleration, across(arm)))
+        x[body, "turn"], y[body, "turn"] = across(arm)
+        return x, y, rest
+
+    def _opening(self, joint: Joint) -> tuple[tuple[Row, Row], Pair]:
+        """Second rate of the vector between the two points of a joint."""
+        x, y, rest = self._acceleration(joint.body)
+        other_x, other_y, other_rest = self._acceleration(joint.partner)
+        return (_minus(x, other_x), _minus(y, other_y)), subtract(rest, other_rest)
+
+    def _closed(self) -> list[tuple[str, Row, Number]]:
+        """Equations of the ideal joints between moving bodies: row times accelerations plus rest is
+        zero."""
+        rows = []
+        for joint in self.linkage.joints.values():
+            if joint.loose or FRAME in joint.bodies:
+                continue
+            if joint.kind == "revolute":
+                each, rest = self._opening(joint)
+                rows += [(joint.name, row, left) for row, left in zip(each, rest, strict=True)]
+                continue
+            carrier, body = joint.bodies
+            rows.append((joint.name, *self._across_slide(joint)))
+            turn = _minus(self._turning(body), self._turning(carrier))
+            rest = self._turning_rest(body) - self._turning_rest(carrier)
+            rows.append((joint.name, turn, rest))
+        return rows
+
+    def _across_slide(self, joint: Joint) -> tuple[Row, Number]:
+        """The point of a slide's body does not leave its line."""
+        carrier = joint.partner.body
+        normal = across(self.pose.turned(carrier, self.pose.line(joint)))
+        here = self.pose.point(*joint.body)[0]
+        arm = subtract(here, self.pose.point(carrier, self.origin(carrier))[0])
+        other_x, other_y, other_rest = self._acceleration(joint.partner, arm)
+        x, y, rest = self._acceleration(joint.body)
+        row = _sum(_scaled(_minus(x, other_x), normal[0]), _scaled(_minus(y, other_y), normal[1]))
+        turning = 2.0 * self.pose.speeds[carrier] * self.pose.slips[joint.name]
+        return row, dot(normal, subtract(rest, other_rest)) - turning
+
+    def _turning(self, body: str) -> Row:
+        return {} if self.is_driven(body) else {(body, "turn"): 1.0}
+
+    def _turning_rest(self, body: str) -> Number:
+        return self.pose.crank.acceleration if self.is_driven(body) else 0.0
+
+    def _solve(self) -> None:
+        """Reactions, then accelerations with them."""
+        rows = self._closed()
+        free = {key: self._inverse[key] * load for key, load in self._loads.items()}
+        forces = _reactions([row for _, row, _ in rows], [r for *_, r in rows], self._inverse, free)
+        self.accelerations = {}
+        for key, value in free.items():
+            pulls = [
+                row[key] * f for (_, row, _), f in zip(rows, forces, strict=True) if key in row
+            ]
+            total = sum(pulls[1:], pulls[0]) if pulls else 0.0
+            self.accelerations[key] = value + self._inverse[key] * total
+        names = [name for name, *_ in rows]
+        self.reactions = {
+            name: tuple(f for f, own in zip(forces, names, strict=True) if own == name)
+            for name in dict.fromkeys(names)
+        }
+        self.rates = {joint.name: self._rate(joint) for joint in self.linkage.loose}
+        crank = self.pose.crank.acceleration
+        turn = self.accelerations.get((self.linkage.crank, "turn"))
+        self.crank_acceleration = turn if crank is None else crank
+
+    def _rate(self, joint: Joint) -> Pair:
+        """Second rate of a loose joint's clearance."""
+        rows, rest = self._opening(joint)
+        vector = tuple(self._value(row, left) for row, left in zip(rows, rest, strict=True))
+        if joint.kind == "revolute":
+            return vector
+        normal = across(self.pose.turned(joint.partner.body, self.pose.line(joint)))
+        return dot(normal, vector), self._value(self._turning(joint.body.body), 0.0)
+
+    def _value(self, row: Row, rest: Number) -> Number:
+        """A row times the accelerations, plus the rest."""
+        total = rest
+        for key, factor in row.items():
+            total = total + factor * self.accelerations[key]
+        return total
+
+
+def _scaled(row: Row, factor: Number) -> Row:
+    return {key: factor * value for key, value in row.items()}
+
+
+def _sum(one: Row, two: Row) -> Row:
+    return {
+        key: one[key] + two[key] if key in one and key in two else one.get(key, two.get(key))
+        for key in {**one, **two}
+    }
+
+
+def _minus(one: Row, two: Row) -> Row:
+    return _sum(one, {key: -value for key, value in two.items()})
+
+
+def _reactions(
+    rows: Sequence[Row], rests: Sequence[Number], inverse: Row, free: Row
+) -> list[Number]:
+    """Forces f with rows (a + M^-1 rows^T f) + rests = 0, where a are the accelerations `free` of
+    them, by Cholesky's L D L^T without structural zeros."""
+    count = len(rows)
+    lower: dict[tuple[int, int], Number] = {}
+    pivots: list[Number] = []
+    for i in range(count):
+        for j in range(i + 1):
+            terms = [
+                rows[i][key] * inverse[key] * rows[j][key] for key in rows[i] if key in rows[j]
+            ]
+            terms += [
+                -(lower[i, k] * lower[j, k] * pivots[k])
+                for k in range(j)
+                if (i, k) in lower and (j, k) in lower
+            ]
+            if not terms:
+                continue
+            value = sum(terms[1:], terms[0])
+            if i == j:
+                pivots.append(value)
+            else:
+                lower[i, j] = value / pivots[j]
+    forces: list[Number] = []
+    for i in range(count):
+        value = -rests[i]
+        for key, factor in rows[i].items():
+            value = value - factor * free[key]
+        for k in range(i):
+            if (i, k) in lower:
+                value = value - lower[i, k] * forces[k]
+        forces.append(value)
+    for i in reversed(range(count)):
+        value = forces[i] / pivots[i]
+        for k in range(i + 1, count):
+            if (k, i) in lower:
+                value = value - lower[k, i] * forces[k]
+        forces[i] = value
+    return forces
