@@ -1,4 +1,4 @@
-"""An independent formulation: positions and angles of all bodies, and multipliers for all ideal joints."""
+"""An independent formulation: positions and angles of all bodies, multipliers for ideal joints."""
 
 import math
 

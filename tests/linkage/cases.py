@@ -86,7 +86,7 @@ def six_bar():
 
 
 def quick_return(beside=None):
-    """Whitworth's: a block on the crank pin slides along the rocker; `beside` the rocker's pivot."""
+    """Whitworth's: a block on the crank pin slides along the rocker; `beside` its pivot."""
     rocker = {"C": (None, None), "B": (0.5, None), "track": (None, beside)}
     bodies = [
         frame(O=(None, None), C=(None, -0.3), guide=(None, 0.25)),

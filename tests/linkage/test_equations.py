@@ -2,11 +2,13 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from jointgap.linkage.equations import Crank, Dynamics, JointForce, Pose
+from jointgap.linkage.topology import linkage_of
 from tests.linkage.absolute import absolute_of
 from tests.linkage.cases import LINKAGES, loosened, slider_crank
 
@@ -76,10 +78,6 @@ def test_a_loose_slide_has_its_offset_and_tilt():
 
 def with_turning_slider():
     """A slider-crank whose slider has an inertia and a pin off its line."""
-    from dataclasses import replace
-
-    from jointgap.linkage.topology import linkage_of
-
     plain = slider_crank(direction=0.3, offset=0.02)
     slider = replace(
         plain.bodies["slider"],

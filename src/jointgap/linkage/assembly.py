@@ -41,9 +41,10 @@ def signs_of(linkage: Linkage, crank_angle: float) -> tuple[float, ...]:
         stated = [body for body in dyad.bodies if linkage.bodies[body].angle is not None]
         if not stated:
             if dyad.kind == "RRR":
+                first, second = dyad.bodies
                 raise InputError(
-                    f"bodies {dyad.bodies[0]} and {dyad.bodies[1]} can be assembled in two ways; give"
-                    f" {dyad.bodies[1]}.angle, its rough direction at the start"
+                    f"bodies {first} and {second} can be assembled in two ways; give"
+                    f" {second}.angle, its rough direction at the start"
                 )
             signs.append(1.0)
             continue
@@ -55,8 +56,8 @@ def signs_of(linkage: Linkage, crank_angle: float) -> tuple[float, ...]:
         if abs(distances[1.0] - distances[-1.0]) < _UNDECIDED:
             ends = " - ".join(joint.other(one).point for joint, one in _outer(dyad))
             raise InputError(
-                f"{body}: angle {math.degrees(angle):g} deg is within 6 deg of the line {ends} at the"
-                " start, so it fits both assemblies; give the direction as drawn"
+                f"{body}: angle {math.degrees(angle):g} deg is within 6 deg of the line {ends} at"
+                " the start, so it fits both assemblies; give the direction as drawn"
             )
         signs.append(min(distances, key=distances.get))
     return tuple(signs)
@@ -90,11 +91,11 @@ def check_turning(linkage: Linkage, signs: Sequence[float], clearances: float = 
             least = int(np.argmin(margin))
             near = max(math.sin(_NEAR), math.sqrt(2.0 * clearances / reach) if reach else 0.0)
             if margin[least] < near:
-                first, second = dyad.bodies
+                (first, second), at = dyad.bodies, math.degrees(angles[least])
+                away = math.degrees(math.asin(min(margin[least], 1.0)))
                 remarks.append(
-                    f"at crank angle {math.degrees(angles[least]):.0f} deg {first} and {second} are"
-                    f" {math.degrees(math.asin(min(margin[least], 1.0))):.2g} deg from a dead point;"
-                    " clearances decide which way they go"
+                    f"at crank angle {at:.0f} deg {first} and {second} are {away:.2g} deg from a"
+                    " dead point; clearances decide which way they go"
                 )
     return remarks
 

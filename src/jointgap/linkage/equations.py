@@ -1,8 +1,9 @@
-"""Equations of motion of any planar linkage in the coordinates of its clearances, once, in plain Python.
+"""Equations of motion of any planar linkage in the coordinates of its clearances.
 
 State: the clearance vector of each loose joint with its rate, and the angle and speed of the crank
-where no drive prescribes them. All loops run over bodies and joints, never over values, so the same
-code works on floats (reference), on arrays (kinematics of many angles) and on symbols (machine code).
+where no drive prescribes them. The equations stand here once, in plain Python. All loops run over
+bodies and joints, never over values, so the same code works on floats (reference), on arrays
+(kinematics of many angles) and on symbols (machine code).
 """
 
 import math
@@ -61,8 +62,8 @@ class Arithmetic:
 
 
 class Crank(NamedTuple):
-    """Motion of the crank: cosine and sine of its angle, speed [rad/s], acceleration [rad/s^2]; None
-    where it follows from the torque."""
+    """Motion of the crank: cosine and sine of its angle, speed [rad/s], acceleration [rad/s^2];
+    None where it follows from the torque."""
 
     cosine: Number
     sine: Number
@@ -302,7 +303,8 @@ class Dynamics:
     loads : mapping, optional
         Of bodies: force on the mass centre [N] and moment [N m].
     moments : mapping, optional
-        Friction moment on the body [N m] of ideal revolute joints; the opposite acts on the partner.
+        Friction moment on the body [N m] of ideal revolute joints; the opposite acts on the
+        partner.
 
     Attributes
     ----------
@@ -417,8 +419,8 @@ class Dynamics:
     # ---- accelerations
 
     def _acceleration(self, place: Place, arm: Pair | None = None) -> tuple[Row, Row, Pair]:
-        """Acceleration of a body's point, or of that at an `arm` from its origin: coefficients of the
-        generalised accelerations in x and y, and the rest."""
+        """Acceleration of a body's point, or of that at an `arm` from its origin: coefficients of
+        the generalised accelerations in x and y, and the rest."""
         body, point = place
         if body == FRAME:
             return {}, {}, NOTHING

@@ -1,8 +1,8 @@
 """Bodies and joints of a linkage, and the order in which they are placed.
 
-A linkage has one degree of freedom while all joints are ideal. From frame and crank on, two bodies at
-a time are placed: a dyad, each of whose bodies has one joint with a placed body, and which are joined
-to each other.
+A linkage has one degree of freedom while all joints are ideal. From frame and crank on, two bodies
+at a time are placed: a dyad, each of whose bodies has one joint with a placed body, and which are
+joined to each other.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,7 +14,7 @@ from jointgap.core.errors import InputError, did_you_mean
 FRAME = "frame"
 
 Coordinate = float | None
-"""A number in SI; None where it is zero by the form of the file, so that no value makes other code."""
+"""A number in SI; None where it is zero by the form of the file. No value makes other code."""
 
 Vector = tuple[Coordinate, Coordinate]
 
