@@ -1,8 +1,8 @@
 """The equations of motion of a linkage as two compiled functions.
 
 Between them ordinary compiled code evaluates the laws of contacts and effects: `pose` writes their
-arguments, `dynamics` reads their forces. A variant is a topology with its set of loose joints and its
-kind of drive; lengths, masses and fits are parameters, so they never make another one.
+arguments, `dynamics` reads their forces. A variant is a topology with its set of loose joints and
+its kind of drive; lengths, masses and fits are parameters, so they never make another one.
 """
 
 import ctypes

@@ -1,7 +1,7 @@
 """From arithmetic in plain Python to machine code.
 
-A function of symbols leaves a list of additions, products, quotients and roots, from which LLVM makes
-a function of memory. It has no branches and no loops, and knows nothing of mechanisms.
+A function of symbols leaves a list of additions, products, quotients and roots, from which LLVM
+makes a function of memory. It has no branches and no loops, and knows nothing of mechanisms.
 """
 
 import math
@@ -134,7 +134,7 @@ def needed(graph: Graph, roots: Iterable[int], known: Iterable[int] = ()) -> lis
 
 
 def kept(graph: Graph, first: Sequence[Store], second: Sequence[Store]) -> list[int]:
-    """Nodes of the `first` function that the `second` uses directly: kept in memory between them."""
+    """Nodes of the `first` function that the `second` uses directly: kept in memory."""
     one = needed(graph, [store.node for store in first])
     two = needed(graph, [store.node for store in second])
     shared = {node for node in {*one} & {*two} if graph.nodes[node][0] in _OPERANDS}
@@ -170,8 +170,8 @@ class Code:
             memory[store.name][store.index] = values[store.node]
 
     def build(self, module: ir.Module, name: str, begin: Mapping[str, int]) -> None:
-        """Add the function to an LLVM module: it gets the address of the memory, in which the fields
-        `begin` at these numbers."""
+        """Add the function to an LLVM module: it gets the address of the memory, in which the
+        fields `begin` at these numbers."""
         word, number = ir.IntType(64), ir.DoubleType()
         function = ir.Function(module, ir.FunctionType(ir.VoidType(), [word]), name)
         builder = ir.IRBuilder(function.append_basic_block())
