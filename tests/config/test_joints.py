@@ -40,7 +40,7 @@ def test_an_ideal_joint_needs_no_data():
         ({"crank_pin": {"lose": False}}, "joints.crank_pin.lose.*did you mean 'loose'"),
         ({"crank_pni": "ideal"}, "joints.crank_pni.*did you mean 'crank_pin'"),
         ({"crank_pivot": PIVOT | {"journal": "rod"}}, "joints.crank_pivot.*'frame' or 'crank'"),
-        ({"crank_pivot": PIVOT | {"contact": "brass"}}, "crank_pivot.contact: no entry 'brass'"),
+        ({"crank_pivot": PIVOT | {"contact": "brass"}}, "contact of crank_pivot: no entry 'brass'"),
     ],
 )
 def test_a_wrong_joint_is_an_error(joints, words):

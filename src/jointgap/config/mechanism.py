@@ -317,7 +317,7 @@ _DIRECTIONS |= {"+x": 0, "+y": 90, "-x": 180, "-y": -90}
 """Angles [deg] from +x; +x points from the crank pivot along the slide."""
 
 
-def _angle_of(direction: Any) -> Any:
+def angle_of(direction: Any) -> Any:
     """The angle of a direction in words; all else unchanged."""
     if not isinstance(direction, str) or re.search("[0-9]", direction):
         return direction
@@ -327,6 +327,24 @@ def _angle_of(direction: Any) -> Any:
             " left (-x) or right (+x, from the crank to the slider)"
         )
     return math.radians(_DIRECTIONS[word])
+
+
+def with_contacts(joints: Any, contacts: dict[str, Contact] | None) -> Any:
+    """The content of joints with their contacts in place of names; None: contacts are invalid."""
+    if not isinstance(joints, dict):
+        return joints
+    joints = dict(joints)
+    for name, joint in joints.items():
+        key = joint.get("contact") if isinstance(joint, dict) else None
+        if not isinstance(key, str):
+            continue
+        if contacts is None:  # they have their own errors
+            contact = Contact.model_construct(restitution=0.5)
+        elif not (contact := contacts.get(key)):
+            hint = did_you_mean(key, contacts) if contacts else "the section contacts is missing"
+            raise ValueError(f"contact of {name}: no entry '{key}' in contacts; {hint}")
+        joints[name] = joint | {"contact": contact}
+    return joints
 
 
 class Mechanism(ConfigModel):
@@ -339,7 +357,7 @@ class Mechanism(ConfigModel):
         {}, description="contacts by name, for the joints to refer to"
     )
     joints: Joints
-    gravity_direction: Annotated[Angle, BeforeValidator(_angle_of)] = Field(
+    gravity_direction: Annotated[Angle, BeforeValidator(angle_of)] = Field(
         -math.pi / 2,
         description=(
             "direction of gravity in the plane, from +x; or down, up, left (-x), right (+x)"
@@ -352,23 +370,7 @@ class Mechanism(ConfigModel):
     @field_validator("joints", mode="before")
     @classmethod
     def _joints_get_their_contact(cls, joints: Any, info: ValidationInfo) -> Any:
-        contacts = info.data.get("contacts")
-        if not isinstance(joints, dict):
-            return joints
-        joints = dict(joints)
-        for name, joint in joints.items():
-            key = joint.get("contact") if isinstance(joint, dict) else None
-            if not isinstance(key, str):
-                continue
-            if contacts is None:  # they have their own errors
-                contact = Contact.model_construct(restitution=0.5)
-            elif not (contact := contacts.get(key)):
-                hint = (
-                    did_you_mean(key, contacts) if contacts else "the section contacts is missing"
-                )
-                raise ValueError(f"{name}.contact: no entry '{key}' in contacts; {hint}")
-            joints[name] = joint | {"contact": contact}
-        return joints
+        return with_contacts(joints, info.data.get("contacts"))
 
     def errors(self) -> Iterator[str]:
         if self.rod.mass_centre_across != 0:

@@ -260,18 +260,14 @@ def _dyad(inner: Joint, outer: list[tuple[str, Joint]], order: Sequence[str]) ->
 
 
 def _oriented(joints: Sequence[Joint], drive: str, dyads: Sequence[Dyad]) -> Iterator[Joint]:
-    """The joints with partner and body from the driven side: outwards, and at the inner joint of a
-    dyad from the second body to the first."""
-    bodies = {drive: None} | {
-        joint.name: body
-        for dyad in dyads
-        for joint, body in (
-            (dyad.first, dyad.bodies[0]),
-            (dyad.inner, dyad.bodies[0]),
-            (dyad.second, dyad.bodies[1]),
-        )
-    }
-    for joint in joints:
+    """The joints in the order in which they are placed, with partner and body from the driven side:
+    outwards, and at the inner joint of a dyad from the second body to the first."""
+    bodies: dict[str, str | None] = {drive: None}
+    for dyad in dyads:
+        bodies |= {dyad.first.name: dyad.bodies[0], dyad.inner.name: dyad.bodies[0]}
+        bodies[dyad.second.name] = dyad.bodies[1]
+    by_name = {joint.name: joint for joint in joints}
+    for joint in map(by_name.get, bodies):
         body = bodies[joint.name] or joint.other(FRAME).body
         if joint.kind == "slide" or joint.body.body == body:
             yield joint

@@ -1,0 +1,178 @@
+"""The file of any planar linkage: bodies with points, slides, joints where bodies share a point."""
+
+import math
+from collections.abc import Iterator
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, TypeAdapter, ValidationInfo, field_validator
+
+from jointgap.config.mechanism import Contact, Joint, angle_of, with_contacts
+from jointgap.core.errors import did_you_mean
+from jointgap.core.section import ConfigModel, Word
+from jointgap.core.units import Angle, Length, PositiveLength, PositiveMass, quantity
+from jointgap.core.words import joined
+from jointgap.effects import AnyEffect
+
+FRAME = "frame"
+
+Point = tuple[Length, Length]
+
+_POINT = TypeAdapter(Point)
+
+
+def _centre(value: Any) -> Any:
+    """A distance along the body, or a point."""
+    return _POINT.validate_python(value) if isinstance(value, list | tuple) else value
+
+
+class Frame(ConfigModel):
+    """What does not move."""
+
+    points: dict[Word, Point] = Field(description="points by name, [x, y]")
+
+
+class BodyPart(ConfigModel):
+    """A rigid body with points in its own axes; a link has a length and two ends instead."""
+
+    mass: PositiveMass = Field(description="mass")
+    inertia: quantity("kg*m^2", gt=0) | None = Field(
+        None, description="moment of inertia about the mass centre; null: it never turns"
+    )
+    mass_centre: Annotated[Length | Point, BeforeValidator(_centre)] = Field(
+        0.0, description="distance from the first end, or [x, y]"
+    )
+    length: PositiveLength | None = Field(None, description="of a link, along x from end to end")
+    ends: tuple[Word, Word] | None = Field(None, description="names of a link's points")
+    points: dict[Word, Point] | None = Field(None, description="points by name, [x, y]")
+    angle: Angle | None = Field(
+        None,
+        description="rough direction of x at the start, where two assemblies exist",
+    )
+
+    def errors(self) -> Iterator[str]:
+        if (self.length is None) != (self.ends is None):
+            given, other = ("length", "ends") if self.ends is None else ("ends", "length")
+            yield f"{given} without {other}; a link needs both"
+        if (self.length is None) == (self.points is None):
+            yield "needs either length with ends, or points"
+        if self.ends and self.ends[0] == self.ends[1]:
+            yield f"ends are both {self.ends[0]}; give them different names"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of its points."""
+        return self.ends or tuple(self.points)
+
+
+class Slide(ConfigModel):
+    """A body that slides along a line of its carrier and keeps its direction."""
+
+    slide: tuple[Word, Word] = Field(
+        description="carrier and body; the body's origin runs on the line"
+    )
+    at: Point | None = Field(
+        None, description="a point of the line in the carrier's axes; null: their origin"
+    )
+    direction: Annotated[Angle, BeforeValidator(angle_of)] | None = Field(
+        None, description="of the line in the carrier's axes; null: along x"
+    )
+
+
+class Pin(Joint):
+    """Bearing and contact of a revolute joint of two bodies."""
+
+    journal: Word = Field(description="the body that carries the journal")
+
+
+def _joint(value: Any) -> Any:
+    """A joint's entry: a slide, or a pin."""
+    if isinstance(value, dict):
+        return (Slide if "slide" in value else Pin).model_validate(value)
+    return value
+
+
+class LinkageFile(ConfigModel):
+    """A planar linkage of one degree of freedom, without its drive.
+
+    A point name that two bodies share is a revolute joint, ideal unless `joints` has its bearing.
+    """
+
+    frame: Frame
+    bodies: dict[Word, BodyPart] = Field(description="moving bodies by name")
+    contacts: dict[str, Contact] = Field(
+        {}, description="contacts by name, for the joints to refer to"
+    )
+    joints: dict[Word, Annotated[Pin | Slide, BeforeValidator(_joint)]] = Field(
+        {}, description="bearings of revolute joints by the name of their point, and slides"
+    )
+    drive: Word = Field(description="joint of frame and crank")
+    gravity_direction: Annotated[Angle, BeforeValidator(angle_of)] = Field(
+        -math.pi / 2, description="direction of gravity in the plane, from +x; or down, up ..."
+    )
+    effects: tuple[AnyEffect, ...] = Field((), description="gravity")
+
+    @field_validator("joints", mode="before")
+    @classmethod
+    def _joints_get_their_contact(cls, joints: Any, info: ValidationInfo) -> Any:
+        return with_contacts(joints, info.data.get("contacts"))
+
+    def errors(self) -> Iterator[str]:
+        if FRAME in self.bodies:
+            yield f"bodies.{FRAME} does not move; its points are in {FRAME}.points"
+        for point, bodies in self.shared.items():
+            if len(bodies) > 2:
+                yield (
+                    f"point {point} belongs to {joined(bodies)}; a joint connects two bodies: give"
+                    f" {bodies[-1]} a point of its own at the same place and join it to one of them"
+                )
+        for name, joint in self.joints.items():
+            yield from self._errors_of(name, joint)
+        for effect in self.effects:
+            if effect.name != "gravity":
+                yield f"effects: {effect.name} acts on a slider-crank; of a linkage only gravity"
+
+    def _errors_of(self, name: str, joint: Pin | Slide) -> Iterator[str]:
+        bodies = self.points
+        if isinstance(joint, Slide):
+            for body in joint.slide:
+                if body not in bodies:
+                    yield f"joints.{name}.slide: there is no body '{body}'; {_hint(body, bodies)}"
+                elif name in bodies[body]:
+                    yield f"joints.{name}: {name} is a point of {body}; give the slide another name"
+            if joint.slide[0] == joint.slide[1]:
+                yield f"joints.{name}.slide: {joint.slide[0]} cannot slide on itself"
+            return
+        owners = self.shared.get(name, ())
+        if not owners:
+            yield f"joints.{name}: there is no point '{name}'; {_hint(name, self.shared)}"
+        elif len(owners) == 1:
+            yield (
+                f"joints.{name}: {name} is a point of {owners[0]} only; name a point of the other"
+                f" body {name} too"
+            )
+        elif joint.journal not in owners:
+            yield f"joints.{name}.journal must be {owners[0]} or {owners[1]}, the bodies of it"
+
+    @property
+    def points(self) -> dict[str, tuple[str, ...]]:
+        """Names of points by body, with the frame."""
+        bodies = {name: body.names for name, body in self.bodies.items()}
+        return {FRAME: tuple(self.frame.points)} | bodies
+
+    @property
+    def shared_by_two(self) -> dict[str, tuple[str, str]]:
+        """The two bodies of each revolute joint."""
+        return {name: owners for name, owners in self.shared.items() if len(owners) == 2}
+
+    @property
+    def shared(self) -> dict[str, tuple[str, ...]]:
+        """Bodies by the name of a point."""
+        owners: dict[str, tuple[str, ...]] = {}
+        for body, names in self.points.items():
+            for name in names:
+                owners[name] = (*owners.get(name, ()), body)
+        return owners
+
+
+def _hint(name: str, known: Any) -> str:
+    return did_you_mean(name, known)
