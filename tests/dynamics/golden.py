@@ -1,0 +1,85 @@
+"""Trajectories of the hand-written slider-crank: a revolution of each drive, law and mix of joints.
+
+``python -m tests.dynamics.golden`` writes them; any other equations are compared with them.
+"""
+
+import itertools
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from jointgap.config.friction_laws import FRICTION_LAWS
+from jointgap.config.mechanism import Law
+from jointgap.dynamics.simulation import simulate
+from tests.dynamics.cases import ALL, MOTOR, SPEED, mechanism, options
+from tests.dynamics.test_balance import CASES as BALANCES
+from tests.dynamics.test_balance import LATER, PENALTY, RUB, WEIGHT
+
+FILE = Path(__file__).with_name("golden.npz")
+COLUMNS = (
+    *(f"{name}{number}" for number in (2, 3, 1) for name in ("r", "gamma")),
+    "crank_speed",
+    "slider_position",
+    "slider_velocity",
+    "slider_acceleration",
+    "rod_angle",
+    "rod_deflection",
+    "crank_torque",
+    "guide_force",
+    "frame_force_x",
+    "frame_force_y",
+)
+"""Columns of the trajectories that are kept; the first six of loose joints."""
+
+_LAWS = [law for law in Law.__args__ if law != "penalty"]
+_MIXES = [mix for n in range(1, 4) for mix in itertools.combinations(ALL, n)]
+
+CASES: dict[str, tuple[list, dict, dict]] = BALANCES | LATER
+CASES = CASES | {f"law {law}": ([], {"law": law} | RUB, {}) for law in _LAWS}
+CASES |= {
+    f"friction {law}": ([], {"friction_law": law, "friction": 0.1}, {}) for law in FRICTION_LAWS
+}
+CASES |= {f"loose {'+'.join(mix)}": ([], {"loose": mix} | RUB | WEIGHT, {}) for mix in _MIXES}
+CASES |= {
+    f"motor, loose {'+'.join(mix)}": ([], {"loose": mix} | RUB, {"drive": MOTOR}) for mix in _MIXES
+}
+CASES |= {
+    "clockwise": ([], RUB | WEIGHT, {"speed": -SPEED}),
+    "published memory": ([], RUB | {"memory": "published"}, {}),
+    "counterweight": ([], RUB | {"crank": {"mass_centre": -0.05, "mass_centre_across": 0.02}}, {}),
+    "penalty with weight": ([], PENALTY | WEIGHT, {}),
+}
+"""Effects, keys of the mechanism, and keys of the simulation, by name."""
+
+
+CASES |= {"measured angle": ([], RUB | WEIGHT, {"drive": None})}
+
+
+def trajectory(name: str, tolerance: float = 1e-13) -> np.ndarray:
+    """The columns `COLUMNS` of a case over a revolution in steps of 10 deg, (37, k)."""
+    effects, keys, run = CASES[name]
+    made = mechanism(*effects, **keys)
+    run = {"samples_per_revolution": 36, "start_angle": 0.4, "tolerance": tolerance} | run
+    with tempfile.TemporaryDirectory() as folder:
+        if run.get("drive", run) is None:
+            run |= {"drive": _measured(Path(folder) / "angle.csv"), "start_angle": 0.0}
+        return simulate(made, options(**run)).samples[list(COLUMNS)].to_numpy(float)
+
+
+def _measured(file: Path) -> dict:
+    """The drive by a file with the angle of an uneven rotation."""
+    times = np.linspace(0.0, 0.15, 301)
+    angles = SPEED * times + 0.02 * np.sin(2 * SPEED * times)
+    np.savetxt(file, np.column_stack([times, angles]), delimiter=",", header="t,theta", comments="")
+    return {"kind": "measured", "file": str(file), "time": "t", "angle": "theta"}
+
+
+def main() -> None:
+    """Write the file."""
+    np.savez_compressed(FILE, **{name: trajectory(name) for name in CASES})
+    print(f"{len(CASES)} trajectories in {FILE}, {FILE.stat().st_size / 1e3:.0f} kB")
+
+
+if __name__ == "__main__":
+    main()
