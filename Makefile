@@ -5,7 +5,7 @@ SHELL := /bin/bash
 .PHONY: help run variants smoke sweep paper campaign blind benchmark benchmark-files report test test-integration test-slow test-cluster test-wheel lint docs bench dashboard clean set-up
 
 PROFILE ?= local
-SET ?= v0_1_0rc1
+SET ?= v0_1_0rc2
 CORES ?=
 ARGS ?=
 # Paths are taken as they are written: no $ in them means anything to make.

@@ -39,7 +39,7 @@ def row(true, named, **size) -> dict:
 
 
 def test_the_readme_lists_kinds_and_labels():
-    plans = plan_trials(read_set(run.SETS, run.SET, 1))
+    plans = plan_trials(read_set(run.SETS, run.SET))
     text = Path("validation/benchmark/README.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(\w+)` \| (\d+) \|", text, re.MULTILINE)
     assert {kind: int(count) for kind, count in rows} == Counter(plan.kind for plan in plans)

@@ -93,6 +93,7 @@ PLANNED = {
     "development": "4d6f8647ce65",
     "rehearsal": "f5edd5fb3dc6",
     "v0_1_0rc1": "a0de55cb4bd8",
+    "v0_1_0rc2": "5c312ca020a7",
     "steps": "45e1c13d0bc0",
 }
 

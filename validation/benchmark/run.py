@@ -18,7 +18,7 @@ from validation.kinds import Trial, plan_trials, read_set
 from validation.runner import analyse_within, draw_trial, run_trials, write_record
 
 SETS = "config/blind.yaml"
-SET = "v0_1_0rc1"
+SET = "v0_1_0rc2"
 """The newest published set."""
 
 # Names of a campaign folder by a method, which also gets the record of the package's analysis
