@@ -201,7 +201,8 @@ class AxisModel:
                 scale = replace(scale, guide=self._usual_load())
             else:
                 scale = replace(scale, guide=scale.force / DETECTABLE_SHARE)
-            for candidate in axis_candidates(scale, list(self.runs), model.turns):
+            middles = {run: float(np.mean(data.time)) for run, data in self.runs.items()}
+            for candidate in axis_candidates(scale, middles, model.turns):
                 if has_load or candidate.name != "load_friction":
                     candidates.append(candidate)
         if not self.is_simulated:

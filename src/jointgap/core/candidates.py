@@ -99,6 +99,10 @@ class Candidate:
         high-pass filter removes the mean, which a sensor bias changes too.
     formula : str
         Formula of a user-defined law; its coefficients are the coordinates.
+    middles : mapping of str to float
+        Of an effect that oscillates in time, by run: the time [s] to which its cosine and sine
+        parts refer, in the middle of the record, since about its ends phase and frequency would be
+        confused. `parameters` gets it as ``middle_s``.
 
     Raises
     ------
@@ -123,6 +127,7 @@ class Candidate:
     families: tuple["LawFamily", ...] = field(default=(), compare=False)
     regress_with: str = ""
     formula: str = ""
+    middles: Mapping[str, float] = field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
         sizes = [

@@ -106,10 +106,13 @@ def axis_parameters(name: str) -> list[ParameterDescription]:
     return described + rotary
 
 
-def axis_candidates(scale: MotionScale, runs: list[str], turns: bool) -> list[Candidate]:
-    """The force laws that an axis can lack; `turns`: its position is an angle."""
+def axis_candidates(
+    scale: MotionScale, middles: Mapping[str, float], turns: bool
+) -> list[Candidate]:
+    """The force laws that an axis can lack; `middles` [s] of the records by run; `turns`: its
+    position is an angle."""
     frequency = scale.turning / 6.0
-    context = FitContext(None, scale, {}, True, frequency, runs)
+    context = FitContext(None, scale, {}, True, frequency, list(middles), middles)
     candidates = []
     for law in AXIS_LAWS.values():
         for candidate in law.effect.candidates(context) if law.effect else ():

@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -99,6 +99,8 @@ class FitContext:
     frequency_Hz : float
         Start value for the frequency of an oscillating force.
     runs : sequence of str
+    middles : mapping of str to float
+        Middle of the record [s] by run, as far as it is known.
     """
 
     mechanism: Any
@@ -107,6 +109,7 @@ class FitContext:
     constant_speed: bool
     frequency_Hz: float
     runs: Sequence[str]
+    middles: Mapping[str, float] = field(default_factory=dict)
 
     def replaced(self, amplitudes: Mapping[str, str]) -> dict[str, str]:
         """`amplitudes` by the nuisance that they replace, as far as the campaign has it."""

@@ -1,6 +1,7 @@
 """Forces on the slider."""
 
 import math
+from collections.abc import Mapping
 from functools import partial
 
 from jointgap.core.candidates import LawFamily, Parameter
@@ -404,22 +405,26 @@ class HarmonicForce(SliderEffect):
             Parameter("frequency_Hz", frequency, 0.0, math.inf, 1e-3 * frequency, "Hz"),
             amplitudes=tuple(part.key for part in parts),
             initial_guesses=({"frequency_Hz": frequency},),
-            parameters=_amplitude_and_phase,
+            parameters=partial(_amplitude_and_phase, context.middles),
             carrier="slider_constant_force",
+            middles=context.middles,
         )
 
 
-def _amplitude_and_phase(values: base.Values) -> dict[str, float]:
-    """Parameters of one run, or the mean amplitude over runs and the phase in the first."""
+def _amplitude_and_phase(middles: Mapping[str, float], values: base.Values) -> dict[str, float]:
+    """Parameters of one run, or the mean amplitude over runs and the phase in the first; the parts
+    refer to the `middles` [s] of the runs."""
     runs = [key.removeprefix("cosine") for key in values if key.startswith("cosine")]
     cosines = [values[f"cosine{run}"] for run in runs]
     # f cos(w t + phase) = f cos(phase) cos(w t) - f sin(phase) sin(w t)
     sines = [-values[f"sine{run}"] for run in runs]
     squares = [cosine**2 + sine**2 for cosine, sine in zip(cosines, sines, strict=True)]
+    middle = values.get("middle_s", middles.get(runs[0].removeprefix("@"), 0.0))
+    turned = 2.0 * math.pi * values["frequency_Hz"] * middle
     return {
         "force_N": math.sqrt(sum(squares) / len(runs)),
         "frequency_Hz": values["frequency_Hz"],
-        "phase_rad": math.atan2(sines[0], cosines[0]),
+        "phase_rad": math.remainder(math.atan2(sines[0], cosines[0]) - turned, 2.0 * math.pi),
     }
 
 

@@ -143,10 +143,8 @@ def values_in_run(
     effects = [
         (
             candidate,
-            {
-                p.name: values[f"{candidate.label}.{p.key}"]
-                for p in candidate.coordinates_in((run,))
-            },
+            {p.name: values[f"{candidate.label}.{p.key}"] for p in candidate.coordinates_in((run,))}
+            | ({"middle_s": candidate.middles[run]} if run in candidate.middles else {}),
         )
         for candidate in hypothesis
     ]

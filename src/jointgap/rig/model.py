@@ -409,7 +409,8 @@ class SliderCrankModel:
         shared = {p.name: p for p in self.nuisances if p.run is None}
         constant = campaign.drive == "constant_speed"
         frequency = PLANNED_FORCE_ORDER * scale.turning / tau
-        context = FitContext(campaign.mechanism, scale, shared, constant, frequency, runs)
+        middles = {run: float(np.mean(plan.samples.time)) for run, plan in self.plans.items()}
+        context = FitContext(campaign.mechanism, scale, shared, constant, frequency, runs, middles)
         # with a single fitted run its zero is the common offset
         several = sum(plan.run.role != "confirm" for plan in self.plans.values()) > 1
         encoder = [ENCODER_OFFSET] if "crank_angle" in campaign.channels else []
