@@ -30,29 +30,29 @@ BASES = {"ideal": "ideal joints", "loose": "loose joints", "chaotic": "never rep
 """Columns of the tables in the documentation, by the joints and motion of a trial."""
 
 _ROWS = {
-    "right name, one detectable effect": ("right name", 100),
-    "wrong name, one detectable effect": ("wrong name", 100),
-    "right joint, clearance hidden": ("right joint, a clearance hidden", 100),
-    "wrong name, clearance hidden": ("wrong name, a clearance hidden", 100),
-    "size within 10 %, clearance named": ("size within 10 %, a clearance named right", 100),
-    "nothing named, nothing hidden": ("nothing found, nothing hidden", 100),
-    "both of two effects and no third": ("both named and no third", 100),
-    "wrong name, two effects": ("wrong name, two effects", 100),
-    "all of three effects and no other": ("all three named and no other", 100),
-    "wrong name, three effects": ("wrong name, three effects", 100),
-    "wrong name, effect not listed": ("wrong name, effect off the list", 100),
-    "wrong name, data fault": ("wrong name, data wired wrongly", 100),
-    "damaged channel reported": ("told which channel, data wired wrongly", 100),
-    "right name, encoder on a coupling or eccentric disc": ("right name, encoder fault", 100),
-    "right name, AC-coupled channel": ("right name, AC-coupled channel", 100),
-    "nothing named, truncating counter": ("nothing found, truncating counter", 100),
-    "unfinished": ("unfinished", 100),
-    "size within its 90 % interval": ("size within the 90 % interval", 100),
-    "nuisance within its 90 % interval": ("nuisance within its 90 % interval", 100),
-    "map of the crank angle, F1": ("map: F1 of the bins", 100),
-    "names, F1": ("names: F1", 100),
-    "processor time, median [s]": ("seconds, median", 1),
-    "processor time, 90 % of the trials [s]": ("seconds, of 90 % at most", 1),
+    "right name, one detectable effect": "right name",
+    "wrong name, one detectable effect": "wrong name",
+    "right joint, clearance hidden": "right joint, a clearance hidden",
+    "wrong name, clearance hidden": "wrong name, a clearance hidden",
+    "size within 10 %, clearance named": "size within 10 %, a clearance named right",
+    "nothing named, nothing hidden": "nothing found, nothing hidden",
+    "both of two effects and no third": "both named and no third",
+    "wrong name, two effects": "wrong name, two effects",
+    "all of three effects and no other": "all three named and no other",
+    "wrong name, three effects": "wrong name, three effects",
+    "wrong name, effect not listed": "wrong name, effect off the list",
+    "wrong name, data fault": "wrong name, data wired wrongly",
+    "damaged channel reported": "told which channel, data wired wrongly",
+    "right name, encoder on a coupling or eccentric disc": "right name, encoder fault",
+    "right name, AC-coupled channel": "right name, AC-coupled channel",
+    "nothing named, truncating counter": "nothing found, truncating counter",
+    "unfinished": "unfinished",
+    "size within its 90 % interval": "size within the 90 % interval",
+    "nuisance within its 90 % interval": "nuisance within its 90 % interval",
+    "map of the crank angle, F1": "map: F1 of the bins",
+    "names, F1": "names: F1",
+    "processor time, median [s]": "seconds, median",
+    "processor time, 90 % of the trials [s]": "seconds, of 90 % at most",
 }
 _FRONT_ROWS = {
     "one effect": ("right name", "wrong name"),
@@ -129,7 +129,9 @@ def rates_of(trials: pd.DataFrame) -> dict[str, pd.DataFrame]:
     return tables
 
 
-def _cell(table: pd.DataFrame, what: str, factor: float) -> str:
+def _cell(table: pd.DataFrame, what: str) -> str:
+    """A rate in percent, or a time in seconds, with its interval and the number of trials."""
+    factor = 1.0 if what.startswith("seconds") else 100.0
     if what not in table.index:
         return "–"
     row = table.loc[what]
@@ -141,8 +143,7 @@ def documented_rates(trials: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
     """Heads and rows of the table of rates [%] by joints."""
     tables = rates_of(trials)
     rows = [
-        [label, *(_cell(table, what, factor) for table in tables.values())]
-        for label, (what, factor) in _ROWS.items()
+        [label, *(_cell(table, what) for table in tables.values())] for label, what in _ROWS.items()
     ]
     return ["rate [%]", *BASES.values()], [row for row in rows if {*row[1:]} != {"–"}]
 
@@ -152,7 +153,7 @@ def front_rates(trials: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
     tables, bases = rates_of(trials), ("ideal", "loose")
     heads = [f"{base}: {what}" for base in bases for what in ("right", "wrong")]
     rows = [
-        [label, *(_cell(tables[base], what, 100) for base in bases for what in pair)]
+        [label, *(_cell(tables[base], what) for base in bases for what in pair)]
         for label, pair in _FRONT_ROWS.items()
     ]
     return ["hidden", *heads], rows

@@ -147,3 +147,9 @@ def loosened(linkage: Linkage, names) -> Linkage:
     """The linkage with other loose joints."""
     joints = [replace(joint, loose=joint.name in names) for joint in linkage.joints.values()]
     return linkage_of([*linkage.bodies.values()], joints, linkage.drive, linkage.gravity)
+
+
+def with_values(linkage: Linkage, **bodies) -> Linkage:
+    """The linkage with other values of its bodies, in the same form."""
+    changed = {name: replace(linkage.bodies[name], **values) for name, values in bodies.items()}
+    return replace(linkage, bodies={**linkage.bodies, **changed})

@@ -8,7 +8,7 @@ its kind of drive; lengths, masses and fits are parameters, so they never make a
 import ctypes
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -93,12 +93,10 @@ def variant_of(
 ) -> Variant:
     """The variant of a linkage; `is_free`: the torque turns the crank; `loaded`: bodies on which
     loads act."""
-    graph, values = Graph(), {}
+    graph, places = Graph(), {}
 
-    def parameter(name: str, value: float) -> Number:
-        index = list(values).index(name) if name in values else len(values)
-        values[name] = value
-        return graph.load("parameters", index)
+    def parameter(name: str, _: float) -> Number:
+        return graph.load("parameters", places.setdefault(name, len(places)))
 
     loose = linkage.loose
     half = 2 * len(loose) + is_free
@@ -145,9 +143,9 @@ def variant_of(
     )
     between = kept(graph, first, second)
     first += [Store("kept", place, node) for place, node in enumerate(between)]
-    places = {node: place for place, node in enumerate(between)}
+    kept_at = {node: place for place, node in enumerate(between)}
     sizes = {
-        "parameters": len(values),
+        "parameters": len(places),
         "state": 2 * half,
         "crank": 4,
         "turning": 2 * len(loose),
@@ -156,8 +154,8 @@ def variant_of(
         "rates": half,
         "kept": len(between),
     }
-    codes = {"pose": Code(graph, tuple(first)), "dynamics": Code(graph, tuple(second), places)}
-    return Variant(linkage, tuple(signs), is_free, tuple(loaded), tuple(values), sizes, codes)
+    codes = {"pose": Code(graph, tuple(first)), "dynamics": Code(graph, tuple(second), kept_at)}
+    return Variant(linkage, tuple(signs), is_free, tuple(loaded), tuple(places), sizes, codes)
 
 
 def parameters_of(variant: Variant, linkage: Linkage) -> np.ndarray:
@@ -175,9 +173,3 @@ def parameters_of(variant: Variant, linkage: Linkage) -> np.ndarray:
     nothing = {joint.name: JointForce(0.0, 0.0) for joint in linkage.loose}
     Dynamics(pose, nothing, 0.0, {body: ((0.0, 0.0), 0.0) for body in variant.loaded})
     return np.array([values[name] for name in variant.names])
-
-
-def with_values(linkage: Linkage, **bodies: Mapping[str, object]) -> Linkage:
-    """The linkage with other values of its bodies, in the same form."""
-    changed = {name: replace(linkage.bodies[name], **values) for name, values in bodies.items()}
-    return replace(linkage, bodies={**linkage.bodies, **changed})
