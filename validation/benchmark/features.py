@@ -198,7 +198,7 @@ def _changes(
 ) -> list[Readings | None]:
     """Changes of a run's readings by a step of each nuisance and amplitude; None for a step of
     another run, and where changes are not computed: of motion that never repeats, and of effects
-    beside loose joints without a periodic motion."""
+    with loose joints without a periodic motion."""
     nominal = model.nominal(run)
     steps: list[Variation | None] = [
         ({**nominal, p.name: p.nominal + p.step}, ()) if p.run in (None, run) else None

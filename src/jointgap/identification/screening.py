@@ -26,7 +26,7 @@ from jointgap.identification.settings import DEFAULT_SETTINGS, ScreeningSettings
 
 _RATES_A_BLOCK = 64
 
-NOT_EXAMINED = "not examined: it takes long beside loose joints"
+NOT_EXAMINED = "not examined: it takes long with loose joints"
 """Reason why the sensitivity of an effect is unknown, if it is screened last."""
 
 
@@ -299,7 +299,7 @@ class LinearizedFit:
 
 
 def is_slow_effect(effect: Candidate) -> bool:
-    """Whether simulations with an effect beside loose joints take long: of finite size only, such
+    """Whether simulations with an effect with loose joints take long: of finite size only, such
     as an oil film. A fault of a sensor changes no motion."""
     is_finite = all({*guess} & {*effect.amplitudes} for guess in effect.initial_guesses)
     return is_finite and not effect.sensor
@@ -312,7 +312,7 @@ def simulate_sensitivities(
     candidates: Sequence[Candidate] | None = None,
 ) -> Sensitivities:
     """Derivatives for the candidates about the fitted base; default: all smooth ones (for
-    statistics: all), beside loose joints without slow ones.
+    statistics: all), with loose joints without slow ones.
 
     Without candidates that change nothing in what was measured, such as a force where no channel
     responds to forces.

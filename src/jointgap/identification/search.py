@@ -126,7 +126,7 @@ class Search:
         return self
 
     def _queue(self) -> list[Proposal]:
-        """The proposals that are worth a fit, the most promising first; beside loose joints single
+        """The proposals that are worth a fit, the most promising first; with loose joints single
         effects first, as predictions about the poor fit of another effect mislead."""
         for step in self.steps:
             self._proposals += step.propose(self)
@@ -327,7 +327,7 @@ def _different(queue: Sequence[Proposal]) -> Iterator[Proposal]:
 class SingleEffects:
     """One effect, by linear regression about the base.
 
-    Beside loose joints predictions mislead: as long as none suffices, every effect that changes
+    With loose joints predictions mislead: as long as none suffices, every effect that changes
     the motion is fitted if it is predicted to explain a hundredth of the misfit.
     """
 
@@ -359,13 +359,13 @@ class Clearances:
     """Clearances of joints that are ideal in the file: sizes by a filter, fits in windows.
 
     They are due if no single effect suffices, or if two are the best, as a clearance can resemble
-    two effects. Beside loose joints, where this takes long, they are due if nothing else is left
+    two effects. With loose joints, where this takes long, they are due if nothing else is left
     and all else leaves more than half of the misfit.
     """
 
     name: str = "likely clearances"
     share: float = 0.5  # Of the simulated runs of a search
-    least_left: float = 0.5  # Of the misfit, beside loose joints
+    least_left: float = 0.5  # Of the misfit, with loose joints
 
     def propose(self, search: Search) -> Iterable[Proposal]:
         alone = [fit for fit in search.fits.values() if len(fit.hypothesis) == 1]
@@ -489,7 +489,7 @@ class Exchanges:
 
 @dataclass(frozen=True)
 class SlowEffects:
-    """Beside loose joints, single effects whose simulations take long, if nothing else is left and
+    """With loose joints, single effects whose simulations take long, if nothing else is left and
     nothing explains nearly all."""
 
     name: str = "effects with slow simulations"

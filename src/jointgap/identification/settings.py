@@ -72,7 +72,7 @@ class StoppingSettings:
     # up to chi2 per sample
     min_decrease: float = 0.05
     max_steps: int = 80  # Only a safeguard (experience)
-    max_renewals: int = 6  # New Jacobians of a fit with effects beside loose joints (experience)
+    max_renewals: int = 6  # New Jacobians of a fit with effects with loose joints (experience)
     stalled_window: int = 4  # Steps over which progress is measured
     # [1] Above, a fit is poor and ends if it improves by less than `poor_progress` in the window
     poor_chi2_per_sample: float = 2.0
@@ -151,7 +151,7 @@ class ModelSelectionSettings:
     max_singles: int = (
         8  # Candidates fitted alone, and sums of terms of one size for a law (experience)
     )
-    # [1] Predicted share of the misfit above which an effect is fitted beside loose joints,
+    # [1] Predicted share of the misfit above which an effect is fitted with loose joints,
     # whatever explains more (experience)
     least_explained_share: float = 0.01
     # [1] Share of a predicted change that counts as real, as residuals are nonlinear
