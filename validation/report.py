@@ -1,5 +1,6 @@
 """Page and figures of the score of a set, and its MLflow run."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import pandas as pd
@@ -146,6 +147,22 @@ def documented_rates(trials: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
         [label, *(_cell(table, what) for table in tables.values())] for label, what in _ROWS.items()
     ]
     return ["rate [%]", *BASES.values()], [row for row in rows if {*row[1:]} != {"–"}]
+
+
+def outcomes(sets: Mapping[str, pd.DataFrame]) -> tuple[list[str], list[list[str]]]:
+    """Heads and rows of the table of published sets: analysed trials, and how they ended."""
+    counts = pd.DataFrame({name: trials["outcome"].value_counts() for name, trials in sets.items()})
+    counts = counts.fillna(0).astype(int)
+    rows = [
+        [
+            f"[{name}](trials_{name}.csv)",
+            ", ".join(f"{code:.8s}" for code in trials["code"].unique()),
+            str(len(trials)),
+            *map(str, counts[name]),
+        ]
+        for name, trials in sets.items()
+    ]
+    return ["set", "commit", "trials", *counts.index], rows
 
 
 def front_rates(trials: pd.DataFrame) -> tuple[list[str], list[list[str]]]:

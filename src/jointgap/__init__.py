@@ -13,7 +13,7 @@ from importlib import import_module
 
 TYPE_CHECKING = False  # as checkers know it; typing would take longer to load than all else here
 
-__version__ = "0.1.0rc3"
+__version__ = "0.1.0"
 
 _PUBLIC = {
     "jointgap.app.motion": (

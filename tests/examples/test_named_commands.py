@@ -20,7 +20,6 @@ PAGES = {
         {*ROOT.glob("*.md"), *(ROOT / "config").glob("*.md"), *ROOT.glob("*/**/*.md")}
     )
     if not {".venv", ".cache", "results", "node_modules"} & set(path.relative_to(ROOT).parts)
-    and "changelog" not in path.name
 }
 BLOCK, SPAN = re.compile(r"^```.*?^```$", re.DOTALL | re.MULTILINE), re.compile(r"`([^`\n]+)`")
 

@@ -94,6 +94,7 @@ PLANNED = {
     "rehearsal": "f5edd5fb3dc6",
     "v0_1_0rc1": "a0de55cb4bd8",
     "v0_1_0rc2": "5c312ca020a7",
+    "v0_1_0rc3": "7f57aaca449a",
     "steps": "45e1c13d0bc0",
 }
 
