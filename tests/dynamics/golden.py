@@ -64,11 +64,11 @@ def trajectory(name: str, tolerance: float = 1e-13) -> np.ndarray:
     run = {"samples_per_revolution": 36, "start_angle": 0.4, "tolerance": tolerance} | run
     with tempfile.TemporaryDirectory() as folder:
         if run.get("drive", run) is None:
-            run |= {"drive": _measured(Path(folder) / "angle.csv"), "start_angle": 0.0}
+            run |= {"drive": measured_drive(Path(folder) / "angle.csv"), "start_angle": 0.0}
         return simulate(made, options(**run)).samples[list(COLUMNS)].to_numpy(float)
 
 
-def _measured(file: Path) -> dict:
+def measured_drive(file: Path) -> dict:
     """The drive by a file with the angle of an uneven rotation."""
     times = np.linspace(0.0, 0.15, 301)
     angles = SPEED * times + 0.02 * np.sin(2 * SPEED * times)

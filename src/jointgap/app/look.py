@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Mechanism, Simulate
+from jointgap.config.linkage_file import LinkageFile
 from jointgap.core.errors import InputError
 from jointgap.core.files import write_text
 from jointgap.core.joints import FROM_FRAME
@@ -25,6 +26,7 @@ from jointgap.core.page import (
 )
 from jointgap.core.plot import CRANK_ANGLE, Drawing, Quantity, Sheet, matplotlib_style
 from jointgap.core.words import format_name, format_unit, joined, number
+from jointgap.dynamics.linkage_motion import linkage_remarks, simulate_linkage
 from jointgap.dynamics.mechanism_warnings import sentences
 from jointgap.dynamics.simulation import simulate
 
@@ -42,7 +44,9 @@ _FORCES = {f"{joint}_force": ("N", 1.0) for joint in FROM_FRAME} | {"guide_force
 """Unit, and units per SI unit, by column."""
 
 
-def write_look(mechanism: Mechanism, speeds: Sequence[float], name: str, path: Path) -> None:
+def write_look(
+    mechanism: Mechanism | LinkageFile, speeds: Sequence[float], name: str, path: Path
+) -> None:
     """Simulate a `mechanism` at crank `speeds` [rad/s] and write the page about it, called `name`,
     to `path`."""
     speeds = list(dict.fromkeys(speeds))
@@ -61,21 +65,52 @@ def write_look(mechanism: Mechanism, speeds: Sequence[float], name: str, path: P
         write_text(path, to_html(page, folder))
 
 
-def _settled_turn(mechanism: Mechanism, speed: float) -> pd.DataFrame:
+def _settled_turn(mechanism: Mechanism | LinkageFile, speed: float) -> pd.DataFrame:
     """Samples of the last simulated revolution, by rising crank angle from 0, with the sizes of the
     joint forces."""
     options = Simulate(speed=speed, revolutions=_SETTLING + 1, samples_per_revolution=_SAMPLES)
-    turn = simulate(mechanism, options).samples.tail(_SAMPLES + 1)
+    run = simulate_linkage if isinstance(mechanism, LinkageFile) else simulate
+    turn = run(mechanism, options).samples.tail(_SAMPLES + 1)
     turn = turn.assign(
         crank_angle=np.abs(turn["crank_angle"].to_numpy()) - 2.0 * math.pi * _SETTLING
     )
     if speed < 0.0:
         turn = turn[::-1].assign(crank_angle=2.0 * math.pi - turn["crank_angle"][::-1])
-    sizes = {
-        f"{joint}_force": np.hypot(turn[f"{joint}_force_x"], turn[f"{joint}_force_y"])
-        for joint in FROM_FRAME
-    }
+    joints = (name.removesuffix("_x") for name in turn if name.endswith("_force_x"))
+    sizes = {name: np.hypot(turn[f"{name}_x"], turn[f"{name}_y"]) for name in joints}
     return turn.assign(**sizes).reset_index(drop=True)
+
+
+def _quantities(
+    mechanism: Mechanism | LinkageFile, turn: pd.DataFrame
+) -> dict[str, dict[str, tuple[str, float]]]:
+    """What the page shows, by heading: unit, and units per SI unit, by column."""
+    if isinstance(mechanism, Mechanism):
+        return {"Motion": _MOTION, "Forces in the joints": _FORCES}
+    motion = {"crank_torque": ("N*m", 1.0)}
+    for end, shown in _OF_BODIES.items():
+        bodies = (name for name in turn if name.endswith(end) and not name.startswith("crank"))
+        motion |= {name: shown for name in bodies if turn.attrs["units"][name] == _SI[end]}
+    forces = {name: ("N", 1.0) for name in turn if name.endswith("_force")}
+    normal = {
+        f"{joint}_{kind}_force" for joint in mechanism.loose for kind in ("normal", "friction")
+    }
+    return {
+        "Motion": motion,
+        "Forces in the joints": {name: of for name, of in forces.items() if name not in normal},
+    }
+
+
+_OF_BODIES = {
+    "_position": ("mm", 1e3),
+    "_velocity": ("m/s", 1.0),
+    "_acceleration": ("m/s^2", 1.0),
+    "_angle": ("deg", 180.0 / math.pi),
+    "_angular_velocity": ("rad/s", 1.0),
+}
+_SI = {"_position": "m", "_velocity": "m/s", "_acceleration": "m/s^2", "_angle": "rad"}
+_SI |= {"_angular_velocity": "rad/s"}
+"""Quantities of the bodies of a general linkage, by the end of their column."""
 
 
 def peaks(
@@ -98,9 +133,13 @@ def peaks(
 
 
 def _blocks(
-    mechanism: Mechanism, speed: float, turns: Mapping[str, pd.DataFrame], folder: Path
+    mechanism: Mechanism | LinkageFile,
+    speed: float,
+    turns: Mapping[str, pd.DataFrame],
+    folder: Path,
 ) -> list[Block]:
-    loose = mechanism.applied().loose
+    is_linkage = isinstance(mechanism, LinkageFile)
+    loose = tuple(mechanism.loose if is_linkage else mechanism.applied().loose)
     state = "All joints are ideal."
     if loose:
         state = (
@@ -111,14 +150,20 @@ def _blocks(
         f"Revolution {_SETTLING + 1} after the start, at constant speed, with samples every"
         f" {360 / _SAMPLES:g} deg."
     )
-    blocks: list[Block] = [Paragraph(f"{text} {state}"), peaks(turns, _MOTION | _FORCES)]
+    shown = _quantities(mechanism, next(iter(turns.values())))
+    every = {name: of for columns in shown.values() for name, of in columns.items()}
+    blocks: list[Block] = [Paragraph(f"{text} {state}"), peaks(turns, every)]
     with matplotlib_style():
-        for title, columns in {"Motion": _MOTION, "Forces in the joints": _FORCES}.items():
+        for title, columns in shown.items():
             blocks.append(Heading(title))
             for column, (unit, factor) in columns.items():
                 _over_angle(column, unit, factor, turns).save(folder / f"{column}.png")
                 blocks.append(FigureBlock(column, format_name(column).capitalize(), small=True))
-    if remarks := sentences(mechanism, speed):
+    if is_linkage:
+        remarks = linkage_remarks(mechanism, Simulate(speed=speed))
+    else:
+        remarks = sentences(mechanism, speed)
+    if remarks:
         blocks += [Heading("Remarks"), Bullets(remarks)]
     return blocks
 
@@ -131,7 +176,7 @@ def _over_angle(
     for (speed, turn), colour in zip(turns.items(), _COLOURS, strict=False):
         panel.line(speed, np.degrees(turn["crank_angle"]), factor * turn[column], colour)
     panel.over_crank_angle(0.0, 360.0)
-    if column not in ("slider_position", "slider_velocity"):  # impacts
+    if not column.endswith(("_position", "_velocity", "_angle")):  # impacts
         panel.spread_scale(np.concatenate([factor * turn[column] for turn in turns.values()]))
     sheet.legend()
     return sheet.drawing()

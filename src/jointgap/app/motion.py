@@ -9,6 +9,7 @@ import pandas as pd
 
 from jointgap.app.result import Result
 from jointgap.config import Mechanism, Optimise, Scenario, Simulate
+from jointgap.config.linkage_file import LinkageFile
 from jointgap.config.variations import change
 from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
@@ -22,6 +23,7 @@ from jointgap.dynamics.simulation import simulate as simulated
 from jointgap.scenario.figures import FIGURES
 
 if TYPE_CHECKING:
+    from jointgap.app.linkage_motion import LinkageMotion
     from jointgap.core.plot import Drawing
 
 _TABLES = {"trajectory", "events", "kinematics"}
@@ -147,21 +149,26 @@ class Motion(Result):
 
 
 def simulate(
-    mechanism: Mechanism, options: Simulate | None = None, *, perturbation=None, **keys: Any
-) -> Motion:
-    """Simulate a slider-crank with loose or ideal joints.
+    mechanism: Mechanism | LinkageFile,
+    options: Simulate | None = None,
+    *,
+    perturbation=None,
+    **keys: Any,
+) -> "Motion | LinkageMotion":
+    """Simulate a slider-crank or another planar linkage with loose or ideal joints.
 
     The motion starts with coincident joint centres and the velocities of the mechanism without
     clearance.
 
     Parameters
     ----------
-    mechanism : Mechanism
+    mechanism : Mechanism or LinkageFile
         From `jointgap.load_mechanism`, or created in Python.
     options : Simulate, optional
         Drive and sampling.
     perturbation : (4,) or (6,) array_like, optional
-        Initial clearance vectors r2 x, r2 y, r3 x, r3 y, r1 x, r1 y [m]; zero by default.
+        Of a slider-crank: initial clearance vectors r2 x, r2 y, r3 x, r3 y, r1 x, r1 y [m]; zero by
+        default.
     **keys
         Keys of `jointgap.Simulate`, which override `options`: ``speed``, ``revolutions``,
         ``drive``, ``start_angle``, ``samples_per_revolution``, ``tolerance``. Text with units, such
@@ -169,7 +176,7 @@ def simulate(
 
     Returns
     -------
-    Motion
+    Motion or LinkageMotion
 
     Raises
     ------
@@ -188,6 +195,12 @@ def simulate(
     >>> run.plot("impacts").save("impacts.png")
     """
     options = simulate_options(options, keys)
+    if isinstance(mechanism, LinkageFile):
+        from jointgap.app.linkage_motion import simulated_linkage
+
+        if perturbation is not None:
+            raise InputError("perturbation: only of slider-cranks; a linkage starts with zero")
+        return simulated_linkage(mechanism, options)
     run = simulated(checked_mechanism(mechanism), options, perturbation)
     samples = with_units(schema.TRAJECTORY, run.samples)
     events = with_units(schema.EVENTS, run.events)

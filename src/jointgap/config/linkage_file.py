@@ -116,6 +116,45 @@ class LinkageFile(ConfigModel):
     def _joints_get_their_contact(cls, joints: Any, info: ValidationInfo) -> Any:
         return with_contacts(joints, info.data.get("contacts"))
 
+    def mirrored(self) -> "LinkageFile":
+        """Its mirror image in the line y = 0."""
+
+        def opposite(value: Any) -> Any:
+            return None if value is None else -value
+
+        def flipped(point: Any) -> Any:
+            return (point[0], -point[1]) if isinstance(point, tuple) else point
+
+        def points(named: dict[str, Point] | None) -> dict[str, Point] | None:
+            return named and {name: flipped(point) for name, point in named.items()}
+
+        bodies = {
+            name: body.model_copy(
+                update={
+                    "points": points(body.points),
+                    "mass_centre": flipped(body.mass_centre),
+                    "angle": opposite(body.angle),
+                }
+            )
+            for name, body in self.bodies.items()
+        }
+        joints = {
+            name: joint.model_copy(
+                update={"at": flipped(joint.at), "direction": opposite(joint.direction)}
+            )
+            if isinstance(joint, Slide)
+            else joint
+            for name, joint in self.joints.items()
+        }
+        return self.model_copy(
+            update={
+                "frame": Frame(points=points(self.frame.points)),
+                "bodies": bodies,
+                "joints": joints,
+                "gravity_direction": -self.gravity_direction,
+            }
+        )
+
     def errors(self) -> Iterator[str]:
         if FRAME in self.bodies:
             yield f"bodies.{FRAME} does not move; its points are in {FRAME}.points"
@@ -158,6 +197,20 @@ class LinkageFile(ConfigModel):
         """Names of points by body, with the frame."""
         bodies = {name: body.names for name, body in self.bodies.items()}
         return {FRAME: tuple(self.frame.points)} | bodies
+
+    @property
+    def slides(self) -> dict[str, Slide]:
+        """The slides by name."""
+        return {name: joint for name, joint in self.joints.items() if isinstance(joint, Slide)}
+
+    @property
+    def loose(self) -> dict[str, Pin]:
+        """The loose revolute joints by name."""
+        return {
+            name: joint
+            for name, joint in self.joints.items()
+            if isinstance(joint, Pin) and joint.loose
+        }
 
     @property
     def shared_by_two(self) -> dict[str, tuple[str, str]]:

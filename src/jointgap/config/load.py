@@ -7,6 +7,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import BaseModel, Field, ValidationError
 
 from jointgap.config.campaign import NUISANCES, Campaign
+from jointgap.config.linkage_file import LinkageFile
 from jointgap.config.mechanism import Mechanism
 from jointgap.config.scenario import Scenario
 from jointgap.config.yaml_files import (
@@ -34,7 +35,7 @@ def validate(model: type[BaseModel], data: Any, source: str) -> Any:
         raise InputError(*(f"{source}: {line}" for line in lines)) from error
 
 
-def load_mechanism(path: Path | str) -> Mechanism:
+def load_mechanism(path: Path | str) -> Mechanism | LinkageFile:
     """The mechanism in a file, or a shipped one by its name such as ``"erkaya2009"``.
 
     Parameters
@@ -44,7 +45,8 @@ def load_mechanism(path: Path | str) -> Mechanism:
 
     Returns
     -------
-    Mechanism
+    Mechanism or LinkageFile
+        A slider-crank, or another linkage: a file with ``bodies``.
 
     Raises
     ------
@@ -65,7 +67,8 @@ def load_mechanism(path: Path | str) -> Mechanism:
             f"{path}: is a configuration or campaign file; give the mechanism file that it"
             " refers to"
         )
-    return validate(Mechanism, content, str(path))
+    kind = LinkageFile if isinstance(content, Mapping) and "bodies" in content else Mechanism
+    return validate(kind, content, str(path))
 
 
 def _with_mechanism(

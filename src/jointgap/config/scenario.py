@@ -1,7 +1,7 @@
 """A scenario: a mechanism, and the options of each stage."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
@@ -149,10 +149,17 @@ class Simulate(ConfigModel):
 
 def check_tolerance(mechanism: Mechanism, options: Simulate) -> None:
     """InputError where the tolerance is too large for the clearances."""
-    if not mechanism.loose:
+    check_clearance_tolerance(
+        {name: mechanism.clearance(name) for name in mechanism.loose}, options
+    )
+
+
+def check_clearance_tolerance(clearances: Mapping[str, float], options: Simulate) -> None:
+    """InputError where the tolerance is too large for the clearances [m] of the loose joints."""
+    if not clearances:
         return
-    name = min(mechanism.loose, key=mechanism.clearance)
-    clearance = mechanism.clearance(name)
+    name = min(clearances, key=clearances.get)
+    clearance = clearances[name]
     largest = TOLERANCE_SHARE * clearance
     if options.tolerance > largest * (1 + _CLEARANCE_ROUNDING):
         raise InputError(

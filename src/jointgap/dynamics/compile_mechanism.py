@@ -5,7 +5,14 @@ import math
 
 import numpy as np
 
-from jointgap.config import Mechanism, Simulate, check_drive, check_tolerance, hertz_stiffness
+from jointgap.config import (
+    Joint,
+    Mechanism,
+    Simulate,
+    check_drive,
+    check_tolerance,
+    hertz_stiffness,
+)
 from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.config.scenario import MeasuredDrive, MotorDrive
 from jointgap.core.errors import InputError
@@ -36,10 +43,17 @@ def joint_parameters(mechanism: Mechanism, name: str) -> JointParameters:
     joint = mechanism.joint(name)
     if joint is None:
         return JointParameters()
+    # total mass beyond the joint: the largest mass that can rebound there
+    beyond = ("crank", "rod", "slider") if name == "crank_pivot" else ("rod", "slider")
+    mass = sum(getattr(mechanism, body).mass for body in beyond)
+    return bearing_parameters(joint, joint.journal == JOINT[name].body, mass)
+
+
+def bearing_parameters(joint: Joint, body_has_journal: bool, mass: float) -> JointParameters:
+    """Parameters of a bearing, loose or ideal; `mass`: the largest that can rebound there [kg]."""
     if not joint.loose:
         return JointParameters(pin_radius=joint.journal_radius)
     contact = joint.contact
-    body_has_journal = joint.journal == JOINT[name].body
     radii = (joint.journal_radius, joint.bearing_radius)
     body_radius, partner_radius = radii if body_has_journal else radii[::-1]
     penalty = contact.law == "penalty"
@@ -47,9 +61,6 @@ def joint_parameters(mechanism: Mechanism, name: str) -> JointParameters:
     damping = 0.0 if penalty else LAWS[contact.law](contact.restitution)
     fading = {}
     if contact.reference_speed is not None:
-        # total mass beyond the joint: the largest mass that can rebound there
-        beyond = ("crank", "rod", "slider") if name == "crank_pivot" else ("rod", "slider")
-        mass = sum(getattr(mechanism, body).mass for body in beyond)
         duration = elastic_duration(stiffness, contact.exponent, mass, contact.least_approach_speed)
         fading = {
             "memory_time": MEMORY_DURATIONS * duration,
@@ -103,7 +114,7 @@ def _bodies(mechanism: Mechanism) -> BodyParameters:
     )
 
 
-def _drive(options: Simulate, pieces: np.ndarray | None) -> DriveParameters:
+def drive_parameters(options: Simulate, pieces: np.ndarray | None) -> DriveParameters:
     """Parameters of the drive except its kind; `pieces` are those of a measured angle."""
     drive, speed, motor = options.drive, options.speed, {}
     if pieces is not None:
@@ -131,7 +142,7 @@ def parameters(mechanism: Mechanism, options: Simulate) -> Parameters:
     check_drive(made, options)
     check_tolerance(made, options)
     pieces, end = angle_pieces(options) if isinstance(options.drive, MeasuredDrive) else (None, 0.0)
-    drive = _drive(options, pieces)
+    drive = drive_parameters(options, pieces)
     made.check_contacts(max(abs(drive.speed), options.highest_speed))
     outermost = math.sqrt((made.crank.length + made.rod.length) ** 2 - made.slider.offset**2)
     signs = {"slider_sign_speed": SLIDER_SIGN_SPEED, "crank_sign_speed": CRANK_SIGN_SPEED}

@@ -92,13 +92,13 @@ COARSEST_PUBLISHED = 1e-8
 permanent, so the equations are stiff after a slow impact, and an explicit method with a larger
 tolerance takes up to twenty times as many steps."""
 
-_FAILURES = {
+FAILURES = {
     TOO_MANY_STEPS: "requires more than {limit} steps",
     STEP_TOO_SMALL: "requires a step below the resolution of time",
     NOT_FINITE: "gave a number that is not finite",
     STALLED: "ended because the motor stalls",
 }
-_ADVICE = {
+FAILURE_ADVICE = {
     STALLED: "give the motor more torque or inertia, or less load",
     NOT_FINITE: (
         "check the effects and formulas (a root of a negative number, self-locking friction) and "
@@ -259,11 +259,11 @@ def integrate_on(
             if p.drive.kind == MOTOR and abs(end.here.crank.speed) < _CREEPING * abs(
                 p.drive.no_load_speed
             ):
-                advice = f"the crank almost stands still; {_ADVICE[STALLED]}"
+                advice = f"the crank almost stands still; {FAILURE_ADVICE[STALLED]}"
         raise SimulationError(
-            f"the simulation {_FAILURES[status].format(limit=limit)} at time {end.here.time:.9g} s,"
+            f"the simulation {FAILURES[status].format(limit=limit)} at time {end.here.time:.9g} s,"
             f" crank angle {math.degrees(end.here.crank_angle):.6g} deg"
-            f" ({_format_state(p, end.here)}); {_ADVICE.get(status, advice)}"
+            f" ({_format_state(p, end.here)}); {FAILURE_ADVICE.get(status, advice)}"
         )
     return samples._replace(events=events, steps=steps), end
 
@@ -325,7 +325,7 @@ def _check_finite(columns: dict[str, np.ndarray], times: np.ndarray) -> None:
         raise SimulationError(
             f"{name} is not finite at time {times[sample]:.9g} s, crank angle"
             f" {math.degrees(columns['crank_angle'][sample]):.6g} deg (state in SI: {state});"
-            f" {_ADVICE[NOT_FINITE]}"
+            f" {FAILURE_ADVICE[NOT_FINITE]}"
         )
 
 

@@ -511,6 +511,17 @@ class Dynamics:
         normal = across(self.pose.turned(joint.partner.body, self.pose.line(joint)))
         return dot(normal, vector), self._value(self._turning(joint.body.body), 0.0)
 
+    def acceleration(self, body: str, point: str | None = None) -> Pair:
+        """Acceleration [m/s^2] of a point of a body; None: its mass centre."""
+        x, y, rest = self._acceleration(Place(body, point))
+        return self._value(x, rest[0]), self._value(y, rest[1])
+
+    def angular_acceleration(self, body: str) -> Number:
+        """[rad/s^2]"""
+        if self.linkage.kinds[body] == "sliding":
+            return 0.0
+        return self._value(self._turning(body), self._turning_rest(body))
+
     def _value(self, row: Row, rest: Number) -> Number:
         """A row times the accelerations, plus the rest."""
         total = rest

@@ -6,7 +6,7 @@ joined to each other.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 from jointgap.core.errors import InputError, did_you_mean
@@ -106,6 +106,12 @@ class Linkage:
     def moving(self) -> tuple[str, ...]:
         """Names of all bodies but the frame."""
         return tuple(name for name in self.bodies if name != FRAME)
+
+    def with_inertia(self, body: str, inertia: float) -> "Linkage":
+        """The same with a further moment of inertia [kg m^2] of a body."""
+        part = self.bodies[body]
+        heavier = replace(part, inertia=part.inertia + inertia)
+        return replace(self, bodies={**self.bodies, body: heavier})
 
     def joint_with_frame(self, body: str) -> Joint | None:
         """The ideal joint of a body with the frame, if any."""

@@ -50,7 +50,7 @@ def animation(trajectory: pd.DataFrame, scenario: Scenario) -> Drawing:
     ]
     moves.append(_forces(sheet, joints, first, samples))
     return Drawing(
-        sheet.figure, sheet.drawing().data, _film(sheet, moves, len(samples)), FRAME_DURATION
+        sheet.figure, sheet.drawing().data, film(sheet, moves, len(samples)), FRAME_DURATION
     )
 
 
@@ -64,7 +64,7 @@ def _frames(samples: int, frames: int) -> np.ndarray:
     return np.unique(np.round(chosen).astype(int))
 
 
-def _film(sheet: Sheet, moves: list[Move], frames: int) -> tuple[np.ndarray, ...]:
+def film(sheet: Sheet, moves: list[Move], frames: int) -> tuple[np.ndarray, ...]:
     """Render the static artists once, and the moving ones on top of them in each frame."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 

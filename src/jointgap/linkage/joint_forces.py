@@ -1,0 +1,102 @@
+"""Forces in all joints, ideal ones included, and the torque of the drive: from the accelerations,
+by the balance of each body."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from jointgap.linkage.equations import (
+    NOTHING,
+    Dynamics,
+    JointForce,
+    Number,
+    Pair,
+    across,
+    add,
+    cross,
+    dot,
+    negative,
+    subtract,
+    times,
+)
+from jointgap.linkage.topology import FRAME, Place
+
+
+class Balance(NamedTuple):
+    """Forces that are needed for a motion."""
+
+    forces: dict[str, Pair]  # By joint: of the partner on the body [N]
+    moments: dict[str, Number]  # By slide: of the partner on the body, about its point [N m]
+    torque: Number  # Of the drive on the crank [N m]
+    on_frame: Pair  # Sum of the forces on the frame [N]
+
+
+def balance(
+    dynamics: Dynamics, loose: Mapping[str, JointForce], gravity: Pair = NOTHING
+) -> Balance:
+    """The balance of all bodies.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+        With accelerations and reactions.
+    loose : mapping of str to JointForce
+        The forces of the loose joints with which it was made.
+    gravity : pair, optional
+        Acceleration [m/s^2].
+    """
+    pose, linkage = dynamics.pose, dynamics.linkage
+    sums: dict[str, tuple[Pair, Number]] = {
+        name: (NOTHING, 0.0) for name in (FRAME, *linkage.moving)
+    }
+
+    def push(body: str, place: Pair, force: Pair, moment: Number) -> None:
+        total, turning = sums[body]
+        arm = subtract(place, pose.point(body, None)[0]) if body != FRAME else NOTHING
+        sums[body] = add(total, force), turning + cross(arm, force) + moment
+
+    def press(one: Place, other: Place, force: Pair, moments: tuple[Number, Number]) -> None:
+        push(one.body, pose.point(*one)[0], force, moments[0])
+        push(other.body, pose.point(*other)[0], negative(force), moments[1])
+
+    forces: dict[str, Pair] = {}
+    moments: dict[str, Number] = {}
+    for joint in linkage.loose:
+        force = loose[joint.name]
+        forces[joint.name] = force.fx, force.fy
+        press(joint.body, joint.partner, forces[joint.name], (force.on_body, force.on_partner))
+    for name, reaction in dynamics.reactions.items():
+        joint = linkage.joints[name]
+        if joint.kind == "revolute":
+            forces[name] = reaction
+            press(joint.body, joint.partner, reaction, (0.0, 0.0))
+            continue
+        normal = across(pose.turned(joint.partner.body, pose.line(joint)))
+        forces[name], moments[name] = times(reaction[0], normal), reaction[1]
+        here = pose.point(*joint.body)[0]
+        push(joint.body.body, here, forces[name], reaction[1])
+        push(joint.partner.body, here, negative(forces[name]), -reaction[1])
+    torque: Number = 0.0
+    for body in linkage.moving:
+        joint = linkage.joint_with_frame(body)
+        total, turning = sums[body]
+        mass, inertia = linkage.bodies[body].mass, linkage.bodies[body].inertia
+        missing = subtract(
+            times(mass, subtract(dynamics.acceleration(body), gravity)),
+            total,
+        )
+        turn = inertia * dynamics.angular_acceleration(body) - turning
+        if joint is not None:
+            place = pose.point(*joint.place(body))[0]
+            turn = turn - cross(subtract(place, pose.point(body, None)[0]), missing)
+            on_body = missing if joint.body.body == body else negative(missing)
+            if joint.kind == "slide":
+                normal = across(pose.turned(FRAME, pose.line(joint)))
+                missing = times(dot(normal, missing), normal)
+                on_body = missing if joint.body.body == body else negative(missing)
+                moments[joint.name] = turn if joint.body.body == body else -turn
+            forces[joint.name] = on_body
+            total, _ = sums[FRAME]
+            sums[FRAME] = subtract(total, missing), 0.0
+        if body == linkage.crank:
+            torque = turn
+    return Balance(forces, moments, torque, sums[FRAME][0])

@@ -1,0 +1,275 @@
+"""The motion of general linkages: against the slider-crank's trajectories, balances and a plain
+integration."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from jointgap.config import Simulate, load_mechanism, read_yaml, shipped_mechanisms
+from jointgap.config.linkage_file import LinkageFile
+from jointgap.config.load import validate
+from jointgap.core.errors import InputError, SimulationError
+from jointgap.core.joints import JOINT
+from jointgap.dynamics.contact import normal_force
+from jointgap.dynamics.friction import friction_coefficient
+from jointgap.dynamics.linkage_motion import linkage_model, simulate_linkage
+from jointgap.linkage.equations import Arithmetic, Crank, Dynamics, JointForce, Pose
+from jointgap.linkage.topology import FRAME, number
+from tests.dynamics.cases import mechanism, options
+from tests.dynamics.golden import CASES, COLUMNS, FILE, POSITIONS, measured_drive
+
+SHIPPED = ("four_bar", "quick_return", "six_bar")
+SPEED = 2 * math.pi * 5
+
+
+def as_linkage(made):
+    """A slider-crank in the general form."""
+    crank, rod, slider = made.crank, made.rod, made.slider
+    joints = {
+        name: {
+            "journal": joint.journal,
+            "journal_radius": joint.journal_radius,
+            "bearing_radius": joint.bearing_radius,
+            "contact": joint.contact,
+        }
+        for name in made.loose
+        for joint in [made.joint(name)]
+    }
+    across = {"mass_centre": [crank.mass_centre, crank.mass_centre_across]}
+    content = {
+        "frame": {"points": {"crank_pivot": [0.0, 0.0]}},
+        "bodies": {
+            "crank": {
+                "points": {"crank_pivot": [0.0, 0.0], "crank_pin": [crank.length, 0.0]},
+                "mass": crank.mass,
+                "inertia": crank.inertia,
+                **across,
+            },
+            "rod": {
+                "length": rod.length,
+                "ends": ["crank_pin", "piston_pin"],
+                "mass": rod.mass,
+                "inertia": rod.inertia,
+                "mass_centre": rod.mass_centre,
+            },
+            "slider": {"points": {"piston_pin": [0.0, 0.0]}, "mass": slider.mass},
+        },
+        "joints": joints | {"guide": {"slide": ["frame", "slider"], "at": [0.0, slider.offset]}},
+        "drive": "crank_pivot",
+        "effects": [{"name": "gravity", "parameters": {}}] if made.effect("gravity") else [],
+    }
+    return validate(LinkageFile, content, "slider-crank")
+
+
+_NAMES = {
+    f"{quantity}{joint.number}": f"{quantity}_{name}"
+    for quantity in ("r", "gamma")
+    for name, joint in JOINT.items()
+}
+_NAMES |= {"frame_force_x": "crank_pivot_force_x", "frame_force_y": "crank_pivot_force_y"}
+_STIFF = {"friction lugre": 3e-11}
+"""[m] The hand-written trajectory with stiff bristles is no more accurate; at a tolerance of 3e-15
+both agree to 2e-13 m."""
+
+
+def _is_plain(name):
+    """Whether a case needs nothing but contact, friction, weight and a drive."""
+    effects, _, _ = CASES[name]
+    return all(effect["name"] == "gravity" for effect in effects)
+
+
+@pytest.mark.parametrize("name", [name for name in CASES if _is_plain(name)])
+def test_a_slider_crank_in_the_general_form_moves_like_the_hand_written_one(name, tmp_path):
+    """To 1e-12 m (other columns: 1e-8 of the largest value), or to the change by the tolerance."""
+    effects, keys, run = CASES[name]
+    made = mechanism(*effects, **keys)
+    run = {"samples_per_revolution": 36, "start_angle": 0.4, "tolerance": 1e-13} | run
+    if run.get("drive", run) is None:
+        run |= {"drive": measured_drive(tmp_path / "angle.csv"), "start_angle": 0.0}
+    samples = simulate_linkage(as_linkage(made), options(**run)).samples
+    with np.load(FILE) as file:
+        expected, change = file[name]
+    largest = np.nan_to_num(np.abs(expected)).max(axis=0) + 1.0
+    bound = (1e-6 if name in _STIFF else 1e-8) * largest
+    bound[POSITIONS] = _STIFF.get(name, 1e-12)
+    compared = 0
+    for i, column in enumerate(COLUMNS):
+        other = _NAMES.get(column, column)
+        if other not in samples:  # ideal joints have no clearance vector
+            continue
+        found = samples[other].to_numpy(float)[: len(expected)]
+        found = -found if column.startswith("frame_force") else found
+        wrong = np.nan_to_num(np.abs(found - expected[:, i]))
+        assert (wrong <= bound[i] + 3.0 * change[:, i]).all(), (column, wrong.max())
+        compared += 1
+    assert compared >= 8
+
+
+def sample_rows(name, **keys):
+    """A shipped linkage, its model and samples at 24 angles."""
+    file = load_mechanism(name)
+    run = {"speed": SPEED, "revolutions": 1, "samples_per_revolution": 24, "tolerance": 1e-11}
+    chosen = Simulate(**run | keys)
+    return file, linkage_model(file, chosen), simulate_linkage(file, chosen).samples
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("speed", [SPEED, -SPEED])
+def test_all_forces_balance_the_momentum_of_all_bodies(name, speed):
+    """Force on the frame, and of each body of which the samples have the acceleration."""
+    _, model, samples = sample_rows(name, speed=speed)
+    linkage = model.linkage
+    total = np.zeros((2, len(samples)))
+    for body in linkage.moving:
+        if f"{body}_acceleration_x" in samples:
+            mass = linkage.bodies[body].mass
+            total += (
+                mass * samples[[f"{body}_acceleration_x", f"{body}_acceleration_y"]].T.to_numpy()
+            )
+        elif f"{body}_acceleration" in samples:
+            line = model.linkage.joint_with_frame(body).direction or 0.0
+            push = linkage.bodies[body].mass * samples[f"{body}_acceleration"].to_numpy()
+            total += np.outer([math.cos(line), math.sin(line)], push)
+        else:  # the crank at constant speed, about its ideal pivot
+            centre = math.hypot(*map(number, linkage.bodies[body].centre))
+            pull = linkage.bodies[body].mass * centre * SPEED**2
+            angle = samples["crank_angle"].to_numpy()
+            total -= pull * np.array([np.cos(angle), np.sin(angle)])
+    on_frame = samples[["shaking_force_x", "shaking_force_y"]].T.to_numpy()
+    assert np.abs(total + on_frame).max() <= 1e-9 * np.abs(on_frame).max()
+
+
+def test_work_of_the_drive_is_kinetic_energy_where_all_joints_are_ideal():
+    """A six-bar at constant speed: torque times speed is the rate of the kinetic energy."""
+    file = load_mechanism("six_bar").model_copy(update={"joints": {}})
+    chosen = Simulate(speed=SPEED, revolutions=1, samples_per_revolution=1440, tolerance=1e-11)
+    model, samples = linkage_model(file, chosen), simulate_linkage(file, chosen).samples
+    energy = np.zeros(len(samples))
+    angle = samples["crank_angle"].to_numpy()
+    crank = Crank(np.cos(angle), np.sin(angle), SPEED)
+    pose = Pose(model.linkage, model.variant.signs, crank, {}, Arithmetic(sqrt=np.sqrt))
+    for name in model.linkage.moving:
+        body = model.linkage.bodies[name]
+        vx, vy = pose.point(name, None)[1]
+        energy += 0.5 * body.mass * (vx**2 + vy**2) + 0.5 * body.inertia * pose.speeds[name] ** 2
+    work = samples["crank_torque"].to_numpy() * SPEED
+    spectrum = np.fft.rfft(energy[:-1])
+    rate = np.fft.irfft(spectrum * 1j * np.arange(spectrum.size) * SPEED, energy.size - 1)
+    assert np.abs(work[:-1] - rate).max() <= 1e-9 * np.abs(work).max()
+
+
+SOFT = {
+    "law": "penalty",
+    "penalty_damping": 300.0,
+    "penalty_depth": 1e-4,
+    "stiffness": 1e8,
+    "friction": 0.1,
+}
+
+
+def test_a_four_bar_moves_as_by_a_plain_integration_of_its_equations():
+    """Three loose joints in contact for 20 deg, against scipy's method on the plain equations."""
+    file = load_mechanism("four_bar")
+    joints = {
+        name: joint.model_copy(update={"contact": type(joint.contact).model_validate(SOFT)})
+        for name, joint in file.joints.items()
+    }
+    file = file.model_copy(update={"joints": joints})
+    turn = math.radians(20.0)
+    chosen = Simulate(speed=SPEED, revolutions=1, samples_per_revolution=18, tolerance=1e-13)
+    model = linkage_model(file, chosen)
+    records = dict(zip(model.bearings, model.joints, strict=True))
+    names = [*records]
+
+    def rates(time, state):
+        clearances = {
+            name: (tuple(state[2 * j : 2 * j + 2]), tuple(state[6 + 2 * j : 8 + 2 * j]))
+            for j, name in enumerate(names)
+        }
+        crank = Crank(math.cos(SPEED * time), math.sin(SPEED * time), SPEED)
+        pose = Pose(model.linkage, model.variant.signs, crank, clearances)
+        forces = {
+            name: _contact(records[name], *clearances[name], *_turning(pose, name))
+            for name in names
+        }
+        found = Dynamics(pose, forces).rates
+        return [*state[6:], *(each for name in names for each in found[name])]
+
+    def _turning(pose, name):
+        joint = pose.linkage.joints[name]
+        return pose.speeds[joint.body.body], pose.speeds[joint.partner.body]
+
+    run = solve_ivp(
+        rates, (0.0, turn / SPEED), np.zeros(12), "DOP853", rtol=1e-10, atol=1e-12, max_step=2e-5
+    )
+    samples = simulate_linkage(file, chosen).samples
+    for j, name in enumerate(names):
+        found = samples[f"r_{name}"][1]
+        assert found > records[name].clearance * 0.9
+        assert found == pytest.approx(math.hypot(*run.y[2 * j : 2 * j + 2, -1]), abs=2e-10)
+
+
+def _contact(joint, vector, rate, body_rate, partner_rate):
+    """The force of a contact without memory, written out."""
+    r = math.hypot(*vector)
+    depth = r - joint.clearance
+    if depth <= 0.0:
+        return JointForce(0.0, 0.0)
+    nx, ny = vector[0] / r, vector[1] / r
+    normal = max(normal_force(joint, depth, rate[0] * nx + rate[1] * ny, 0.0), 0.0)
+    on_body = joint.side * joint.body_radius - 0.5 * depth
+    on_partner = joint.side * joint.partner_radius + 0.5 * depth
+    sliding = rate[1] * nx - rate[0] * ny + on_body * body_rate - on_partner * partner_rate
+    push = -normal * friction_coefficient(joint, sliding, 0.0)
+    return JointForce(
+        -normal * nx - push * ny, -normal * ny + push * nx, push * on_body, -push * on_partner
+    )
+
+
+def test_loose_joints_are_ideal_in_the_limit_of_small_clearance():
+    """The angles of a four-bar approach those with ideal joints in proportion to the clearance."""
+    file = load_mechanism("four_bar")
+    chosen = Simulate(speed=SPEED, revolutions=1, samples_per_revolution=360, tolerance=1e-12)
+    ideal = simulate_linkage(file.model_copy(update={"joints": {}}), chosen).samples
+    changes = []
+    for clearance in (1e-5, 1e-6):
+        joints = {
+            name: joint.model_copy(update={"bearing_radius": joint.journal_radius + clearance})
+            for name, joint in file.joints.items()
+        }
+        loose = simulate_linkage(file.model_copy(update={"joints": joints}), chosen).samples
+        changes.append(np.abs(loose["rocker_angle"] - ideal["rocker_angle"]).max())
+    assert changes[0] < 4e-4
+    assert changes[1] < changes[0] / 5
+
+
+def test_a_crank_under_a_motor_obeys_the_balance_of_power():
+    drive = {"kind": "motor", "stall_torque": 400.0, "no_load_speed": 4 * SPEED, "inertia": 0.1}
+    _, _, samples = sample_rows("four_bar", drive=drive)
+    assert samples["crank_speed"].iloc[-1] > SPEED
+    assert np.all(np.diff(samples["time"]) > 0.0)
+
+
+def test_a_motor_that_is_too_weak_is_reported():
+    drive = {"kind": "motor", "stall_torque": 0.5, "no_load_speed": 4 * SPEED, "inertia": 0.0}
+    weight = {"effects": [{"name": "gravity", "parameters": {}}]}
+    content = read_yaml(shipped_mechanisms()["four_bar"]) | weight
+    file = validate(LinkageFile, content, "four_bar.yaml")
+    with pytest.raises(SimulationError, match=r"motor stalls.*crank angle"):
+        simulate_linkage(file, Simulate(speed=0.5, drive=drive, tolerance=1e-9))
+
+
+def test_a_tolerance_that_is_too_large_for_the_clearance_is_refused():
+    with pytest.raises(InputError, match=r"simulate\.tolerance.*clearance.* of A"):
+        sample_rows("four_bar", tolerance=1e-7)
+
+
+def test_bodies_are_named_and_the_frame_has_no_channel():
+    _, _, samples = sample_rows("quick_return")
+    assert f"{FRAME}_angle" not in samples
+    assert {"ram_position", "rocker_angle", "track_force", "D_mode"} <= {*samples}
+    units = samples.attrs["units"]
+    assert {*units} == {*samples}
+    assert (units["ram_velocity"], units["gamma_D_dot"], units["D_mode"]) == ("m/s", "rad/s", "")
