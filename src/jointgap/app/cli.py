@@ -285,7 +285,7 @@ def look(mechanism: str, speeds: tuple[str, ...]) -> None:
     Example:
       jointgap look erkaya2009 --speed "240 rpm" --speed "480 rpm"
     """
-    from jointgap.app.look import write_look
+    from jointgap.app.look import check_linkage, write_look
     from jointgap.config import load_mechanism
     from jointgap.core.units import option_in_si
 
@@ -293,7 +293,9 @@ def look(mechanism: str, speeds: tuple[str, ...]) -> None:
     path = Path(f"look_{name}.html")
     values = [option_in_si("--speed", speed, "rad/s") for speed in speeds]
     check_writable(path)
-    write_look(load_mechanism(mechanism), values, name, path)
+    made = load_mechanism(mechanism)
+    check_linkage(made, mechanism)
+    write_look(made, values, name, path)
     click.echo(path)
 
 

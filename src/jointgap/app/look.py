@@ -65,6 +65,16 @@ def write_look(
         write_text(path, to_html(page, folder))
 
 
+def check_linkage(mechanism: Mechanism | LinkageFile, source: str) -> None:
+    """InputError, with the `source` of a general linkage, where it cannot be built or turned."""
+    if not isinstance(mechanism, LinkageFile):
+        return
+    try:
+        linkage_remarks(mechanism, Simulate())
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from error
+
+
 def _settled_turn(mechanism: Mechanism | LinkageFile, speed: float) -> pd.DataFrame:
     """Samples of the last simulated revolution, by rising crank angle from 0, with the sizes of the
     joint forces."""
