@@ -41,7 +41,7 @@ from jointgap.dynamics.joints import (
     turns_after,
 )
 from jointgap.dynamics.numba_cache import compiled, inlined
-from jointgap.dynamics.parameters import CONSTANT, MOTOR, Record
+from jointgap.dynamics.parameters import CONSTANT, MOTOR, JointParameters, Record, record
 from jointgap.dynamics.runge_kutta import (
     AFTER,
     BEFORE,
@@ -63,8 +63,8 @@ from jointgap.dynamics.runge_kutta import (
     turned,
 )
 
-MOST_STATES, MOST_CONTACTS, MEMORY = 48, 16, 2048
-"""Largest numbers of states, of contacts, and of numbers in the memory of the machine code."""
+MOST_STATES, MOST_CONTACTS = 48, 16
+"""Largest numbers of states and of contacts."""
 
 HERE, THERE, EVENT, INSIDE = range(4)
 """Rows: start of the step, its end, an event in it, another instant in it."""
@@ -83,7 +83,11 @@ WORKSPACE = np.dtype(
             ("slope", "f8", (MOST_STATES,)),  # Its rates
             ("weights", "f8", (MOST_STATES,)),  # Of errors
             ("terms", "f8", (_TERMS, MOST_STATES)),  # Of the interpolant
-            ("memory", "f8", (MEMORY,)),  # Of the machine code
+            ("crank", "f8", (4,)),  # As the machine code reads and writes it, see `Variant`
+            ("turning", "f8", (2 * MOST_CONTACTS,)),
+            ("forces", "f8", (4 * MOST_CONTACTS + 1,)),
+            ("parameters", "f8", (512,)),
+            ("kept", "f8", (1024,)),
             ("conditions", "f8", (_ROWS, MOST_CONTACTS, _CONDITIONS)),
             ("normal", "f8", (_ROWS, MOST_CONTACTS)),  # Normal forces [N]
             ("normals", "f8", (MOST_CONTACTS, COUNT)),
@@ -94,6 +98,7 @@ WORKSPACE = np.dtype(
             ("masses", "f8", (MOST_CONTACTS,)),  # Typical mass of an impact [kg]
             ("turns", "f8", (MOST_CONTACTS,)),  # Of the clearance vectors
             ("seen", "f8", (MOST_CONTACTS, 4)),  # Those and their rates, when last counted
+            ("joints", record(JointParameters()).dtype, (MOST_CONTACTS,)),
             ("episodes", "f8", (MOST_CONTACTS, EPISODE)),
             ("modes", "i8", (MOST_CONTACTS,)),
             ("time", "f8", (_ROWS,)),
@@ -107,14 +112,9 @@ WORKSPACE = np.dtype(
             ("contacts", "i8"),
             ("is_free", "i8"),
             ("bristles", "i8"),
-            ("pose", "i8"),  # Addresses of machine code and of its memory
+            ("pose", "i8"),  # Addresses of machine code and of this record
             ("dynamics", "i8"),
             ("place", "i8"),
-            ("state_at", "i8"),  # Places of the fields in the memory
-            ("crank_at", "i8"),
-            ("turning_at", "i8"),
-            ("forces_at", "i8"),
-            ("rates_at", "i8"),
         ],
     )
 )
@@ -165,7 +165,7 @@ _LANES = 4  # vector width
 
 def _block_sums():
     """block_sum(rows, weights, row, first, last, block): weights[row, 0] rows[0] + weights[row,
-    first] rows[first] + ... to `last` - 1 of four numbers, a tuple."""
+    first] rows[first] + ... to `last` - 1 of four numbers, a tuple; zeros if `last` is 0."""
 
     @intrinsic
     def in_compiled_code(typing_context, rows, weights, row, first, last, block):
@@ -195,7 +195,8 @@ def _block_sums():
                     builder.fadd(builder.load(total), product, flags=("contract",)), total
                 )
 
-            add(index(0))
+            with builder.if_then(builder.icmp_signed(">", last, index(0))):
+                add(index(0))
             with cgutils.for_range_slice(builder, first, last, index(1), index) as (place, _):
                 add(place)
             each = [builder.extract_element(builder.load(total), index(i)) for i in range(_LANES)]
@@ -206,8 +207,8 @@ def _block_sums():
 
     def in_python(rows, weights, row, first, last, block):
         columns = slice(_LANES * block, _LANES * (block + 1))
-        total = weights[row, 0] * rows[0, columns]
-        for place in range(first, last):
+        total = np.zeros(_LANES)
+        for place in [0, *range(first, last)] if last > 0 else []:
             total = total + weights[row, place] * rows[place, columns]
         return tuple(total.tolist())
 
@@ -222,46 +223,53 @@ block_sum = _block_sums()
 
 @inlined
 def _set_crank(k, cosine, sine, speed, acceleration) -> None:
-    at = k.crank_at
-    k.memory[at], k.memory[at + 1] = cosine, sine
-    k.memory[at + 2], k.memory[at + 3] = speed, acceleration
+    k.crank[0], k.crank[1], k.crank[2], k.crank[3] = cosine, sine, speed, acceleration
 
 
 @inlined
-def _set_damping(joints, k, time) -> None:
+def _set_damping(k, time) -> None:
     for j in range(k.contacts):
-        k.damping[j] = damping_factor_at(joints[j], k.approaches[j], k.begins[j], time)
+        k.damping[j] = damping_factor_at(k.joints[j], k.approaches[j], k.begins[j], time)
 
 
 @inlined
-def _slopes(p, joints, k) -> None:
-    """Rates and normal forces at the state z, with the crank's motion in the memory."""
-    h, m = k.half, k.memory
-    for i in range(2 * h):
-        m[k.state_at + i] = k.z[i]
-    run(k.pose, k.place)
-    for j in range(k.contacts):
-        ex, ey, vx, vy = k.z[2 * j], k.z[2 * j + 1], k.z[h + 2 * j], k.z[h + 2 * j + 1]
-        body, partner = m[k.turning_at + 2 * j], m[k.turning_at + 2 * j + 1]
-        bristle = k.z[2 * h + j] if k.bristles else 0.0
-        k.force[j], _, fx, fy, on_body, on_partner = joint_force(
-            joints[j], k.modes[j], k.damping[j], ex, ey, vx, vy, body, partner, bristle
+def _slopes(p, k) -> None:
+    """Rates and normal forces at the state z, with the crank's motion set."""
+    # local names: compiled code would load the numbers of a record again after each store
+    h, contacts, bristles, z, slope = k.half, k.contacts, k.bristles, k.z, k.slope
+    turning, forces, place = k.turning, k.forces, k.place
+    run(k.pose, place)
+    for j in range(contacts):
+        x, v, at = 2 * j, h + 2 * j, 4 * j
+        body, partner = turning[x], turning[x + 1]
+        bristle = z[2 * h + j] if bristles else 0.0
+        normal, _, fx, fy, on_body, on_partner = joint_force(
+            k.joints[j],
+            k.modes[j],
+            k.damping[j],
+            z[x],
+            z[x + 1],
+            z[v],
+            z[v + 1],
+            body,
+            partner,
+            bristle,
         )
-        at = k.forces_at + 4 * j
-        m[at], m[at + 1], m[at + 2], m[at + 3] = fx, fy, on_body, on_partner
-        if k.bristles:
-            k.slope[2 * h + j] = bristle_motion(
-                joints[j], k.modes[j], ex, ey, vx, vy, body, partner, bristle
+        k.force[j] = normal
+        forces[at], forces[at + 1], forces[at + 2], forces[at + 3] = fx, fy, on_body, on_partner
+        if bristles:
+            slope[2 * h + j] = bristle_motion(
+                k.joints[j], k.modes[j], z[x], z[x + 1], z[v], z[v + 1], body, partner, bristle
             )
     if p.drive.kind == MOTOR:
-        m[k.forces_at + 4 * k.contacts] = motor_torque(p.drive, m[k.crank_at + 2])
-    run(k.dynamics, k.place)
+        forces[4 * contacts] = motor_torque(p.drive, k.crank[2])
+    run(k.dynamics, place)
     for i in range(h):
-        k.slope[i], k.slope[h + i] = k.z[h + i], m[k.rates_at + i]
+        slope[i] = z[h + i]
 
 
 @compiled
-def evaluate(p, joints, k, row):
+def evaluate(p, k, row):
     """Rates, normal forces and conditions at the state of a row."""
     n, h, time = k.states, k.half, k.time[row]
     for i in range(n):
@@ -272,15 +280,15 @@ def evaluate(p, joints, k, row):
         angle, speed, acceleration = crank_motion(p, time)
     k.angle[row], k.cosine[row], k.sine[row] = angle, math.cos(angle), math.sin(angle)
     _set_crank(k, k.cosine[row], k.sine[row], speed, acceleration)
-    _set_damping(joints, k, time)
-    _slopes(p, joints, k)
+    _set_damping(k, time)
+    _slopes(p, k)
     for i in range(n):
         k.dy[row, i] = k.slope[i]
     for j in range(k.contacts):
         k.normal[row, j] = k.force[j]
         x, v = 2 * j, h + 2 * j
         relative = (k.z[x], k.z[x + 1], k.z[v], k.z[v + 1], k.slope[v], k.slope[v + 1])
-        c = conditions(joints[j], k.modes[j], k.approaches[j], k.begins[j], time, relative)
+        c = conditions(k.joints[j], k.modes[j], k.approaches[j], k.begins[j], time, relative)
         for i in range(_CONDITIONS):
             k.conditions[row, j, i] = c[i]
 
@@ -303,48 +311,51 @@ def _crank_within(p, k, passed) -> None:
 
 
 @inlined
-def _take_stage(p, joints, k, weights, row, first, time_map, s, ds, node, fades, stage) -> None:
+def _take_stage(p, k, weights, row, first, time_map, s, ds, node, fades, stage) -> None:
     """Rates over s at a stage, from those of the earlier ones."""
+    y, z, rates = k.y, k.z, k.rates
+    newest, w = stage - 1, ds * weights[row, stage - 1]
     for block in range(k.blocks):
-        total = block_sum(k.rates, weights, row, first, stage, block)
-        i = 4 * block
-        k.z[i], k.z[i + 1] = k.y[HERE, i] + ds * total[0], k.y[HERE, i + 1] + ds * total[1]
-        k.z[i + 2], k.z[i + 3] = k.y[HERE, i + 2] + ds * total[2], k.y[HERE, i + 3] + ds * total[3]
+        # the newest rates number by number: a vector would wait for its four stores
+        total = block_sum(rates, weights, row, first, newest, block)
+        i = _LANES * block
+        z[i] = y[HERE, i] + ds * total[0] + w * rates[newest, i]
+        z[i + 1] = y[HERE, i + 1] + ds * total[1] + w * rates[newest, i + 1]
+        z[i + 2] = y[HERE, i + 2] + ds * total[2] + w * rates[newest, i + 2]
+        z[i + 3] = y[HERE, i + 3] + ds * total[3] + w * rates[newest, i + 3]
     passed = elapsed_time(time_map, s, node * ds)
     _crank_within(p, k, passed)
     if fades:
-        _set_damping(joints, k, k.time[HERE] + passed)
-    _slopes(p, joints, k)
-    factor = dt_ds(time_map, s + node * ds)
+        _set_damping(k, k.time[HERE] + passed)
+    _slopes(p, k)
+    factor, slope = dt_ds(time_map, s + node * ds), k.slope
     for i in range(k.states):
-        k.rates[stage, i] = factor * k.slope[i]
+        rates[stage, i] = factor * slope[i]
 
 
 @inlined
-def _set_damping_of_step(joints, k, later) -> bool:
+def _set_damping_of_step(k, later) -> bool:
     """Set the damping at the start of a step; whether a contact's memory fades until `later`."""
     time, fades = k.time[HERE], False
-    _set_damping(joints, k, time)
+    _set_damping(k, time)
     for j in range(k.contacts):
-        faded_from = k.begins[j] + joints[j].memory_time
-        fades = fades or (faded_from < later and time < faded_from + joints[j].fading_time)
+        faded_from = k.begins[j] + k.joints[j].memory_time
+        fades = fades or (faded_from < later and time < faded_from + k.joints[j].fading_time)
     return fades
 
 
 @compiled
-def step(p, joints, k, to, time_map, s, ds):
+def step(p, k, to, time_map, s, ds):
     """Advance the state from s to s + ds with constant modes, into the row `to`; the error [m]."""
     later = k.time[HERE] + elapsed_time(time_map, s, ds)
-    fades = _set_damping_of_step(joints, k, later)
+    fades = _set_damping_of_step(k, later)
     factor = dt_ds(time_map, s)
     for i in range(k.states):
         k.rates[0, i] = factor * k.dy[HERE, i]
     for j in range(k.contacts):
         k.normals[j, 0] = k.normal[HERE, j]
     for stage in range(1, COUNT):
-        _take_stage(
-            p, joints, k, STAGES, stage, SECOND[stage], time_map, s, ds, NODES[stage], fades, stage
-        )
+        _take_stage(p, k, STAGES, stage, SECOND[stage], time_map, s, ds, NODES[stage], fades, stage)
         for j in range(k.contacts):
             k.normals[j, stage] = k.force[j]
     fifth = third = 0.0
@@ -398,7 +409,7 @@ def next_event(k, row, duration, margin):
 
 
 @compiled
-def locate(p, joints, k, time_map, s, limit, crossed, contact, kind, guess, close, tolerance):
+def locate(p, k, time_map, s, limit, crossed, contact, kind, guess, close, tolerance):
     """Repeat the step, into the row `EVENT`, so that it ends where a condition decreases through
     zero: as `jointgap.dynamics.events.locate`."""
     to_separation = (
@@ -411,11 +422,11 @@ def locate(p, joints, k, time_map, s, limit, crossed, contact, kind, guess, clos
             ds = -step_start
         else:
             step_map, step_start, ds = time_map, s, ds_for(time_map, s, guess)
-        error = step(p, joints, k, EVENT, step_map, step_start, ds)
+        error = step(p, k, EVENT, step_map, step_start, ds)
         if not error <= tolerance:
             return False, step_map, step_start, ds, error, count
         k.time[EVENT] = k.time[HERE] + guess
-        evaluate(p, joints, k, EVENT)
+        evaluate(p, k, EVENT)
         g, v = k.conditions[EVENT, contact, 0], k.conditions[EVENT, contact, 1]
         if kind == FORCE:
             g, v = k.conditions[EVENT, contact, 3], k.conditions[EVENT, contact, 4]
@@ -464,7 +475,7 @@ def _holds(k, row) -> bool:
 
 
 @compiled
-def advance(p, joints, k, time_map, s, duration, tolerance):
+def advance(p, k, time_map, s, duration, tolerance):
     """Take a step of `duration` [s], or a shorter one to the first event in it.
 
     Returns whether an event ends it, its contact and condition, the time map of the step, its start
@@ -478,7 +489,6 @@ def advance(p, joints, k, time_map, s, duration, tolerance):
         close = max(_CLOSE * tolerance, 1e-18)
         found, step_map, start, ds, error, steps = locate(
             p,
-            joints,
             k,
             time_map,
             s,
@@ -500,12 +510,12 @@ def advance(p, joints, k, time_map, s, duration, tolerance):
             duration = 0.5 * ahead
     ds = ds_for(time_map, s, duration)
     duration = elapsed_time(time_map, s, ds)
-    error = step(p, joints, k, THERE, time_map, s, ds)
+    error = step(p, k, THERE, time_map, s, ds)
     steps += 1
     if not error <= _HOPELESS * tolerance:
         return False, 0, DISTANCE, time_map, s, ds, error, steps, HERE
     k.time[THERE] = k.time[HERE] + duration
-    evaluate(p, joints, k, THERE)
+    evaluate(p, k, THERE)
     fraction, contact, kind = next_event(k, THERE, duration, _MARGIN * tolerance)
     if fraction == 0.0:
         return True, contact, kind, time_map, s, 0.0, 0.0, steps, HERE
@@ -514,7 +524,6 @@ def advance(p, joints, k, time_map, s, duration, tolerance):
         crossed = k.conditions[THERE, contact, 0 if kind == DISTANCE else 3] < 0.0
         found, step_map, start, event_ds, event_error, made = locate(
             p,
-            joints,
             k,
             time_map,
             s,
@@ -535,7 +544,7 @@ def advance(p, joints, k, time_map, s, duration, tolerance):
             error = _HOPELESS * tolerance
         else:  # restore the stages of the accepted step
             later = k.time[THERE]
-            step(p, joints, k, THERE, time_map, s, ds)
+            step(p, k, THERE, time_map, s, ds)
             k.time[THERE] = later
             steps += 1
     return False, 0, DISTANCE, time_map, s, ds, error, steps, THERE
@@ -548,16 +557,16 @@ _ROUGHEST = 10.0  # as in `jointgap.dynamics.dense_output`
 
 
 @compiled
-def prepare_inside(p, joints, k, row, time_map, s, ds, tolerance):
+def prepare_inside(p, k, row, time_map, s, ds, tolerance):
     """Compute the additional stages of a step and the coefficients of its interpolant; whether it
     is as accurate as the step."""
-    fades = _set_damping_of_step(joints, k, k.time[row])
+    fades = _set_damping_of_step(k, k.time[row])
     factor = dt_ds(time_map, s + ds)
     for i in range(k.states):
         k.rates[COUNT, i] = factor * k.dy[row, i]
     for i in range(KEPT - COUNT - 1):
         at = COUNT + 1 + i
-        _take_stage(p, joints, k, MORE_STAGES, i, _FIRST, time_map, s, ds, MORE_NODES[i], fades, at)
+        _take_stage(p, k, MORE_STAGES, i, _FIRST, time_map, s, ds, MORE_NODES[i], fades, at)
     for i in range(k.states):
         rise = k.y[row, i] - k.y[HERE, i]
         k.terms[0, i], k.terms[1, i] = k.y[HERE, i], rise
@@ -575,11 +584,11 @@ def prepare_inside(p, joints, k, row, time_map, s, ds, tolerance):
 
 
 @compiled
-def state_inside(p, joints, k, time_map, s, ds, time, smooth):
+def state_inside(p, k, time_map, s, ds, time, smooth):
     """Write the state at the `time` [s] within a step to z, after `prepare_inside`."""
     part = ds_for(time_map, s, time - k.time[HERE])
     if not smooth:
-        step(p, joints, k, INSIDE, time_map, s, part)
+        step(p, k, INSIDE, time_map, s, part)
         for i in range(k.states):
             k.z[i] = k.y[INSIDE, i]
         return
@@ -593,12 +602,12 @@ def state_inside(p, joints, k, time_map, s, ds, time, smooth):
 
 
 @compiled
-def time_at_angle(p, joints, k, row, time_map, s, ds, angle, smooth):
+def time_at_angle(p, k, row, time_map, s, ds, angle, smooth):
     """Time [s] within a step at which a free crank passes `angle` [rad], by Newton's method."""
     low, high = k.time[HERE], k.time[row]
     time = low + (angle - k.angle[HERE]) / (k.angle[row] - k.angle[HERE]) * (high - low)
     for _ in range(50):
-        state_inside(p, joints, k, time_map, s, ds, time, smooth)
+        state_inside(p, k, time_map, s, ds, time, smooth)
         reached, speed = k.z[k.half - 1], k.z[2 * k.half - 1]
         following = time - (reached - angle) / speed
         if reached < angle:
@@ -680,7 +689,7 @@ def _take(k, row) -> None:
 
 
 @compiled
-def integrate(p, joints, k, found, angles, tolerance, step_limit):
+def integrate(p, k, found, angles, tolerance, step_limit):
     """Integrate from the state in the first row, all joints in flight, to the last of the crank
     `angles` (n,) [rad], with samples in the arrays of `found`.
 
@@ -692,7 +701,7 @@ def integrate(p, joints, k, found, angles, tolerance, step_limit):
         fastest = max(fastest, p.drive.no_load_speed)
     longest = _LONGEST_TURN / fastest
     proposal, time_map, s = 0.1 * longest, LINEAR, 0.0
-    evaluate(p, joints, k, HERE)
+    evaluate(p, k, HERE)
     k.seen_time = k.time[HERE]
     _follow(k, k.time[HERE])
     times = found.times
@@ -702,13 +711,13 @@ def integrate(p, joints, k, found, angles, tolerance, step_limit):
         proposal = unhindered = min(proposal, longest)
         resolution = 1e-15 * (abs(k.time[HERE]) + longest)
         for j in range(k.contacts):
-            knot = next_knot(joints[j], k.begins[j], k.time[HERE], resolution)
+            knot = next_knot(k.joints[j], k.begins[j], k.time[HERE], resolution)
             proposal = min(proposal, knot - k.time[HERE])
         if time_map == AFTER and s * s > _FAR * proposal:
             time_map, s = LINEAR, 0.0
         allowed = tolerance * (_AFTER_IMPACT if time_map == AFTER else 1.0)
         happens, contact, kind, step_map, start, ds, error, made, row = advance(
-            p, joints, k, time_map, s, proposal, allowed
+            p, k, time_map, s, proposal, allowed
         )
         steps += made
         factor = 5.0
@@ -735,16 +744,16 @@ def integrate(p, joints, k, found, angles, tolerance, step_limit):
                 break
             inside = row != HERE and (k.is_free or times[sample] < k.time[row])
             if inside and not prepared:
-                smooth = prepare_inside(p, joints, k, row, step_map, start, ds, tolerance)
+                smooth = prepare_inside(p, k, row, step_map, start, ds, tolerance)
                 prepared = True
             if k.is_free and row != HERE:
                 times[sample] = time_at_angle(
-                    p, joints, k, row, step_map, start, ds, angles[sample], smooth
+                    p, k, row, step_map, start, ds, angles[sample], smooth
                 )
             elif k.is_free:
                 times[sample] = k.time[HERE]
             if inside:
-                state_inside(p, joints, k, step_map, start, ds, times[sample], smooth)
+                state_inside(p, k, step_map, start, ds, times[sample], smooth)
             else:
                 for i in range(k.states):
                     k.z[i] = k.y[row, i]
@@ -780,7 +789,7 @@ def integrate(p, joints, k, found, angles, tolerance, step_limit):
         before = k.modes[contact]
         closing = max(-k.conditions[HERE, contact, 1], 0.0)
         mode, approach = switched(
-            before, k.approaches[contact], kind, closing, joints[contact].least_approach
+            before, k.approaches[contact], kind, closing, k.joints[contact].least_approach
         )
         k.modes[contact], k.approaches[contact] = mode, approach
         if before == FLIGHT or mode == FLIGHT:
@@ -792,7 +801,7 @@ def integrate(p, joints, k, found, angles, tolerance, step_limit):
             begin_episode(k.episodes, contact, k.time[HERE])
             k.begins[contact] = k.time[HERE]
             time_map, s = AFTER, 0.0
-            impact = contact_duration(joints[contact], k.masses[contact], approach)
+            impact = contact_duration(k.joints[contact], k.masses[contact], approach)
             proposal = min(proposal, 0.1 * impact)
         elif mode == FLIGHT:
             k.begins[contact] = math.inf
@@ -803,4 +812,4 @@ def integrate(p, joints, k, found, angles, tolerance, step_limit):
                 flying = flying and k.modes[j] == FLIGHT
             if flying:
                 time_map, s, proposal = LINEAR, 0.0, max(proposal, 0.2 * longest)
-        evaluate(p, joints, k, HERE)
+        evaluate(p, k, HERE)

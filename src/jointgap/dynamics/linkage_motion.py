@@ -19,7 +19,6 @@ from jointgap.dynamics.drive import angle_pieces, crank_motion, crank_times
 from jointgap.dynamics.integrate import DONE, EVENT, EVENT_NAMES, MODES
 from jointgap.dynamics.joints import joint_force
 from jointgap.dynamics.linkage_engine import (
-    MEMORY,
     MOST_CONTACTS,
     MOST_STATES,
     WORKSPACE,
@@ -46,7 +45,7 @@ from jointgap.dynamics.simulation import (
     crank_angles,
 )
 from jointgap.linkage.assembly import check_turning, signs_of
-from jointgap.linkage.compiled import Variant, variant_of
+from jointgap.linkage.compiled import Variant, parameters_of, variant_of
 from jointgap.linkage.equations import (
     Arithmetic,
     Crank,
@@ -103,21 +102,32 @@ class LinkageModel:
     def workspace(self) -> tuple[Record, np.ndarray]:
         """What an integration works on, at its start: coincident joint centres, the velocities of
         the ideal linkage; and the array that owns it."""
-        variant, begin = self.variant, self.variant.begin
+        variant = self.variant
         half, contacts = variant.sizes["rates"], len(self.bearings)
         states = 2 * half + contacts * self.has_bristles
-        if states > MOST_STATES or contacts > MOST_CONTACTS or variant.size > MEMORY:
+        fields = WORKSPACE.fields
+        kept, parameters = (fields[name][0].shape[0] for name in ("kept", "parameters"))
+        if (
+            states > MOST_STATES
+            or contacts > MOST_CONTACTS
+            or variant.sizes["kept"] > kept
+            or variant.sizes["parameters"] > parameters
+        ):
             raise InputError(
                 f"{contacts} loose joints of {len(self.linkage.moving)} bodies are more than the"
                 f" simulation holds ({MOST_CONTACTS} joints); make some of them ideal"
             )
         owner = np.zeros(1, WORKSPACE)
         k = owner[0]
-        k.memory[: variant.size] = variant.memory()
-        k.place = owner.ctypes.data + WORKSPACE.fields["memory"][1]
-        k.pose, k.dynamics = (variant.machine_code.addresses[n] for n in ("pose", "dynamics"))
-        for name in ("state", "crank", "turning", "forces", "rates"):
-            setattr(k, f"{name}_at", begin[name])
+        k.parameters[: variant.sizes["parameters"]] = parameters_of(variant, self.linkage)
+        k.place = owner.ctypes.data
+        places = {"state": "z", "rates": "slope"} | {
+            n: n for n in ("crank", "turning", "forces", "parameters", "kept")
+        }
+        begin = {name: fields[field][1] // 8 for name, field in places.items()}
+        begin["rates"] += half
+        code = variant.machine_code(tuple(begin.items()))
+        k.pose, k.dynamics = code.addresses["pose"], code.addresses["dynamics"]
         k.states, k.half, k.contacts = states, half, contacts
         k.blocks, k.is_free, k.bristles = -(-states // 4), variant.is_free, self.has_bristles
         k.weights[:half], k.weights[half : 2 * half] = 1.0, VELOCITY_TIME
@@ -130,6 +140,7 @@ class LinkageModel:
         k.approaches[:], k.begins[:] = math.inf, math.inf
         bodies = self.linkage.bodies
         for i, joint in enumerate(self.linkage.loose):
+            k.joints[i] = self.joints[i]
             k.masses[i] = 0.5 * min(bodies[name].mass for name in joint.bodies if name != FRAME)
         return k, owner
 
@@ -257,7 +268,7 @@ def _integrated(
         *(np.empty((n, contacts)) for _ in range(3)),
     )
     limit = math.ceil(STEPS_PER_REVOLUTION * max(options.revolutions, 1.0))
-    status, events, steps = integrate(p, model.joints, k, found, angles, options.tolerance, limit)
+    status, events, steps = integrate(p, k, found, angles, options.tolerance, limit)
     if status != DONE:
         advice = FAILURE_ADVICE.get(
             status,

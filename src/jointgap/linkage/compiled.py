@@ -72,17 +72,23 @@ class Variant:
         begin = self.begin
         return {name: memory[begin[name] : begin[name] + size] for name, size in self.sizes.items()}
 
+    def machine_code(self, begin: tuple[tuple[str, int], ...]) -> MachineCode:
+        """The functions for a memory whose fields begin at these numbers."""
+        if begin not in self._built:
+            self._built[begin] = MachineCode(self.codes, dict(begin))
+        return self._built[begin]
+
     @cached_property
-    def machine_code(self) -> MachineCode:
-        return MachineCode(self.codes, self.begin)
+    def _built(self) -> dict[tuple[tuple[str, int], ...], MachineCode]:
+        return {}
 
     def run(self, name: str, memory: np.ndarray) -> None:
         """Run a function, by machine code unless that is switched off."""
         if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
             self.codes[name].run(self.fields(memory))
             return
-        function = ctypes.CFUNCTYPE(None, ctypes.c_int64)(self.machine_code.addresses[name])
-        function(memory.ctypes.data)
+        code = self.machine_code(tuple(self.begin.items()))
+        ctypes.CFUNCTYPE(None, ctypes.c_int64)(code.addresses[name])(memory.ctypes.data)
 
 
 def variant_of(
