@@ -314,8 +314,8 @@ def _crank_within(p, k, passed) -> None:
 def _take_stage(p, k, weights, row, first, time_map, s, ds, node, fades, stage) -> None:
     """Rates over s at a stage, from those of the earlier ones."""
     y, z, rates = k.y, k.z, k.rates
-    newest, w = stage - 1, ds * weights[row, stage - 1]
-    for block in range(k.blocks):
+    newest, w, blocks = stage - 1, ds * weights[row, stage - 1], k.blocks
+    for block in range(blocks):
         # the newest rates number by number: a vector would wait for its four stores
         total = block_sum(rates, weights, row, first, newest, block)
         i = _LANES * block
@@ -329,8 +329,10 @@ def _take_stage(p, k, weights, row, first, time_map, s, ds, node, fades, stage) 
         _set_damping(k, k.time[HERE] + passed)
     _slopes(p, k)
     factor, slope = dt_ds(time_map, s + node * ds), k.slope
-    for i in range(k.states):
-        rates[stage, i] = factor * slope[i]
+    for block in range(blocks):
+        i = _LANES * block
+        rates[stage, i], rates[stage, i + 1] = factor * slope[i], factor * slope[i + 1]
+        rates[stage, i + 2], rates[stage, i + 3] = factor * slope[i + 2], factor * slope[i + 3]
 
 
 @inlined
