@@ -1,4 +1,4 @@
-"""The slider-crank in Exudyn (https://exudyn.readthedocs.io), a second model for trials and tests.
+"""Mechanisms in Exudyn (https://exudyn.readthedocs.io), a second model for trials and tests.
 
 It imports nothing of `jointgap.dynamics`. Bodies are open chains; the crank is so heavy that its
 speed is constant. Loose joints are Exudyn's spheres in hollow spheres: its Hunt-Crossley law with
@@ -8,12 +8,13 @@ with an explicit integrator; with ideal joints a constraint does with an implici
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from jointgap.config import Mechanism
+from jointgap.config import Joint, Mechanism
+from jointgap.config.linkage_file import LinkageFile
 from jointgap.core.errors import SimulationError, needs
 from jointgap.core.joints import FROM_FRAME, JOINT, PINS
 
@@ -59,6 +60,106 @@ def _direction(angle: float) -> complex:
 
 def _vector(place: complex) -> list[float]:
     return [place.real, place.imag, 0.0]
+
+
+def _add_contact(system: Any, items: Any, joint: Joint, markers: list[int]) -> int:
+    """A loose joint between the markers of journal and bearing."""
+    law = joint.contact
+    data = items.NodeGenericData(initialCoordinates=[1.0, 0.0, 0.0, 0.0], numberOfDataCoordinates=4)
+    compliance = 2 * (1 - law.poisson_ratio**2) / law.youngs_modulus
+    radius = joint.bearing_radius * joint.journal_radius / joint.clearance
+    contact = items.ObjectContactSphereSphere(
+        markerNumbers=markers,
+        nodeNumber=system.AddNode(data),
+        isHollowSphere1=True,
+        impactModel=1,
+        dynamicFriction=law.friction,
+        frictionProportionalZone=law.friction_speed,
+        spheresRadii=[joint.journal_radius, joint.bearing_radius],
+        contactStiffness=law.stiffness or 4 / (3 * compliance) * math.sqrt(radius),
+        contactStiffnessExponent=law.exponent,
+        restitutionCoefficient=(1 + law.restitution**2) / 2,
+        minimumImpactVelocity=law.least_approach_speed,
+    )
+    return system.AddObject(contact)
+
+
+def _explicit_settings(exudyn: Any, begin: float, end: float, tolerance: float, longest: float):
+    """Settings of the explicit integrator from `begin` to `end` [s]."""
+    settings = exudyn.SimulationSettings()
+    settings.solution.file.write = False
+    time = settings.timeIntegration
+    time.startTime, time.endTime, time.verboseMode = begin, end, 0
+    time.numberOfSteps = max(1, math.ceil((end - begin) / longest))
+    time.initialStepSize, time.minimumStepSize = min(1e-7, end - begin), 1e-16
+    time.absoluteTolerance, time.relativeTolerance = tolerance, 0.0
+    time.discontinuous.iterationTolerance = _EVENT_TOLERANCE
+    time.explicit.computeEndOfStepAccelerations = True
+    return settings
+
+
+class LooseLinkage:
+    """A linkage whose joints are all loose except that of the drive; the crank turns at a constant
+    `speed` [rad/s].
+
+    `start` has position of the mass centre [m] and angle [rad], and their rates, by body.
+    """
+
+    def __init__(self, file: LinkageFile, speed: float, start: Mapping[str, Sequence[float]]):
+        with needs("a simulation by Exudyn", "peers"):
+            import exudyn
+            import exudyn.utilities as items
+
+        self.exudyn, self.time = exudyn, 0.0
+        exudyn.config.printToConsole = False
+        self.container = exudyn.SystemContainer()
+        self.system = self.container.AddSystem()
+        ground, self.nodes = self.system.AddObject(items.ObjectGround()), {}
+        places = {name: {"bodyNumber": ground} for name in ("frame",)}
+        centres: dict[str, Sequence[float]] = {"frame": (0.0, 0.0)}
+        points = {"frame": file.frame.points}
+        for name, body in file.bodies.items():
+            x, y, turn, vx, vy, rate = start[name]
+            node = items.NodeRigidBody2D(
+                initialCoordinates=[x, y, turn], initialVelocities=[vx, vy, rate]
+            )
+            self.nodes[name] = self.system.AddNode(node)
+            points[name] = body.points or dict(
+                zip(body.ends, [(0.0, 0.0), (body.length, 0.0)], strict=True)
+            )
+            centre = body.mass_centre
+            centres[name] = centre if isinstance(centre, tuple) else (centre, 0.0)
+            mass, inertia = body.mass, body.inertia
+            if file.drive in points[name]:  # about its pivot at constant speed
+                centres[name] = points[name][file.drive]
+                mass = inertia = _IMMOVABLE
+            rigid = items.ObjectRigidBody2D(mass=mass, inertia=inertia, nodeNumber=self.nodes[name])
+            places[name] = {"bodyNumber": self.system.AddObject(rigid)}
+
+        def marker(body: str, point: str) -> int:
+            local = [a - b for a, b in zip(points[body][point], centres[body], strict=True)]
+            place = {"localPosition": [*local, 0.0], **places[body]}
+            return self.system.AddMarker(items.MarkerBodyRigid(**place))
+
+        for name, joint in file.loose.items():
+            bodies = sorted(file.shared[name], key=lambda body, joint=joint: body != joint.journal)
+            markers = [marker(body, name) for body in bodies]
+            _add_contact(self.system, items, joint, markers)
+        self.system.Assemble()
+
+    def advance(self, end: float, tolerance: float = TOLERANCE, longest: float = 1e-4) -> None:
+        """Continue to the time `end` [s] with steps of at most `longest` [s]."""
+        settings = _explicit_settings(self.exudyn, self.time, end, tolerance, longest)
+        settings.solution.sensors.writePeriod = end
+        solver = self.exudyn.DynamicSolverType.DOPRI5
+        if self.system.SolveDynamic(settings, solverType=solver, updateInitialValues=True) is False:
+            raise SimulationError(f"Exudyn's integrator stopped before {end:g} s")
+        self.time = end
+
+    def coordinates(self, body: str) -> np.ndarray:
+        """Mass centre (of the crank: its pivot) x, y [m] and angle [rad] of a body."""
+        kind = self.exudyn.OutputVariableType.Coordinates
+        return np.array(self.system.GetNodeOutput(self.nodes[body], kind))
 
 
 class SliderCrank:
@@ -215,31 +316,14 @@ class SliderCrank:
         return self.system.AddSensor(make(outputVariableType=kind, writeToFile=False, **more))
 
     def _contact(self, name: str) -> int:
-        joint, law = self.mechanism.joint(name), self.mechanism.joint(name).contact
+        joint = self.mechanism.joint(name)
         lengths = {
             ("crank_pin", "crank"): self.mechanism.crank.length,
             ("piston_pin", "rod"): self.mechanism.rod.length,
         }
         bodies = sorted((JOINT[name].partner, JOINT[name].body), key=lambda b: b != joint.journal)
-        data = self.items.NodeGenericData(
-            initialCoordinates=[1.0, 0.0, 0.0, 0.0], numberOfDataCoordinates=4
-        )
-        compliance = 2 * (1 - law.poisson_ratio**2) / law.youngs_modulus
-        radius = joint.bearing_radius * joint.journal_radius / joint.clearance
-        contact = self.items.ObjectContactSphereSphere(
-            markerNumbers=[self._marker(body, lengths.get((name, body), 0.0)) for body in bodies],
-            nodeNumber=self.system.AddNode(data),
-            isHollowSphere1=True,
-            impactModel=1,
-            dynamicFriction=law.friction,
-            frictionProportionalZone=law.friction_speed,
-            spheresRadii=[joint.journal_radius, joint.bearing_radius],
-            contactStiffness=law.stiffness or 4 / (3 * compliance) * math.sqrt(radius),
-            contactStiffnessExponent=law.exponent,
-            restitutionCoefficient=(1 + law.restitution**2) / 2,
-            minimumImpactVelocity=law.least_approach_speed,
-        )
-        return self.system.AddObject(contact)
+        markers = [self._marker(body, lengths.get((name, body), 0.0)) for body in bodies]
+        return _add_contact(self.system, self.items, joint, markers)
 
     def _add_slider_effects(self) -> None:
         """Loads, springs and dampers on the slider."""
@@ -271,19 +355,12 @@ class SliderCrank:
     ) -> np.ndarray:
         """Continue to the time `end` [s] with steps of at most `longest` [s]; the `positions`
         there. `tolerance` is absolute (loose joints only)."""
-        settings = self.exudyn.SimulationSettings()
-        settings.solution.file.write = False
+        longest = longest if self.loose else 2 * math.pi / (self.speed * STEPS)
+        settings = _explicit_settings(self.exudyn, self.time, end, tolerance, longest)
         settings.solution.sensors.writePeriod = 1e-12 if self.recorded else end
         time = settings.timeIntegration
-        time.startTime, time.endTime, time.verboseMode = self.time, end, 0
-        longest = longest if self.loose else 2 * math.pi / (self.speed * STEPS)
-        time.numberOfSteps = max(1, math.ceil((end - self.time) / longest))
         time.generalizedAlpha.spectralRadius = _SPECTRAL_RADIUS
         time.newton.relativeTolerance, time.newton.absoluteTolerance = 1e-10, 1e-12
-        time.initialStepSize, time.minimumStepSize = min(1e-7, end - self.time), 1e-16
-        time.absoluteTolerance, time.relativeTolerance = tolerance, 0.0
-        time.discontinuous.iterationTolerance = _EVENT_TOLERANCE
-        time.explicit.computeEndOfStepAccelerations = True
         solvers = self.exudyn.DynamicSolverType
         solver = solvers.DOPRI5 if self.loose else solvers.GeneralizedAlpha
         if self.system.SolveDynamic(settings, solverType=solver, updateInitialValues=True) is False:
