@@ -5,6 +5,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from jointgap.config import Simulate, load_mechanism, read_yaml, shipped_mechanisms
@@ -273,3 +275,56 @@ def test_bodies_are_named_and_the_frame_has_no_channel():
     units = samples.attrs["units"]
     assert {*units} == {*samples}
     assert (units["ram_velocity"], units["gamma_D_dot"], units["D_mode"]) == ("m/s", "rad/s", "")
+
+
+ELASTIC = {"law": "penalty", "penalty_damping": 0.0, "penalty_depth": 1e-6, "friction": 0.0}
+FREE = {"kind": "motor", "stall_torque": 0.0, "no_load_speed": 4 * SPEED, "inertia": 0.05}
+
+
+@st.composite
+def free_four_bars(draw):
+    """A crank-rocker of any lengths, with one to three loose joints without losses."""
+    number_in = lambda low, high: draw(st.floats(low, high))  # noqa: E731
+    crank, ground = number_in(0.05, 0.12), number_in(0.28, 0.4)
+    rocker, coupler = number_in(0.22, 0.3), number_in(0.34, 0.42)
+    loose = draw(st.sets(st.sampled_from("ABC"), min_size=1))
+    content = read_yaml(shipped_mechanisms()["four_bar"])
+    content["frame"]["points"]["C"] = [ground, number_in(-0.02, 0.02)]
+    for name, length in (("crank", crank), ("coupler", coupler), ("rocker", rocker)):
+        content["bodies"][name] |= {"length": length, "mass_centre": number_in(0.2, 0.8) * length}
+    content["contacts"]["steel"] = {"youngs_modulus": 2e10, "poisson_ratio": 0.3} | ELASTIC
+    content["joints"] = {name: content["joints"][name] for name in loose}
+    return content
+
+
+@settings(max_examples=15, deadline=None, derandomize=True)
+@given(free_four_bars())
+def test_energy_is_conserved_without_losses(content):
+    """Kinetic energy and that of the contacts, of a free crank with a flywheel."""
+    file = validate(LinkageFile, content, "drawn")
+    chosen = Simulate(
+        speed=SPEED, revolutions=1, samples_per_revolution=36, tolerance=1e-13, drive=FREE
+    )
+    try:
+        model = linkage_model(file, chosen)
+    except InputError:
+        assume(False)
+    samples = simulate_linkage(file, chosen).samples
+    clearances, energy = {}, np.zeros(len(samples))
+    for name, joint in zip(model.bearings, model.joints, strict=True):
+        r, v = samples[f"r_{name}"].to_numpy(), samples[f"r_{name}_dot"].to_numpy()
+        angle = np.nan_to_num(samples[f"gamma_{name}"].to_numpy())
+        swing = r * np.nan_to_num(samples[f"gamma_{name}_dot"].to_numpy())
+        c, s = np.cos(angle), np.sin(angle)
+        clearances[name] = (r * c, r * s), (v * c - swing * s, v * s + swing * c)
+        depth = np.maximum(r - joint.clearance, 0.0)
+        energy += joint.stiffness * depth ** (joint.exponent + 1) / (joint.exponent + 1)
+    angle, speed = samples["crank_angle"].to_numpy(), samples["crank_speed"].to_numpy()
+    crank = Crank(np.cos(angle), np.sin(angle), speed, None)
+    pose = Pose(model.linkage, model.variant.signs, crank, clearances, Arithmetic(sqrt=np.sqrt))
+    for name in model.linkage.moving:
+        body = model.linkage.bodies[name]
+        vx, vy = pose.point(name, None)[1]
+        energy += 0.5 * body.mass * (vx**2 + vy**2) + 0.5 * body.inertia * pose.speeds[name] ** 2
+    energy = energy[1:]  # at the start clearance vectors have no direction
+    assert np.abs(energy / energy[0] - 1.0).max() <= 2e-9
