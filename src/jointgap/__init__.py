@@ -1,4 +1,4 @@
-"""Contact, learning, optimisation and diagnosis of slider-cranks with clearance in their joints.
+"""Contact, learning, optimisation and diagnosis of mechanisms with clearance in their joints.
 
 Examples
 --------
@@ -16,6 +16,7 @@ TYPE_CHECKING = False  # as checkers know it; typing would take longer to load t
 __version__ = "0.1.0"
 
 _PUBLIC = {
+    "jointgap.app.linkage_motion": ("LinkageMotion",),
     "jointgap.app.motion": (
         "Motion",
         "simulate",
@@ -55,6 +56,7 @@ _PUBLIC = {
         "change",
         "load_mechanism",
     ),
+    "jointgap.config.linkage_file": ("LinkageFile",),
     "jointgap.core.errors": ("InputError", "SimulationError"),
     "jointgap.core.plot": ("Drawing",),
     "jointgap.core.parquet": ("read_table",),
@@ -71,6 +73,8 @@ __all__ = [
     "Joint",
     "Joints",
     "Link",
+    "LinkageFile",
+    "LinkageMotion",
     "MeasuredDrive",
     "Mechanism",
     "Motion",
@@ -96,6 +100,7 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:  # what __getattr__ gives, for editors and type checkers
+    from jointgap.app.linkage_motion import LinkageMotion
     from jointgap.app.motion import Motion, simulate
     from jointgap.app.optimum import Optimum, optimise
     from jointgap.app.preflight import Preflight, preflight
@@ -118,6 +123,7 @@ if TYPE_CHECKING:  # what __getattr__ gives, for editors and type checkers
         change,
         load_mechanism,
     )
+    from jointgap.config.linkage_file import LinkageFile
     from jointgap.core.errors import InputError, SimulationError
     from jointgap.core.parquet import read_table
     from jointgap.core.plot import Drawing
