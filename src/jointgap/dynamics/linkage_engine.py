@@ -160,12 +160,12 @@ def _call():
 
 run = _call()
 
-_LANES = 4  # vector width
+_LANES, _BLOCK = 4, 8  # vector width; numbers that are summed together, two vectors
 
 
 def _block_sums():
     """block_sum(rows, weights, row, first, last, block): weights[row, 0] rows[0] + weights[row,
-    first] rows[first] + ... to `last` - 1 of four numbers, a tuple; zeros if `last` is 0."""
+    first] rows[first] + ... to `last` - 1 of eight numbers, a tuple; zeros if `last` is 0."""
 
     @intrinsic
     def in_compiled_code(typing_context, rows, weights, row, first, last, block):
@@ -181,33 +181,39 @@ def _block_sums():
             start = builder.bitcast(rows.data, vector.as_pointer())
             columns = cgutils.unpack_tuple(builder, weights.shape)[1]
             factors = builder.gep(weights.data, [builder.mul(row, columns)])
-            total = cgutils.alloca_once_value(builder, ir.Constant(vector, [0.0] * _LANES))
+            zeros = ir.Constant(vector, [0.0] * _LANES)
+            totals = [cgutils.alloca_once_value(builder, zeros) for _ in range(_BLOCK // _LANES)]
             lanes = ir.Constant(ir.VectorType(ir.IntType(32), _LANES), [0] * _LANES)
 
             def add(place):
                 factor = builder.load(builder.gep(factors, [place]))
                 factor = builder.insert_element(vector(ir.Undefined), factor, index(0))
                 factor = builder.shuffle_vector(factor, vector(ir.Undefined), lanes)
-                offset = builder.add(builder.mul(place, index(MOST_STATES // _LANES)), block)
-                numbers = builder.load(builder.gep(start, [offset]), align=8)
-                product = builder.fmul(factor, numbers, flags=("contract",))
-                builder.store(
-                    builder.fadd(builder.load(total), product, flags=("contract",)), total
-                )
+                offset = builder.mul(place, index(MOST_STATES // _LANES))
+                offset = builder.add(offset, builder.mul(block, index(_BLOCK // _LANES)))
+                for i, total in enumerate(totals):
+                    at = builder.gep(start, [builder.add(offset, index(i))])
+                    product = builder.fmul(factor, builder.load(at, align=8), flags=("contract",))
+                    more = builder.fadd(builder.load(total), product, flags=("contract",))
+                    builder.store(more, total)
 
             with builder.if_then(builder.icmp_signed(">", last, index(0))):
                 add(index(0))
             with cgutils.for_range_slice(builder, first, last, index(1), index) as (place, _):
                 add(place)
-            each = [builder.extract_element(builder.load(total), index(i)) for i in range(_LANES)]
+            each = [
+                builder.extract_element(builder.load(total), index(i))
+                for total in totals
+                for i in range(_LANES)
+            ]
             return context.make_tuple(builder, signature.return_type, each)
 
-        numbers = types.UniTuple(types.float64, _LANES)
+        numbers = types.UniTuple(types.float64, _BLOCK)
         return numbers(rows, weights, place, place, place, place), generate
 
     def in_python(rows, weights, row, first, last, block):
-        columns = slice(_LANES * block, _LANES * (block + 1))
-        total = np.zeros(_LANES)
+        columns = slice(_BLOCK * block, _BLOCK * (block + 1))
+        total = np.zeros(_BLOCK)
         for place in [0, *range(first, last)] if last > 0 else []:
             total = total + weights[row, place] * rows[place, columns]
         return tuple(total.tolist())
@@ -318,11 +324,15 @@ def _take_stage(p, k, weights, row, first, time_map, s, ds, node, fades, stage) 
     for block in range(blocks):
         # the newest rates number by number: a vector would wait for its four stores
         total = block_sum(rates, weights, row, first, newest, block)
-        i = _LANES * block
+        i = _BLOCK * block
         z[i] = y[HERE, i] + ds * total[0] + w * rates[newest, i]
         z[i + 1] = y[HERE, i + 1] + ds * total[1] + w * rates[newest, i + 1]
         z[i + 2] = y[HERE, i + 2] + ds * total[2] + w * rates[newest, i + 2]
         z[i + 3] = y[HERE, i + 3] + ds * total[3] + w * rates[newest, i + 3]
+        z[i + 4] = y[HERE, i + 4] + ds * total[4] + w * rates[newest, i + 4]
+        z[i + 5] = y[HERE, i + 5] + ds * total[5] + w * rates[newest, i + 5]
+        z[i + 6] = y[HERE, i + 6] + ds * total[6] + w * rates[newest, i + 6]
+        z[i + 7] = y[HERE, i + 7] + ds * total[7] + w * rates[newest, i + 7]
     passed = elapsed_time(time_map, s, node * ds)
     _crank_within(p, k, passed)
     if fades:
@@ -330,9 +340,11 @@ def _take_stage(p, k, weights, row, first, time_map, s, ds, node, fades, stage) 
     _slopes(p, k)
     factor, slope = dt_ds(time_map, s + node * ds), k.slope
     for block in range(blocks):
-        i = _LANES * block
+        i = _BLOCK * block
         rates[stage, i], rates[stage, i + 1] = factor * slope[i], factor * slope[i + 1]
         rates[stage, i + 2], rates[stage, i + 3] = factor * slope[i + 2], factor * slope[i + 3]
+        rates[stage, i + 4], rates[stage, i + 5] = factor * slope[i + 4], factor * slope[i + 5]
+        rates[stage, i + 6], rates[stage, i + 7] = factor * slope[i + 6], factor * slope[i + 7]
 
 
 @inlined
@@ -365,8 +377,8 @@ def step(p, k, to, time_map, s, ds):
         total = block_sum(k.rates, STAGES, COUNT, SECOND[COUNT], COUNT, block)
         e5 = block_sum(k.rates, _ERRORS, 0, SECOND[COUNT], COUNT, block)
         e3 = block_sum(k.rates, _ERRORS, 1, SECOND[COUNT], COUNT, block)
-        for i in range(_LANES):
-            at = _LANES * block + i
+        for i in range(_BLOCK):
+            at = _BLOCK * block + i
             k.y[to, at] = k.y[HERE, at] + ds * total[i]
             fifth += (k.weights[at] * e5[i]) ** 2
             third += (k.weights[at] * e3[i]) ** 2
@@ -578,9 +590,9 @@ def prepare_inside(p, k, row, time_map, s, ds, tolerance):
     for block in range(k.blocks):
         for n in range(4, _TERMS):
             sums = block_sum(k.rates, INTERPOLANT, n - 4, _FIRST, KEPT, block)
-            for i in range(_LANES):
-                k.terms[n, _LANES * block + i] = ds * sums[i]
-        for i in range(_LANES * block, _LANES * (block + 1)):
+            for i in range(_BLOCK):
+                k.terms[n, _BLOCK * block + i] = ds * sums[i]
+        for i in range(_BLOCK * block, _BLOCK * (block + 1)):
             total += (k.weights[i] * k.terms[_TERMS - 1, i]) ** 2
     return (4.0 / 7.0) ** 4 * (3.0 / 7.0) ** 3 * math.sqrt(total) <= _ROUGHEST * tolerance
 

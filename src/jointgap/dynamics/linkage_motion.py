@@ -129,7 +129,7 @@ class LinkageModel:
         code = variant.machine_code(tuple(begin.items()))
         k.pose, k.dynamics = code.addresses["pose"], code.addresses["dynamics"]
         k.states, k.half, k.contacts = states, half, contacts
-        k.blocks, k.is_free, k.bristles = -(-states // 4), variant.is_free, self.has_bristles
+        k.blocks, k.is_free, k.bristles = -(-states // 8), variant.is_free, self.has_bristles
         k.weights[:half], k.weights[half : 2 * half] = 1.0, VELOCITY_TIME
         k.weights[2 * half : states] = 1.0
         if variant.is_free:
