@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
@@ -115,6 +116,15 @@ def sample_rows(name, **keys):
     run = {"speed": SPEED, "revolutions": 1, "samples_per_revolution": 24, "tolerance": 1e-11}
     chosen = Simulate(**run | keys)
     return file, linkage_model(file, chosen), simulate_linkage(file, chosen).samples
+
+
+def test_a_clockwise_clearance_vector_has_a_positive_length_whatever_its_name():
+    text = shipped_mechanisms()["four_bar"].read_text(encoding="utf-8")
+    content = yaml.safe_load(text.replace("B]", "pin_y]").replace("  B:", "  pin_y:"))
+    file = validate(LinkageFile, content, "named.yaml")
+    chosen = Simulate(speed=-SPEED, revolutions=1, samples_per_revolution=24, tolerance=1e-9)
+    samples = simulate_linkage(file, chosen).samples
+    assert (samples["r_pin_y"] >= 0.0).all() and samples["r_pin_y"].max() > 5e-5
 
 
 @pytest.mark.parametrize("name", SHIPPED)
@@ -266,6 +276,31 @@ def test_a_motor_that_is_too_weak_is_reported():
 def test_a_tolerance_that_is_too_large_for_the_clearance_is_refused():
     with pytest.raises(InputError, match=r"simulate\.tolerance.*clearance.* of A"):
         sample_rows("four_bar", tolerance=1e-7)
+
+
+def test_more_loose_joints_than_the_engine_holds_are_refused_with_the_limit():
+    """Twelve dyads after another, each with two loose joints."""
+    content = {
+        "frame": {"points": {"O": [0.0, 0.0]}},
+        "bodies": {"crank": {"length": 0.1, "ends": ["O", "P0"], "mass": 1.0, "inertia": 1e-3}},
+        "joints": {},
+        "contacts": {"steel": {"restitution": 0.5}},
+        "drive": "O",
+    }
+    bearing = {"journal_radius": 0.01, "bearing_radius": 0.01005, "contact": "steel"}
+    for i in range(7):
+        content["frame"]["points"][f"C{i}"] = [0.3 * (i + 1), 0.0]
+        coupler, rocker = f"coupler{i}", f"rocker{i}"
+        ends = {"length": 0.4, "ends": [f"P{i}", f"B{i}"], "mass": 1.0, "inertia": 1e-2}
+        content["bodies"][coupler] = ends
+        points = {f"C{i}": [0.0, 0.0], f"B{i}": [0.25, 0.0], f"P{i + 1}": [0.1, 0.0]}
+        content["bodies"][rocker] = {"points": points, "mass": 1.0, "inertia": 5e-3, "angle": 1.7}
+        content["joints"] |= {f"B{i}": bearing | {"journal": rocker}}
+        content["joints"] |= {f"C{i}": bearing | {"journal": rocker}}
+    del content["bodies"]["rocker6"]["points"]["P7"]
+    file = validate(LinkageFile, content, "long.yaml")
+    with pytest.raises(InputError, match="14 joints are loose; here the simulation holds 12"):
+        simulate_linkage(file, Simulate(speed=SPEED, revolutions=1, samples_per_revolution=2))
 
 
 def test_bodies_are_named_and_the_frame_has_no_channel():

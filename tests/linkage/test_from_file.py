@@ -112,6 +112,28 @@ REFUSED = {
     "frame does not move": {"bodies__frame": QUICK_RETURN["bodies"]["ram"]},
     "rod cannot slide on itself": {"joints__track__slide": ["rod", "rod"]},
     "of a linkage only gravity": {"effects": [COULOMB]},
+    "effects: gravity is listed more than once": {
+        "effects": [{"name": "gravity"}, {"name": "gravity"}]
+    },
+    "joints.B: B is a point of rocker and rod; give the slide another name": {
+        "joints__B": {"slide": ["frame", "ram"]}
+    },
+    "bodies.rod: B and D are at the same place; give them a distance": {
+        "bodies__rod__length": None,
+        "bodies__rod__ends": None,
+        "bodies__rod__points": {"B": ["0 m", "0 m"], "D": ["0 m", "0 m"]},
+        "bodies__rod__mass_centre": None,
+    },
+    "bodies.crank: O and A are at the same place": {
+        "bodies__crank__length": None,
+        "bodies__crank__ends": None,
+        "bodies__crank__points": {"O": ["0 m", "0 m"], "A": ["0 m", "0 m"]},
+        "bodies__crank__mass_centre": None,
+    },
+    "slide D_normal and joint D would both have the column D_normal_force; rename one": {
+        "joints__guide": None,
+        "joints__D_normal": QUICK_RETURN["joints"]["guide"],
+    },
     "unknown key 'bodies.rod.angel'; did you mean 'angle'": {"bodies__rod__angel": "10 deg"},
 }
 
@@ -121,7 +143,7 @@ def test_what_cannot_be_meant_is_refused_with_key_value_and_way_out(message):
     with pytest.raises(InputError) as error:
         read(QUICK_RETURN, **REFUSED[message])
     assert message in str(error.value)
-    assert "mine.yaml" in str(error.value) or "inertia" in message
+    assert "mine.yaml" in str(error.value) or message.startswith("bodies.")
 
 
 def test_a_point_of_one_body_only_is_no_joint():
@@ -137,3 +159,33 @@ def test_a_point_of_one_body_only_is_no_joint():
             },
             joints__P=FOUR_BAR["joints"]["A"],
         )
+
+
+@pytest.mark.parametrize(
+    ("body", "other", "message"),
+    [
+        ("crank", "lead", None),
+        ("rocker", "crank", "body crank and the drive would both have the column crank_angle"),
+    ],
+)
+def test_a_body_called_crank_is_the_driven_one(body, other, message):
+    text = yaml.safe_dump(FOUR_BAR)
+    data = yaml.safe_load(text)
+    if message:  # the driven body is lead, another one crank
+        data["bodies"]["lead"] = data["bodies"].pop("crank")
+        data["joints"]["A"]["journal"] = "lead"
+    data["bodies"][other] = data["bodies"].pop(body)
+    if not message:
+        data["joints"]["A"]["journal"] = other
+        assert validate(LinkageFile, data, "mine.yaml").bodies[other]
+        return
+    with pytest.raises(InputError, match=message):
+        validate(LinkageFile, data, "mine.yaml")
+
+
+def test_a_joint_called_shaking_is_refused():
+    data = yaml.safe_load(
+        yaml.safe_dump(FOUR_BAR).replace("- B", "- shaking").replace(" B:", " shaking:")
+    )
+    with pytest.raises(InputError, match="joint shaking and the frame would both have the column"):
+        validate(LinkageFile, data, "mine.yaml")

@@ -111,10 +111,18 @@ class LinkageMotion(Result):
         return found
 
     @property
+    def acts_on(self) -> dict[str, tuple[str, str]]:
+        """By joint: the body on which its force acts, and the partner that exerts it. The clearance
+        vector points from the partner's centre to the body's."""
+        joints = linkage_of_file(self.linkage).joints
+        return {name: (joint.body.body, joint.partner.body) for name, joint in joints.items()}
+
+    @property
     def facts(self) -> list[Fact]:
         """Speed, contacts and largest forces."""
         time, last = self.samples["time"].to_numpy(), self.options.samples_per_revolution + 1
-        speed = 60.0 * self.options.revolutions / (time[-1] - time[0])
+        turned = self.samples["crank_angle"].iloc[-1] - self.samples["crank_angle"].iloc[0]
+        speed = 30.0 / math.pi * turned / (time[-1] - time[0])
         facts = [
             Fact("crank_speed", speed, "rpm", "speed of the crank"),
             Fact("revolutions", self.options.revolutions),
@@ -160,7 +168,6 @@ def _joint_forces(motion: LinkageMotion) -> Drawing:
     for (name, force), colour in zip(forces.items(), _cycle(len(forces)), strict=True):
         panel.line(format_name(name), angle, force[-last:], colour, linewidth=0.9)
     panel.over_crank_angle(*sorted((angle[0], angle[-1])))
-    panel.spread_scale(np.concatenate([force[-last:] for force in forces.values()]))
     sheet.legend()
     return sheet.drawing()
 
@@ -246,6 +253,18 @@ class _Placed:
         )
         return 1e3 * (np.concatenate([found, found[:1]]) if len(names) > 2 else found)
 
+    def is_block(self, body: str) -> bool:
+        """Whether a body slides and has no length."""
+        slides = any(
+            j.kind == "slide" and body == j.body.body for j in self.linkage.joints.values()
+        )
+        points = self.points(body)
+        return slides and bool(np.nanmax(np.abs(points - points[:1])) < 1e-6)
+
+    def style(self, body: str) -> dict[str, object]:
+        """Marks of a body's points."""
+        return {"marker": "s", "markersize": 9.0} if self.is_block(body) else {"marker": "o"}
+
 
 def _cycle(count: int) -> list[str]:
     return [_CYCLE[i % len(_CYCLE)] for i in range(count)]
@@ -264,6 +283,13 @@ def _limits(axes: "Axes", placed: _Placed) -> None:
         aspect="equal",
     )
     axes.grid(False)
+    for joint in placed.linkage.joints.values():
+        if joint.kind == "slide" and joint.partner.body == FRAME:
+            path = placed.points(joint.body.body)[0]
+            along = np.array([math.cos(joint.direction or 0.0), math.sin(joint.direction or 0.0)])
+            middle, half = np.nanmean(path, axis=1), 0.6 * np.ptp(path, axis=1).max() + margin
+            ends = np.column_stack([middle - half * along, middle + half * along])
+            axes.plot(*ends, color=COLOURS["flight"], linewidth=5.0, zorder=0)
     for x, y in _fixed(placed):
         axes.plot(x, y, marker="^", markersize=8, color=INK, zorder=1, linestyle="none")
 
@@ -293,12 +319,17 @@ def _positions(motion: LinkageMotion) -> Drawing:
         for place in chosen:
             look = {"linewidth": 1.5 if place == chosen[0] else 0.7}
             look["alpha"] = 1.0 if place == chosen[0] else 0.45
-            marker = "s" if len(points) == 1 else "."
             series = format_name(body) if place == chosen[0] else "_"
-            panel.line(series, *points[:, :, place].T, colour, marker=marker, **look)
+            marks = {"markersize": 3.0} | placed.style(body)
+            panel.line(series, *points[:, :, place].T, colour, **marks, **look)
         for path in points:
             panel.axes.plot(*path, color=COLOURS["flight"], linewidth=0.6, zorder=0)
     _limits(panel.axes, placed)
+    for name, (body, _) in motion.acts_on.items():
+        if name in motion.linkage.shared_by_two:
+            x, y = placed.pose.point(body, name)[0]
+            place = [1e3 * np.broadcast_to(each, placed.count)[0] for each in (x, y)]
+            panel.axes.annotate(name, place, (4, 4), textcoords="offset points", fontsize=8)
     sheet.legend()
     return sheet.drawing()
 
@@ -318,10 +349,10 @@ def _animation(motion: LinkageMotion) -> Drawing:
     lines = {}
     for body, colour in zip(moving, _cycle(len(moving)), strict=True):
         points = placed.points(body)
-        look = {"color": COLOURS[colour], "linewidth": 3.5, "marker": "o", "markersize": 4.0}
-        if len(points) == 1:
-            look |= {"marker": "s", "markersize": 14.0}
-        (line,) = panel.axes.plot([], [], solid_capstyle="round", alpha=0.9, **look)
+        look = {"color": COLOURS[colour], "linewidth": 3.5, "markersize": 4.0} | placed.style(body)
+        (line,) = panel.axes.plot(
+            [], [], solid_capstyle="round", alpha=0.9, label=format_name(body), **look
+        )
         lines[body] = (line, points)
         panel.record(format_name(body), *points[0])
     below = sheet.panel((1, 0), "", CRANK_ANGLE, Quantity("force in the joint", "N"))
@@ -334,6 +365,7 @@ def _animation(motion: LinkageMotion) -> Drawing:
     below.axes.set_yscale("log")
     below.over_crank_angle(*sorted((angle[0], angle[-1])))
     cursor = below.axes.axvline(angle[0], color=INK, linewidth=1.0)
+    panel.axes.legend(fontsize=7, loc="upper right")
     sheet.legend([below])
     shown = _angle(samples)
 

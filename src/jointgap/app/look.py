@@ -88,7 +88,13 @@ def _settled_turn(mechanism: Mechanism | LinkageFile, speed: float) -> pd.DataFr
         turn = turn[::-1].assign(crank_angle=2.0 * math.pi - turn["crank_angle"][::-1])
     joints = (name.removesuffix("_x") for name in turn if name.endswith("_force_x"))
     sizes = {name: np.hypot(turn[f"{name}_x"], turn[f"{name}_y"]) for name in joints}
-    return turn.assign(**sizes).reset_index(drop=True)
+    bodies = [f"{name}_angle" for name in getattr(mechanism, "bodies", ())]
+    shifted = {  # without the whole turns before this revolution
+        name: turn[name] - 2.0 * math.pi * round(turn[name].mean() / (2.0 * math.pi))
+        for name in bodies
+        if name in turn and name != "crank_angle"
+    }
+    return turn.assign(**sizes | shifted).reset_index(drop=True)
 
 
 def _quantities(
@@ -99,7 +105,7 @@ def _quantities(
         return {"Motion": _MOTION, "Forces in the joints": _FORCES}
     motion = {"crank_torque": ("N*m", 1.0)}
     for end, shown in _OF_BODIES.items():
-        bodies = (name for name in turn if name.endswith(end) and not name.startswith("crank"))
+        bodies = (name for name in turn if name.endswith(end) and name not in _OF_DRIVE)
         motion |= {name: shown for name in bodies if turn.attrs["units"][name] == _SI[end]}
     forces = {name: ("N", 1.0) for name in turn if name.endswith("_force")}
     normal = {
@@ -111,6 +117,7 @@ def _quantities(
     }
 
 
+_OF_DRIVE = ("crank_angle", "crank_speed", "crank_torque")
 _OF_BODIES = {
     "_position": ("mm", 1e3),
     "_velocity": ("m/s", 1.0),

@@ -109,7 +109,9 @@ class LinkageFile(ConfigModel):
     gravity_direction: Annotated[Angle, BeforeValidator(angle_of)] = Field(
         -math.pi / 2, description="direction of gravity in the plane, from +x; or down, up ..."
     )
-    effects: tuple[AnyEffect, ...] = Field((), description="gravity")
+    effects: tuple[AnyEffect, ...] = Field(
+        (), description="`[{name: gravity}]`; none: without weight"
+    )
 
     @field_validator("joints", mode="before")
     @classmethod
@@ -169,6 +171,30 @@ class LinkageFile(ConfigModel):
         for effect in self.effects:
             if effect.name != "gravity":
                 yield f"effects: {effect.name} acts on a slider-crank; of a linkage only gravity"
+        if len(self.effects) > 1:
+            yield "effects: gravity is listed more than once; give it once"
+        owner: dict[str, str] = {}
+        for column, what in self._columns():
+            if column in owner and owner[column] != what:
+                yield f"{what} and {owner[column]} would both have the column {column}; rename one"
+                return
+            owner[column] = what
+
+    def _columns(self) -> Iterator[tuple[str, str]]:
+        """Columns of a simulation that may exist, and what they are of."""
+        yield from ((f"crank_{end}", "the drive") for end in ("angle", "speed", "torque"))
+        yield from ((f"shaking_force_{axis}", "the frame") for axis in "xy")
+        for name, body in self.bodies.items():
+            if self.drive not in body.names:
+                yield from ((f"{name}_{end}", f"body {name}") for end in _OF_BODIES)
+        for name in self.shared_by_two:
+            yield from ((f"{name}_force_{axis}", f"joint {name}") for axis in "xy")
+        for name in self.loose:
+            yield from ((f"{name}_{end}", f"joint {name}") for end in _OF_JOINTS)
+            for vector in ("r", "gamma"):
+                yield from ((f"{vector}_{name}{end}", f"joint {name}") for end in _RATES)
+        for name in self.slides:
+            yield from ((f"{name}_{end}", f"slide {name}") for end in ("force", "moment"))
 
     def _errors_of(self, name: str, joint: Pin | Slide) -> Iterator[str]:
         bodies = self.points
@@ -176,8 +202,9 @@ class LinkageFile(ConfigModel):
             for body in joint.slide:
                 if body not in bodies:
                     yield f"joints.{name}.slide: there is no body '{body}'; {_hint(body, bodies)}"
-                elif name in bodies[body]:
-                    yield f"joints.{name}: {name} is a point of {body}; give the slide another name"
+            if owners := self.shared.get(name):
+                of = joined(owners)
+                yield f"joints.{name}: {name} is a point of {of}; give the slide another name"
             if joint.slide[0] == joint.slide[1]:
                 yield f"joints.{name}.slide: {joint.slide[0]} cannot slide on itself"
             return
@@ -225,6 +252,13 @@ class LinkageFile(ConfigModel):
             for name in names:
                 owners[name] = (*owners.get(name, ()), body)
         return owners
+
+
+_OF_BODIES = ("angle", "angular_velocity", "acceleration_x", "acceleration_y")
+_OF_BODIES += ("position", "velocity", "acceleration")
+_OF_JOINTS = ("normal_force", "friction_force", "mode")
+_RATES = ("", "_dot", "_ddot")
+"""Ends of the columns of bodies and joints."""
 
 
 def _hint(name: str, known: Any) -> str:

@@ -19,7 +19,6 @@ from jointgap.dynamics.drive import angle_pieces, crank_motion, crank_times
 from jointgap.dynamics.integrate import DONE, EVENT, EVENT_NAMES, MODES
 from jointgap.dynamics.joints import joint_force
 from jointgap.dynamics.linkage_engine import (
-    MOST_CONTACTS,
     MOST_STATES,
     WORKSPACE,
     LinkageParameters,
@@ -107,15 +106,16 @@ class LinkageModel:
         states = 2 * half + contacts * self.has_bristles
         fields = WORKSPACE.fields
         kept, parameters = (fields[name][0].shape[0] for name in ("kept", "parameters"))
-        if (
-            states > MOST_STATES
-            or contacts > MOST_CONTACTS
-            or variant.sizes["kept"] > kept
-            or variant.sizes["parameters"] > parameters
-        ):
+        if states > MOST_STATES:
+            most = (MOST_STATES - 2 * variant.is_free) // (4 + self.has_bristles)
             raise InputError(
-                f"{contacts} loose joints of {len(self.linkage.moving)} bodies are more than the"
-                f" simulation holds ({MOST_CONTACTS} joints); make some of them ideal"
+                f"{contacts} joints are loose; here the simulation holds {most}: make the others"
+                " ideal"
+            )
+        if variant.sizes["kept"] > kept or variant.sizes["parameters"] > parameters:
+            raise InputError(
+                f"{len(self.linkage.moving)} moving bodies are more than the simulation holds; give"
+                " fewer, or make joints ideal"
             )
         owner = np.zeros(1, WORKSPACE)
         k = owner[0]
@@ -243,12 +243,13 @@ def _clockwise(file: LinkageFile, options: Simulate) -> Trajectory:
         update={"speed": -options.speed, "start_angle": -options.start_angle}
     )
     seen = simulate_linkage(file.mirrored(), ahead)
-    samples = seen.samples.copy()
-    for name, unit in samples.attrs["units"].items():
-        across = (
-            name.endswith(("_y", "_friction_force")) or name.removesuffix("_force") in file.slides
-        )
-        if across or unit.startswith(("rad", "N*m")):
+    samples, units = seen.samples.copy(), seen.samples.attrs["units"]
+    across = {f"{name}_force" for name in file.slides}
+    across |= {f"{name}_force_y" for name in (*file.shared_by_two, "shaking")}
+    across |= {f"{name}_friction_force" for name in file.loose}
+    across |= {f"{name}_acceleration_y" for name in file.bodies}
+    for name, unit in units.items():
+        if name in across or unit.startswith(("rad", "N*m")):
             samples[name] = -samples[name]
     events = seen.events.assign(crank_angle=-seen.events["crank_angle"])
     return Trajectory(samples, events, seen.steps)
@@ -351,7 +352,7 @@ def columns_of(
     - a body on a slide of the frame: ``BODY_position``, ``_velocity``, ``_acceleration``;
     - another body: ``BODY_angle``, ``_angular_velocity``, ``_acceleration_x``, ``_acceleration_y``
       (mass centre);
-    - a slide: ``SLIDE_force``, across it;
+    - a slide: ``SLIDE_force``, across it, and ``SLIDE_moment``;
     - a revolute joint: ``JOINT_force_x``, ``_force_y``, if loose also ``_normal_force``,
       ``_friction_force``, ``_mode``, ``r_JOINT``, ``gamma_JOINT`` and rates;
     - ``shaking_force_x``, ``_y``: sum of the forces on the frame.
@@ -380,6 +381,7 @@ def columns_of(
         if joint.kind == "slide":
             normal = across(pose.turned(joint.partner.body, pose.line(joint)))
             columns[f"{name}_force"] = normal[0] * x + normal[1] * y, "N"
+            columns[f"{name}_moment"] = needed.moments[name], "N*m"
             continue
         columns |= {f"{name}_force_x": (x, "N"), f"{name}_force_y": (y, "N")}
         if name in laws:

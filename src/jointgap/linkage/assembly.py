@@ -53,6 +53,16 @@ def signs_of(linkage: Linkage, crank_angle: float) -> tuple[float, ...]:
         body = stated[0]
         angle = linkage.bodies[body].angle
         distances = {sign: abs(_turn(angle, at[body])) for sign, at in both.items()}
+        for other in stated[1:]:
+            further = {
+                sign: abs(_turn(linkage.bodies[other].angle, at[other]))
+                for sign, at in both.items()
+            }
+            if min(further, key=further.get) != min(distances, key=distances.get):
+                raise InputError(
+                    f"{body}.angle and {other}.angle belong to different assemblies; give one of"
+                    " them as drawn"
+                )
         if abs(distances[1.0] - distances[-1.0]) < _UNDECIDED:
             ends = " - ".join(joint.other(one).point for joint, one in _outer(dyad))
             raise InputError(
@@ -95,7 +105,8 @@ def check_turning(linkage: Linkage, signs: Sequence[float], clearances: float = 
                 away = math.degrees(math.asin(min(margin[least], 1.0)))
                 remarks.append(
                     f"at crank angle {at:.0f} deg {first} and {second} are {away:.2g} deg from a"
-                    " dead point; clearances decide which way they go"
+                    " dead point; clearances decide which way they go, so forces near it are not"
+                    " valid"
                 )
     return remarks
 

@@ -15,6 +15,7 @@ from jointgap.linkage.topology import (
     Place,
     Vector,
     linkage_of,
+    number,
 )
 
 
@@ -40,10 +41,29 @@ def linkage_of_file(file: LinkageFile) -> Linkage:
             joints.append(Joint(name, "slide", *ends, joint.direction))
     bodies = [Body(b.name, places[b.name], b.mass, b.inertia, b.centre, b.angle) for b in bodies]
     linkage = linkage_of(bodies, joints, file.drive, _gravity(file))
+    for body, one, other in _levers(linkage):
+        points = linkage.bodies[body].points
+        if all(number(a) == number(b) for a, b in zip(points[one], points[other], strict=True)):
+            raise InputError(
+                f"bodies.{body}: {one} and {other} are at the same place; give them a distance"
+            )
     for name in linkage.moving:
         if linkage.kinds[name] != "sliding" and not linkage.bodies[name].inertia:
             raise InputError(f"bodies.{name}: it turns; give its inertia")
     return linkage
+
+
+def _levers(linkage: Linkage) -> Iterator[tuple[str, str, str]]:
+    """Bodies with two points whose distance is a length of the linkage."""
+    for joint in linkage.joints.values():
+        if joint.name != linkage.drive and linkage.crank in joint.bodies:
+            if joint.kind == "revolute":
+                yield linkage.crank, linkage.drive, joint.name
+    for dyad in linkage.dyads:
+        if dyad.kind != "RPR":
+            yield dyad.bodies[0], dyad.first.name, dyad.inner.name
+        if dyad.kind == "RRR":
+            yield dyad.bodies[1], dyad.second.name, dyad.inner.name
 
 
 def _body(name: str, part: BodyPart) -> Body:

@@ -88,13 +88,11 @@ def balance(
         if joint is not None:
             place = pose.point(*joint.place(body))[0]
             turn = turn - cross(subtract(place, pose.point(body, None)[0]), missing)
-            on_body = missing if joint.body.body == body else negative(missing)
             if joint.kind == "slide":
                 normal = across(pose.turned(FRAME, pose.line(joint)))
                 missing = times(dot(normal, missing), normal)
-                on_body = missing if joint.body.body == body else negative(missing)
                 moments[joint.name] = turn if joint.body.body == body else -turn
-            forces[joint.name] = on_body
+            forces[joint.name] = missing if joint.body.body == body else negative(missing)
             total, _ = sums[FRAME]
             sums[FRAME] = subtract(total, missing), 0.0
         if body == linkage.crank:
