@@ -193,7 +193,8 @@ def _over_angle(
     for (speed, turn), colour in zip(turns.items(), _COLOURS, strict=False):
         panel.line(speed, np.degrees(turn["crank_angle"]), factor * turn[column], colour)
     panel.over_crank_angle(0.0, 360.0)
-    if not column.endswith(("_position", "_velocity", "_angle")):  # impacts
-        panel.spread_scale(np.concatenate([factor * turn[column] for turn in turns.values()]))
+    shown = np.concatenate([factor * turn[column] for turn in turns.values()])
+    if shown.min() < 0.0 and not column.endswith(("_position", "_velocity", "_angle")):  # impacts
+        panel.spread_scale(shown)
     sheet.legend()
     return sheet.drawing()
