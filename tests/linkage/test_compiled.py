@@ -6,7 +6,7 @@ import os
 import numpy as np
 import pytest
 
-from jointgap.linkage.compiled import parameters_of, variant_of
+from jointgap.linkage.compiled import build_variant, parameters_of, variant_of
 from jointgap.linkage.equations import Crank, Dynamics, JointForce, Pose
 from tests.linkage.cases import LINKAGES, loosened, with_values
 from tests.linkage.test_equations import sets_of_loose_joints, state, with_turning_slider
@@ -15,7 +15,7 @@ from tests.linkage.test_equations import sets_of_loose_joints, state, with_turni
 def differences(linkage, is_free, generator, loaded=()):
     """Largest relative difference of machine code and plain equations at random states."""
     variant = variant_of(linkage, [1.0] * len(linkage.dyads), is_free, loaded)
-    memory = variant.memory()
+    memory = variant.memory(linkage)
     fields, worst = variant.fields(memory), 0.0
     for _ in range(3):
         crank, clearances = state(linkage, generator, is_free)
@@ -75,11 +75,12 @@ def test_without_machine_code_the_same_operations_run_in_python(monkeypatch):
 def test_no_value_changes_the_code(body, values):
     linkage = loosened(LINKAGES["tilted_slide"], {"crank_pin", "piston_pin"})
     other = with_values(linkage, **{body: values})
-    codes = [variant_of(each, (1.0,), True) for each in (linkage, other)]
+    codes = [build_variant(each, (1.0,), True) for each in (linkage, other)]
     assert codes[0].names == codes[1].names and codes[0].sizes == codes[1].sizes
     for name in ("pose", "dynamics"):
         one, two = (code.codes[name] for code in codes)
         assert one.graph.nodes == two.graph.nodes and one.stores == two.stores
+    assert variant_of(linkage, (1.0,), True) is variant_of(other, (1.0,), True)
     assert parameters_of(codes[0], other) == pytest.approx(
         parameters_of(codes[1], other), rel=1e-15
     )
@@ -89,7 +90,7 @@ def test_an_impossible_pose_gives_nan():
     linkage = loosened(LINKAGES["four_bar"], {"A"})
     linkage = with_values(linkage, rocker={"points": {"C": (None, None), "B": (0.05, None)}})
     variant = variant_of(linkage, (1.0,))
-    memory = variant.memory()
+    memory = variant.memory(linkage)
     variant.fields(memory)["crank"][:] = [1.0, 0.0, 10.0, 0.0]
     for name in ("pose", "dynamics"):
         variant.run(name, memory)
@@ -97,11 +98,13 @@ def test_an_impossible_pose_gives_nan():
 
 
 def test_form_of_the_file_takes_zeros_out_of_the_code():
-    short, general = (
-        variant_of(loosened(LINKAGES[name], {"crank_pin", "piston_pin"}), (1.0,))
+    linkages = [
+        loosened(LINKAGES[name], {"crank_pin", "piston_pin"})
         for name in ("slider_crank", "tilted_slide")
-    )
+    ]
+    short, general = (variant_of(linkage, (1.0,)) for linkage in linkages)
+    assert short is not general
     count = [sum(len(c.graph.nodes) for c in each.codes.values()) for each in (short, general)]
     assert count[0] < count[1]
     crank = Crank(1.0, 0.0, 1.0)
-    assert Pose(short.linkage, (1.0,), crank, {}).directions["slider"] == (1.0, 0.0)
+    assert Pose(linkages[0], (1.0,), crank, {}).directions["slider"] == (1.0, 0.0)

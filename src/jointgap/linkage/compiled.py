@@ -27,7 +27,7 @@ from jointgap.linkage.topology import Linkage
 
 @dataclass(frozen=True)
 class Variant:
-    """Compiled equations of a linkage.
+    """Compiled equations of the linkages of one form.
 
     Memory is one array of numbers with the fields
 
@@ -43,7 +43,6 @@ class Variant:
     - `kept`: between the two functions.
     """
 
-    linkage: Linkage
     signs: tuple[float, ...]
     is_free: bool
     loaded: tuple[str, ...]  # Bodies with loads
@@ -61,10 +60,10 @@ class Variant:
     def size(self) -> int:
         return sum(self.sizes.values())
 
-    def memory(self) -> np.ndarray:
-        """Memory with the parameters of the linkage."""
+    def memory(self, linkage: Linkage) -> np.ndarray:
+        """Memory with the parameters of a linkage of this form."""
         memory = np.zeros(self.size)
-        self.fields(memory)["parameters"][:] = parameters_of(self, self.linkage)
+        self.fields(memory)["parameters"][:] = parameters_of(self, linkage)
         return memory
 
     def fields(self, memory: np.ndarray) -> dict[str, np.ndarray]:
@@ -98,7 +97,23 @@ def variant_of(
     loaded: Sequence[str] = (),
 ) -> Variant:
     """The variant of a linkage; `is_free`: the torque turns the crank; `loaded`: bodies on which
-    loads act."""
+    loads act. Linkages of one form share it."""
+    key = (linkage.form, tuple(signs), is_free, tuple(loaded))
+    if key not in _VARIANTS:
+        while len(_VARIANTS) >= _MOST_VARIANTS:
+            del _VARIANTS[next(iter(_VARIANTS))]
+        _VARIANTS[key] = build_variant(linkage, signs, is_free, loaded)
+    return _VARIANTS[key]
+
+
+_VARIANTS: dict[tuple, Variant] = {}  # of this process
+_MOST_VARIANTS = 256
+
+
+def build_variant(
+    linkage: Linkage, signs: Sequence[float], is_free: bool = False, loaded: Sequence[str] = ()
+) -> Variant:
+    """`variant_of`, made anew."""
     graph, places = Graph(), {}
 
     def parameter(name: str, _: float) -> Number:
@@ -161,7 +176,7 @@ def variant_of(
         "kept": len(between),
     }
     codes = {"pose": Code(graph, tuple(first)), "dynamics": Code(graph, tuple(second), kept_at)}
-    return Variant(linkage, tuple(signs), is_free, tuple(loaded), tuple(places), sizes, codes)
+    return Variant(tuple(signs), is_free, tuple(loaded), tuple(places), sizes, codes)
 
 
 def parameters_of(variant: Variant, linkage: Linkage) -> np.ndarray:

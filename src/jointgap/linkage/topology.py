@@ -107,6 +107,34 @@ class Linkage:
         """Names of all bodies but the frame."""
         return tuple(name for name in self.bodies if name != FRAME)
 
+    @property
+    def form(self) -> tuple:
+        """All that determines its equations, apart from numbers."""
+
+        def zeros(vector: Vector) -> tuple[bool, ...]:
+            return tuple(coordinate is None for coordinate in vector)
+
+        bodies = tuple(
+            (
+                body.name,
+                zeros(body.centre),
+                tuple((name, zeros(point)) for name, point in body.points.items()),
+            )
+            for body in self.bodies.values()
+        )
+        joints = tuple(
+            (
+                joint.name,
+                joint.kind,
+                joint.partner,
+                joint.body,
+                joint.direction is None,
+                joint.loose,
+            )
+            for joint in self.joints.values()
+        )
+        return bodies, joints, self.drive, zeros(self.gravity)
+
     def with_inertia(self, body: str, inertia: float) -> "Linkage":
         """The same with a further moment of inertia [kg m^2] of a body."""
         part = self.bodies[body]
