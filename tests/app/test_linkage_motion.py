@@ -1,15 +1,11 @@
 """General linkages in Python and on the command line."""
 
 import re
-import shlex
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 
 import jointgap as jg
-from benchmarks.project import ROOT
 from tests.app.test_cli import refusal
 from tests.command import jointgap
 
@@ -81,21 +77,6 @@ def test_a_linkage_that_does_not_turn_is_refused_before_anything_runs(tmp_path, 
     assert message.startswith("mine.yaml: at crank angle")
     assert "coupler and rocker do not meet" in message and "200 + 150 mm" in message
     assert [path.name for path in tmp_path.iterdir()] == ["mine.yaml"]
-
-
-def test_the_tutorial_runs_as_it_is_written(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    text = (ROOT / "docs/tutorial/own_linkage.md").read_text(encoding="utf-8")
-    (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    (file,) = re.findall(r"```yaml\n(.*?)```", text, re.DOTALL)
-    (words,) = re.findall(r"jointgap (look .*)\n", text)
-    (tmp_path / "four_bar.yaml").write_text(file)
-    assert jointgap(*shlex.split(words)).stdout == "look_four_bar.html\n"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert "B: clearance" in done.stdout and done.stdout.count(" N\n") >= 3
-    assert {"joint_forces.png", "animation.gif", "samples.csv"} <= {
-        p.name for p in tmp_path.iterdir()
-    }
 
 
 def test_a_scenario_says_that_it_needs_a_slider_crank():

@@ -226,7 +226,7 @@ def simulate_linkage(file: LinkageFile, options: Simulate) -> Trajectory:
         return _clockwise(file, options)
     model = linkage_model(file, options)
     angles = crank_angles(options)
-    found, events, steps = _integrated(model, angles, options)
+    found, events, steps = integrated(model, angles, options)
     columns = columns_of(model, found, events, angles)
     samples = pd.DataFrame({name: values for name, (values, _) in columns.items()})
     samples.attrs["units"] = {name: unit for name, (_, unit) in columns.items()}
@@ -255,9 +255,10 @@ def _clockwise(file: LinkageFile, options: Simulate) -> Trajectory:
     return Trajectory(samples, events, seen.steps)
 
 
-def _integrated(
+def integrated(
     model: LinkageModel, angles: np.ndarray, options: Simulate
 ) -> tuple[Samples, np.ndarray, int]:
+    """Samples at crank angles (n,) [rad], events and steps of one integration."""
     p, n, contacts = model.p, angles.size, len(model.bearings)
     k, _owner = model.workspace()
     times = crank_times(p, angles)

@@ -110,6 +110,11 @@ _VARIANTS: dict[tuple, Variant] = {}  # of this process
 _MOST_VARIANTS = 256
 
 
+def forget() -> None:
+    """Drop all variants, so that the next ones are made anew."""
+    _VARIANTS.clear()
+
+
 def build_variant(
     linkage: Linkage, signs: Sequence[float], is_free: bool = False, loaded: Sequence[str] = ()
 ) -> Variant:
