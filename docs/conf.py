@@ -75,6 +75,11 @@ nitpick_ignore_regex = [
         r"py:.*",
         r"(click|collections|datetime|matplotlib|numpy|np|pandas|pd|pathlib|pydantic|rich|typing)(\..*)?",
     ),
+    # Internal records of results and parts of a file, of which the docstrings tell enough.
+    (
+        r"py:class",
+        r"jointgap\.(core\.facts\.Fact|scenario\.chosen_lengths\.ChosenLengths|config\.linkage_file\.(Pin|Slide))",
+    ),
     # Python's own types and what is short for those above.
     (
         r"py:.*",

@@ -90,6 +90,19 @@ def test_names_and_paths_in_the_documentation_exist():
             assert (ROOT / path).exists() or (ROOT / "src/jointgap" / path).exists(), path
 
 
+def test_documented_functions_and_classes_exist():
+    for page in sorted((ROOT / "docs").rglob("*.md")):
+        module = "jointgap"
+        for kind, name in re.findall(
+            r"(?m)^\.\. (currentmodule|autofunction|autoclass):: ([\w.]+)$",
+            page.read_text(encoding="utf-8"),
+        ):
+            if kind == "currentmodule":
+                module = name
+            else:
+                resolve_name(name if name.startswith("jointgap.") else f"{module}.{name}")
+
+
 def test_tests_named_in_scripts_and_pages_exist():
     files = [
         ROOT / "Makefile",
