@@ -69,16 +69,9 @@ def first_crossing(g0, v0, a0, g1, v1, a1, duration, margin):
     interpolant."""
     if g0 <= 0.0 and v0 < 0.0:
         return 0.0
-    # Besides the ends: one minimum, or a minimum and a maximum, within the step.
-    dips = (
-        v0 < 0.0 < v1
-        or (v0 < 0.0 and v1 < 0.0 and a0 > 0.0 > a1)
-        or (v0 > 0.0 and v1 > 0.0 and a0 < 0.0 < a1)
-    )
-    if g1 >= 0.0 and not dips:
-        return NOWHERE
     v0, v1, a0, a1 = v0 * duration, v1 * duration, a0 * duration**2, a1 * duration**2
-    # The smallest Bernstein coefficient is a lower bound of the interpolant, usually sufficient.
+    # The smallest Bernstein coefficient is a lower bound of the interpolant, usually sufficient. The
+    # signs at the ends are not: a clearance vector may leave its circle, return and cross it.
     near = min(g0, g0 + 0.2 * v0, g0 + 0.4 * v0 + 0.05 * a0)
     if min(near, g1, g1 - 0.2 * v1, g1 - 0.4 * v1 + 0.05 * a1) >= max(margin, 0.0):
         return NOWHERE
