@@ -70,8 +70,8 @@ def first_crossing(g0, v0, a0, g1, v1, a1, duration, margin):
     if g0 <= 0.0 and v0 < 0.0:
         return 0.0
     v0, v1, a0, a1 = v0 * duration, v1 * duration, a0 * duration**2, a1 * duration**2
-    # The smallest Bernstein coefficient is a lower bound of the interpolant, usually sufficient. The
-    # signs at the ends are not: a clearance vector may leave its circle, return and cross it.
+    # The smallest Bernstein coefficient is a lower bound of the interpolant, usually sufficient.
+    # Signs at the ends are not: a clearance vector may leave its circle, return and cross it.
     near = min(g0, g0 + 0.2 * v0, g0 + 0.4 * v0 + 0.05 * a0)
     if min(near, g1, g1 - 0.2 * v1, g1 - 0.4 * v1 + 0.05 * a1) >= max(margin, 0.0):
         return NOWHERE
