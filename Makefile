@@ -17,6 +17,9 @@ cluster = $(if $(filter slurm,$(PROFILE)),cluster)
 snakemake_options = --workflow-profile workflow/profiles/$(PROFILE) $(if $(CORES),--cores $(CORES)) \
 	$(if $(CONFIG),--configfile "$$CONFIG") $(ARGS)
 
+# Tests call make too: without the variables of this call.
+pytest = env -u MAKEFLAGS -u MFLAGS -u ARGS -u CORES scripts/in-venv python -m pytest
+
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(firstword $(MAKEFILE_LIST)) | sed -E 's/:.*## /\t/' | expand -t 18
 	@echo "variables: CORES=2 (default: all), CAMPAIGN=file, CONFIG=file, PROFILE=local|slurm|ci, ARGS='more options of the tool'"
@@ -68,22 +71,22 @@ report: set-up ## rewrite results/report.html
 test: ## fast tests
 	@scripts/set-up test peers
 	@scripts/get-browser
-	@scripts/in-venv python -m pytest -n 2 --dist loadfile $(ARGS)
+	@$(pytest) -n 2 --dist loadfile $(ARGS)
 
 test-integration: ## chains of several stages
 	@scripts/set-up test peers
 	@scripts/get-browser
-	@scripts/in-venv python -m pytest -m "integration and not slow and not cluster" -n 2 --dist loadfile $(ARGS)
+	@$(pytest) -m "integration and not slow and not cluster" -n 2 --dist loadfile $(ARGS)
 
 test-slow: ## slow tests
 	@scripts/set-up test peers
 	@scripts/get-browser
-	@scripts/in-venv python -m pytest -m slow $(ARGS)
+	@$(pytest) -m slow $(ARGS)
 
 test-cluster: ## tests with local SLURM and PostgreSQL; as root their packages are installed
 	@scripts/set-up test peers cluster
 	@scripts/get-services
-	@scripts/in-venv python -m pytest -m cluster -n 0 $(ARGS)
+	@$(pytest) -m cluster -n 0 $(ARGS)
 
 test-wheel: ## build the wheel and test it, installed without extras
 	@scripts/set-up test
