@@ -6,11 +6,13 @@ import numpy as np
 
 from jointgap.config import Mechanism, Simulate
 from jointgap.core.joints import PINS
-from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.dynamics.equations import AUXILIARY_STATES
-from jointgap.dynamics.parameters import Parameters
-from jointgap.dynamics.runge_kutta import elapsed_time, instant, room_for_stages, step
-from jointgap.dynamics.simulation import IntegrationResult, integrate_to_angles, start_state
+from jointgap.dynamics.integrate import Samples
+from jointgap.dynamics.model import Model, Workspace
+from jointgap.dynamics.rates import evaluate
+from jointgap.dynamics.runge_kutta import step
+from jointgap.dynamics.simulation import integrate_to_angles, start_state
+from jointgap.dynamics.slider_crank import model_of
+from jointgap.dynamics.workspace import HERE, THERE
 
 SPEED = 20 * math.pi
 CRANK, ROD, CENTRE = 0.15, 0.564, 0.282
@@ -85,45 +87,51 @@ def options(**changed) -> Simulate:
 
 def integrated(
     made: Mechanism, degrees, tolerance=1e-12, start_angle=0.0, **changed
-) -> tuple[Parameters, IntegrationResult]:
+) -> tuple[Model, Samples]:
     """`made` from its start, sampled at crank angles `degrees` after it (the first must be 0)."""
-    p = parameters(made, options(start_angle=start_angle, **changed))
+    model = model_of(made, options(start_angle=start_angle, **changed))
     angles = start_angle + np.radians(np.asarray(degrees, dtype=float))
-    return p, integrate_to_angles(p, start_state(p), angles, tolerance)
+    return model, integrate_to_angles(model, start_state(model), angles, tolerance)
 
 
-def free_impact(made: Mechanism, mass: float, speed: float) -> tuple[Parameters, np.ndarray]:
+def free_impact(made: Mechanism, mass: float, speed: float) -> tuple[Model, np.ndarray]:
     """Impact and separation (2, 9) of a rod of `mass` [kg] that hits a crank at rest head-on at
     `speed` [m/s], its mass centre in the pin.
     """
-    rod = {"rod_centre": 0.0, "rod_mass": mass, "rod_inverse_mass": 1 / mass}
-    p = parameters(made, options(speed=1.0))
-    p = with_numbers(p, bodies={"crank_length": 0.0} | rod, piston_pin={"clearance": 10.0})
-    start = np.array([0.0, 0.0, 0.0, 0.0, 0.0, speed, 0.0, speed]), np.zeros(AUXILIARY_STATES)
-    until = p.crank_pin.clearance / speed + 0.02
-    return p, integrate_to_angles(p, start, np.array([0.0, until]), 1e-14).events[:2]
+    still = made.model_copy(
+        update={
+            "crank": made.crank.model_copy(update={"length": 1e-9, "mass_centre": 0.0}),
+            "rod": made.rod.model_copy(update={"mass": mass, "mass_centre": 0.0}),
+        }
+    )
+    model = model_of(still, options(speed=1.0))
+    model.bearings["piston_pin"].clearance = 10.0
+    start = state_of(model, crank_pin=(0.0, 0.0, 0.0, speed), piston_pin=(0.0, 0.0, 0.0, speed))
+    until = model.bearings["crank_pin"].clearance / speed + 0.02
+    return model, integrate_to_angles(model, start, np.array([0.0, until]), 1e-14).events[:2]
 
 
-def with_numbers(p: Parameters, **groups: dict) -> Parameters:
-    """`p` with some numbers of its groups changed."""
-    records = {name: getattr(p, name).copy() for name in groups}
-    for name, numbers in groups.items():
-        for key, value in numbers.items():
-            records[name][key] = value
-    return p._replace(**records)
+def state_of(model: Model, **vectors: tuple[float, float, float, float]) -> np.ndarray:
+    """A state with given clearance vectors and rates, by joint."""
+    y = model.start()
+    for name, (x, y_, vx, vy) in vectors.items():
+        place, rate = model.vector(y, name)
+        place[:], rate[:] = (x, y_), (vx, vy)
+    return y
 
 
-def order(p: Parameters, here, time_map, begin: float, end: float, counts) -> float:
+def order(model: Model, here: Workspace, time_map, begin: float, end: float, counts) -> float:
     """Order at which the velocities after `count` equal steps from s = `begin` to `end`
     converge."""
 
     def velocities(count):
-        there, s = here, begin
+        there = here.copy()
+        k, s = there.k, begin
         for s1 in np.linspace(begin, end, count + 1)[1:]:
-            y, x, _ = step(p, there, time_map, s, s1 - s, room_for_stages())
-            time = there.time + elapsed_time(time_map, s, s1 - s)
-            there, s = instant(p, time, y, x, here.modes, here.approaches, here.begins), s1
-        return np.array(there.clearance_state)[4:]
+            step(model.p, k, THERE, time_map, s, s1 - s)
+            k.y[HERE], k.time[HERE], s = k.y[THERE], k.time[THERE], s1
+            evaluate(model.p, k, HERE)
+        return k.y[HERE, model.positions : 2 * model.positions].copy()
 
     exact = velocities(20 * counts[-1])
     errors = [np.abs(velocities(count) - exact).max() for count in counts]

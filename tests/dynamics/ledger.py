@@ -30,7 +30,7 @@ def bodies(moved: Motion) -> list[tuple]:
     """Crank, unbalance, rod, slider: mass, position, velocity, inertia, angular velocity."""
     made = moved.made
     angle, speed = moved.angles, moved["crank_speed"]
-    pivot, pivot_rate = (np.array([moved.auxiliary(i), moved.auxiliary(i + 1)]) for i in (0, 4))
+    pivot, pivot_rate = moved.vector("crank_pivot")
 
     def on_crank(distance, ahead):
         arm = distance * np.array([np.cos(angle + ahead), np.sin(angle + ahead)])
@@ -57,7 +57,7 @@ def bending(moved: Motion) -> dict[str, np.ndarray]:
             "momentum": np.zeros((2, *moved.angles.shape))
         }
     m, beyond = rod.mass, 0.5 * rod.length - rod.mass_centre
-    q, rate, turn = moved.auxiliary(3), moved.auxiliary(7), moved["rod_angular_velocity"]
+    (q, rate), turn = moved.bend(), moved["rod_angular_velocity"]
     along = np.array([np.cos(moved["rod_angle"]), np.sin(moved["rod_angle"])])
     across = turned(along)
     place, velocity = rod_centre(moved)
@@ -149,7 +149,7 @@ def crank_losses(moved: Motion) -> np.ndarray:
 
 def joint_powers(moved: Motion, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Elastic energy [J] of a joint and power [W] that it turns into heat."""
-    joint, rod, crank = getattr(moved.p, name), moved["rod_angular_velocity"], moved["crank_speed"]
+    joint, rod, crank = moved.model.bearings[name], moved["rod_angular_velocity"], moved["crank_speed"]
     pairs = {"crank_pin": (rod, crank), "piston_pin": (rod, 0 * rod)}
     pairs["crank_pivot"] = (crank, 0 * crank)
     body, partner = pairs[name]
@@ -191,7 +191,7 @@ def joint_powers(moved: Motion, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 def frame_moment(moved: Motion) -> np.ndarray:
     """Moment [N m] about the origin of the frame's force on the crank in a loose crank pivot."""
-    pivot = moved.p.crank_pivot
+    pivot = moved.model.bearings["crank_pivot"]
     if not pivot.loose:
         return np.zeros_like(moved.angles)
     depth = np.maximum(moved["r1"] - pivot.clearance, 0.0)

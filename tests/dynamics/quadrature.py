@@ -6,11 +6,10 @@ from itertools import pairwise
 import numpy as np
 
 from jointgap.config import Mechanism
-from jointgap.core.joints import JOINTS
-from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.dynamics.integrate import EVENT
-from jointgap.dynamics.parameters import Parameters
-from jointgap.dynamics.simulation import IntegrationResult, integrate_to_angles, start_state
+from jointgap.dynamics.integrate import EVENT, Samples
+from jointgap.dynamics.model import Model
+from jointgap.dynamics.simulation import integrate_to_angles, observed, start_state
+from jointgap.dynamics.slider_crank import model_of
 from tests.dynamics.cases import options
 from tests.dynamics.laws import faded_damping
 
@@ -27,23 +26,30 @@ class Motion:
     """A motion sampled where Gauss' rule wants it, panel by panel."""
 
     made: Mechanism  # its effects applied
-    p: Parameters
+    model: Model
     angles: np.ndarray  # of each panel's start, 16 nodes and end [rad], (panels, 16 + 2)
     weights: np.ndarray  # of the nodes, for integrals over the time [s], (panels, 16)
-    run: IntegrationResult
+    run: Samples
     seen: dict[str, np.ndarray]
 
     def sampled(self, values: np.ndarray) -> np.ndarray:
         return values.reshape(self.angles.shape)
 
-    def auxiliary(self, i: int) -> np.ndarray:
-        return self.sampled(self.run.auxiliary_states[:, i])
+    def vector(self, joint: str) -> tuple[np.ndarray, np.ndarray]:
+        """Clearance vector and its rate, (2, panels, 16 + 2) each."""
+        found = self.model.vector(self.run.states, joint)
+        return tuple(np.array([self.sampled(each) for each in v.T]) for v in found)
+
+    def bend(self) -> tuple[np.ndarray, np.ndarray]:
+        """Deflection of the rod and its rate."""
+        half = self.model.positions
+        return tuple(self.sampled(self.run.states[:, i]) for i in (half - 1, 2 * half - 1))
 
     def mode(self, joint: str) -> np.ndarray:
-        return self.sampled(self.run.modes[:, JOINTS.index(joint)])
+        return self.sampled(self.run.modes[:, self.model.loose.index(joint)])
 
     def damping_factor(self, joint: str) -> np.ndarray:
-        numbers, number = getattr(self.p, joint), JOINTS.index(joint)
+        numbers, number = self.model.bearings[joint], self.model.loose.index(joint)
         since = self.run.times - self.run.begins[:, number]
         return self.sampled(faded_damping(numbers, self.run.approaches[:, number], since))
 
@@ -70,16 +76,16 @@ def motion(
     elsewhere: panels in which the forces are not smooth are divided.
     """
     chosen = options(**changed)
-    p = parameters(made, chosen)
+    model = model_of(made, chosen)
     start, end = chosen.start_angle, chosen.start_angle + revolutions * 2 * np.pi
-    run = integrate_to_angles(p, start_state(p), np.array([start, end]), tolerance)
+    run = integrate_to_angles(model, start_state(model), np.array([start, end]), tolerance)
     corners = np.concatenate(([start], run.events[:, ANGLE], [end]))
     panels = []
     for a, b in pairwise(corners):
         edges = np.linspace(0.0, np.pi / 2, 2 + int((b - a) / (2 * np.pi) * panels_per_revolution))
         panels += [(a, b, u0, u1) for u0, u1 in pairwise(edges)]
     for _ in range(ROUNDS):
-        moved = _sampled(made, p, np.array(panels), tolerance)
+        moved = _sampled(made, model, np.array(panels), tolerance)
         rough = _roughness(moved) > SMOOTH
         if not rough.any():
             break
@@ -91,16 +97,16 @@ def motion(
     return moved
 
 
-def _sampled(made: Mechanism, p: Parameters, panels: np.ndarray, tolerance: float) -> Motion:
+def _sampled(made: Mechanism, model: Model, panels: np.ndarray, tolerance: float) -> Motion:
     a, b, u0, u1 = panels.T[:, :, None]
     inside = 0.5 * (u0 + u1) + 0.5 * (u1 - u0) * NODES
     u = np.concatenate((u0, inside, u1), axis=1)
     angles = np.clip(a + (b - a) * np.sin(u) ** 2, a, b)
     weights = 0.5 * (u1 - u0) * WEIGHTS * (b - a) * np.sin(2 * inside)
-    run = integrate_to_angles(p, start_state(p), angles.ravel(), tolerance)
-    seen = run.observed(p)
+    run = integrate_to_angles(model, start_state(model), angles.ravel(), tolerance)
+    seen = observed(model, run)
     weights /= seen["crank_speed"].reshape(angles.shape)[:, 1:-1]
-    return Motion(made.applied(), p, angles, weights, run, seen)
+    return Motion(made.applied(), model, angles, weights, run, seen)
 
 
 def _roughness(moved: Motion) -> np.ndarray:

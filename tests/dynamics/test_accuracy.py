@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.slider_crank import model_of
 from jointgap.dynamics.contact import LAWS
 from jointgap.dynamics.equations import AUXILIARY_STATES
 from jointgap.dynamics.joints import FORCE_FREE

@@ -9,7 +9,7 @@ import pytest
 
 from jointgap.core.errors import SimulationError
 from jointgap.dynamics import numba_cache
-from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.slider_crank import model_of
 from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
 from tests.dynamics.cases import ALL, CRANK, ROD, effect, mechanism, options, with_numbers
 

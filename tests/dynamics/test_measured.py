@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from jointgap.core.errors import InputError
-from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.slider_crank import model_of
 from jointgap.dynamics.drive import smooth_angle, unwrapped
 from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
 from tests.dynamics.cases import SPEED, mechanism, options

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.slider_crank import model_of
 from jointgap.dynamics.contact import LAWS, damping_factor_at, elastic_duration
 from jointgap.dynamics.integrate import EVENT
 from jointgap.dynamics.joints import CONTACT, FLIGHT

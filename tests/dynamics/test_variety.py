@@ -5,7 +5,7 @@ import pytest
 
 from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.core.joints import JOINTS
-from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.slider_crank import model_of
 from jointgap.dynamics.simulation import crank_angles, integrate_to_angles, start_state
 from tests.dynamics.cases import ALL, PINS, effect, mechanism, options
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.slider_crank import model_of
 from jointgap.dynamics.joints import clearances
 from jointgap.dynamics.simulation import integrate_to_angles, start_state
 from jointgap.dynamics.windows import Carried, loose_joints, resting, rows_of, simulate_windows

@@ -5,7 +5,7 @@ import pytest
 
 from jointgap.config.channels import MIRRORED
 from jointgap.core.errors import InputError
-from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.slider_crank import model_of
 from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
 from jointgap.effects import EFFECTS
 from jointgap.effects.base import example

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.right_hand_side import right_hand_side
-from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.slider_crank import model_of
 from jointgap.dynamics.joints import CONTACT, FLIGHT
 from jointgap.dynamics.runge_kutta import VELOCITY_TIME, instant
 from tests.dynamics.cases import mechanism, options

@@ -15,7 +15,8 @@ from jointgap.core import parquet
 from jointgap.core.facts import Fact
 from jointgap.core.plot import COLOURS, CRANK_ANGLE, INK, Drawing, Quantity, Sheet
 from jointgap.core.words import format_name
-from jointgap.dynamics.linkage_motion import linkage_remarks, simulate_linkage
+from jointgap.dynamics.model import linkage_remarks
+from jointgap.dynamics.simulation import simulate_linkage
 from jointgap.linkage.assembly import signs_of
 from jointgap.linkage.equations import Arithmetic, Crank, Pose
 from jointgap.linkage.from_file import linkage_of_file

@@ -7,7 +7,7 @@ import numba
 import numpy as np
 
 from jointgap.core.formula import NOTHING
-from jointgap.dynamics.equations import slider_force
+from jointgap.dynamics.laws import slider_force
 from jointgap.dynamics.parameters import (
     NO_TABLE,
     EffectParameters,
@@ -21,7 +21,7 @@ NEAR = 0.05  # [1] Share of a range over which derivatives of forces are differe
 
 
 class Laws(NamedTuple):
-    """The force laws of effects, as `jointgap.dynamics.equations.slider_force` reads them."""
+    """The force laws of effects, as `jointgap.dynamics.laws.slider_force` reads them."""
 
     effects: Record
     slider_table: Record

@@ -18,9 +18,9 @@ from jointgap.config.load import validate
 from jointgap.core.errors import InputError
 from jointgap.core.schema import MISSING_FORCE
 from jointgap.core.units import split_quantity
-from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.dynamics.equations import crank_losses, slider_force
+from jointgap.dynamics.laws import crank_losses, slider_force
 from jointgap.dynamics.simulation import simulate
+from jointgap.dynamics.slider_crank import model_of
 from jointgap.identification.fit import determined_values
 from jointgap.rig.cylinder_pressure import with_loads
 from jointgap.rig.simulate_run import augmented_mechanism, tolerance_for
@@ -144,7 +144,7 @@ def _forces_over_revolution(base: Mechanism, augmented: Mechanism, speed: float)
     samples = simulate(augmented, options).samples.tail(_SAMPLES + 1).reset_index(drop=True)
     names = ["slider_position", "slider_velocity", "crank_speed", "crank_angle", "time"]
     states = samples[names].to_numpy()
-    with_effects, without = parameters(augmented, options), parameters(base, options)
+    with_effects, without = (model_of(each, options).p for each in (augmented, base))
     force = [
         slider_force(with_effects, guide, *state) - slider_force(without, guide, *state)
         for guide, state in zip(samples["guide_force"], states, strict=True)

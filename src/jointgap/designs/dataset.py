@@ -23,10 +23,10 @@ from jointgap.designs.measures import (
     printed_reductions,
 )
 from jointgap.designs.sampling import SOURCE, Designs, designs_of
-from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.model import Model
 from jointgap.dynamics.parallel import Outcome, Run, side_by_side, simulate_run
-from jointgap.dynamics.parameters import Parameters
 from jointgap.dynamics.simulation import simulate
+from jointgap.dynamics.slider_crank import model_of
 
 _CHUNK = 32
 """Designs per thread and step (prepare, simulate, measure): one at a time takes 20 % longer because
@@ -68,16 +68,16 @@ def _simulate_chunk(designs: Designs, numbered: list[tuple[int, dict]]) -> list[
     ]
 
 
-def _prepare(designs: Designs, values: dict) -> list[tuple[Run, Parameters] | InputError]:
+def _prepare(designs: Designs, values: dict) -> list[tuple[Run, Model] | InputError]:
     """A run for each start of a design, or the error of an infeasible design."""
     try:
         design = designs.scenario(values)
-        numbers = parameters(design.mechanism, design.simulate)
+        model = model_of(design.mechanism, design.simulate)
     except InputError as error:
         return [error] * designs.sweep.starts
     angles = None if designs.sweep.printed_numbers else angles_to_measure(design.simulate)
     return [
-        (Run(design.mechanism, design.simulate, start, angles), numbers)
+        (Run(design.mechanism, design.simulate, start, angles), model)
         for start in designs.starts(design.mechanism)
     ]
 

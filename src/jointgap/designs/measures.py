@@ -5,19 +5,19 @@ import math
 import numpy as np
 from scipy.optimize import newton
 
-from jointgap.config import Mechanism, Simulate
+from jointgap.config import Simulate
 from jointgap.core.joints import JOINTS
 from jointgap.core.schema import BEST_LENGTHS
 from jointgap.designs.sampling import ErrorDefinition
-from jointgap.dynamics.parallel import Outcome, rod_and_slider
-from jointgap.dynamics.sampling import (
-    ROUNDING,
-    angle_errors,
-    contact_sums,
-    largest_change,
-    slider_and_forces,
+from jointgap.dynamics.parallel import Outcome
+from jointgap.dynamics.sampling import ROUNDING, angle_errors, contact_sums, largest_change
+from jointgap.dynamics.simulation import crank_angles, observed
+from jointgap.dynamics.slider_crank import (
+    clearance_vectors,
+    lengths_of,
+    rod_and_slider,
+    rod_sine,
 )
-from jointgap.dynamics.simulation import IntegrationResult, crank_angles
 from jointgap.lengths.objective import Objective, objective_of_motion
 from jointgap.paper.printed import OPTIMA
 
@@ -41,15 +41,18 @@ def angles_to_measure(options: Simulate) -> np.ndarray:
 
 def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
     """The numbers `MEASURES` of a successful run [SI]; NaN where undefined."""
-    result, mechanism, p = outcome.result, outcome.run.mechanism, outcome.parameters
+    result, mechanism, model = outcome.result, outcome.run.mechanism, outcome.model
     per_turn = outcome.run.options.samples_per_revolution
     last_turn = slice(-per_turn - 1, None)
-    position, acceleration, peaks, rms_forces = slider_and_forces(p, result.part(last_turn))
-    position, acceleration = position[:-1], acceleration[:-1]  # the end repeats the beginning
+    seen = observed(model, result.part(last_turn))
+    # the end repeats the beginning
+    position, acceleration = seen["slider_position"][:-1], seen["slider_acceleration"][:-1]
+    crank, rod, offset = lengths_of(model)
 
     def errors_of(samples: slice, angles: tuple[float, float]) -> tuple[float, ...]:
-        states = result.states[samples], result.auxiliary_states[samples]
-        return angle_errors(p, outcome.crank_angle[samples], *states, *angles)
+        angle = outcome.crank_angle[samples]
+        ideal = (offset - crank * np.sin(angle)) / rod
+        return angle_errors(rod_sine(model, angle, result.states[samples]), ideal, angle, *angles)
 
     *errors, least_angle = errors_of(slice(-per_turn - 1, -1), (-math.inf, math.inf))
     *errors_in_window, _ = errors_of(slice(0, per_turn), window)
@@ -65,19 +68,23 @@ def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
         "inner_dead_centre_angle": inner_angle,
         "acceleration_rms": rms,
         "noise_share": high_order_rms(acceleration) / rms if rms else math.nan,
-        "repeat_distance": _repeat_distance(result, mechanism, per_turn),
+        "repeat_distance": _repeat_distance(outcome, per_turn),
     }
     begin, end = float(result.times[last_turn.start]), float(result.times[-1])
-    contact_time, impacts, contact_peaks = contact_sums(result.events, begin, end)
-    for number, joint in enumerate(JOINTS):
-        is_loose = joint in mechanism.loose
-        share = float(contact_time[number]) / (end - begin) if is_loose else math.nan
+    contact_time, impacts, contact_peaks = contact_sums(result.events, len(model.loose), begin, end)
+    for joint in JOINTS:
+        share = count = math.nan
+        normal = seen[f"{joint}_normal_force"]
+        peak = normal.max()
+        if joint in model.loose:
+            number = model.loose.index(joint)
+            share, count = contact_time[number] / (end - begin), impacts[number]
+            peak = max(peak, contact_peaks[number])  # samples may miss that of a short contact
         row |= {
-            f"{joint}_contact_share": share,
-            f"{joint}_impacts": float(impacts[number]) if is_loose else math.nan,
-            # the samples may miss the peak of a short contact
-            f"{joint}_peak_force": float(max(peaks[number], contact_peaks[number])),
-            f"{joint}_rms_force": float(rms_forces[number]),
+            f"{joint}_contact_share": float(share),
+            f"{joint}_impacts": float(count),
+            f"{joint}_peak_force": float(peak),
+            f"{joint}_rms_force": math.sqrt(np.mean(normal[:-1] ** 2)),
         }
     return row
 
@@ -99,15 +106,16 @@ def _extreme(values: np.ndarray, angle: np.ndarray) -> tuple[float, float]:
     return float(peak - 0.25 * (previous - following) * shift), float(top_angle % (2.0 * math.pi))
 
 
-def _repeat_distance(result: IntegrationResult, mechanism: Mechanism, per_turn: int) -> float:
+def _repeat_distance(outcome: Outcome, per_turn: int) -> float:
     """Largest distance of the clearance vectors between the last two revolutions, over the smallest
     clearance; NaN with one revolution, or without clearance."""
+    result, mechanism = outcome.result, outcome.run.mechanism
     if len(result.times) < 2 * per_turn + 1 or not mechanism.loose:
         return math.nan
     two_turns = slice(-2 * per_turn - 1, None)
     smallest = min(map(mechanism.clearance, mechanism.loose))
-    states = result.states[two_turns], result.auxiliary_states[two_turns]
-    return largest_change(*states, per_turn) / smallest
+    vectors = clearance_vectors(outcome.model, result.states[two_turns])
+    return largest_change(vectors, per_turn) / smallest
 
 
 def best_lengths(outcome: Outcome, definition: ErrorDefinition) -> dict[str, float]:
@@ -142,8 +150,7 @@ def _objective(outcome: Outcome, turn: slice, window: tuple[float, float]) -> Ob
     inside = (turned >= window[0]) & (turned <= window[1] + 2.0 * ROUNDING)
     if not inside.any():
         return None
-    states = result.states[turn], result.auxiliary_states[turn]
-    rod, _ = rod_and_slider(outcome.parameters, angle, *states)
+    rod, _ = rod_and_slider(outcome.model, angle, result.states[turn])
     return objective_of_motion(outcome.run.mechanism, angle[inside], rod[inside])
 
 

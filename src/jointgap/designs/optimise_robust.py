@@ -20,7 +20,9 @@ from jointgap.core.errors import InputError, needs
 from jointgap.core.progress import report_progress
 from jointgap.designs.sampling import Designs, axes_of, values_at
 from jointgap.dynamics.kinematics import transmission_angle
-from jointgap.dynamics.parallel import Outcome, Run, rod_and_slider, simulate_runs
+from jointgap.dynamics.parallel import Outcome, Run, simulate_runs
+from jointgap.dynamics.simulation import observed
+from jointgap.dynamics.slider_crank import rod_and_slider
 from jointgap.lengths.objective import (
     Objective,
     largest_pin_force,
@@ -178,8 +180,7 @@ class SimulatedSamples:
         """Crank and rod angles [rad] at the samples of the error."""
         samples, result = self._settled(outcome)[:-1], outcome.result  # the end is the beginning
         angle = outcome.crank_angle[samples]
-        states = result.states[samples], result.auxiliary_states[samples]
-        return angle, rod_and_slider(outcome.parameters, angle, *states)[0]
+        return angle, rod_and_slider(outcome.model, angle, result.states[samples])[0]
 
     def _settled(self, outcome: Outcome) -> np.ndarray:
         per_turn = outcome.run.options.samples_per_revolution
@@ -189,8 +190,8 @@ class SimulatedSamples:
         """Error [rad], force [N] and stroke [m] of one motion; or the reason of a failure."""
         if outcome.error is not None:
             return math.nan, math.nan, math.nan, str(outcome.error)
-        observed = outcome.result.part(self._settled(outcome)).observed(outcome.parameters)
-        force = largest_pin_force(pin_forces(observed))
+        columns = observed(outcome.model, outcome.result.part(self._settled(outcome)))
+        force = largest_pin_force(pin_forces(columns))
         angle, rod = self.rod_angles(outcome)
         lengths = self.original.crank.length, self.original.rod.length
         ideal = transmission_angle(*lengths, angle, 0.0, self.original.slider.offset)

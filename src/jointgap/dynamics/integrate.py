@@ -5,13 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jointgap.core.joints import JOINTS
-from jointgap.dynamics.dense_output import prepare_inside, state_inside
-from jointgap.dynamics.equations import AUXILIARY_STATES, STATES
-from jointgap.dynamics.events import advance, switched, with_conditions
-from jointgap.dynamics.joints import FLIGHT, all_turns, clearances, direction
+from jointgap.dynamics.advance import advance
+from jointgap.dynamics.events import switched
+from jointgap.dynamics.joints import FLIGHT, direction, turns_after
 from jointgap.dynamics.numba_cache import compiled, inlined
-from jointgap.dynamics.parameters import MOTOR, Parameters
+from jointgap.dynamics.rates import evaluate
 from jointgap.dynamics.runge_kutta import (
     AFTER,
     BEFORE,
@@ -19,16 +17,12 @@ from jointgap.dynamics.runge_kutta import (
     LINEAR,
     NODES,
     STAGES,
-    Instant,
     dt_ds,
     elapsed_time,
-    instant,
-    next_knot,
+    prepare_inside,
+    state_inside,
 )
-
-EPISODE = 4
-"""Quantities of a joint's contact: impulse [N s], largest normal force [N], maxima of the
-penetration, begin [s]."""
+from jointgap.dynamics.workspace import CONDITIONS, EPISODE, HERE
 
 EVENT = (
     "time",
@@ -51,78 +45,46 @@ MODES = ("ideal", "flight", "impact", "contact")
 """Modes of samples, by joint."""
 
 
-@inlined
-def update_episodes(episodes, here, motion, there_motion, step_map, step_start, ds, k) -> None:
-    """Update the episodes over an accepted step whose stages are in `k`."""
-    flying = here.modes[0] == FLIGHT and here.modes[1] == FLIGHT and here.modes[2] == FLIGHT
-    if flying or ds == 0.0:
-        return
-    for joint in range(3):
-        if here.modes[joint] == FLIGHT:
-            continue
-        impulse, peak = 0.0, episodes[joint, 1]
-        for stage in range(COUNT):
-            normal = max(k.normals[joint, stage], 0.0)
-            impulse += (
-                STAGES[COUNT, stage] * dt_ds(step_map, step_start + NODES[stage] * ds) * normal
-            )
-            peak = max(peak, normal)
-        episodes[joint, 0] += ds * impulse
-        episodes[joint, 1] = peak
-        ex, ey, vx, vy, _, _ = motion[joint]
-        fx, fy, wx, wy, _, _ = there_motion[joint]
-        if ex * vx + ey * vy > 0.0 >= fx * wx + fy * wy:
-            episodes[joint, 2] += 1.0
+class Samples(NamedTuple):
+    """Samples and events of one integration; n samples, c loose joints."""
+
+    times: np.ndarray  # (n,) [s]
+    states: np.ndarray  # (n, states)
+    modes: np.ndarray  # (n, c)
+    approaches: np.ndarray  # (n, c) [m/s]
+    begins: np.ndarray  # (n, c) [s]
+    directions: np.ndarray  # (n, c) [rad]
+    events: np.ndarray  # (e, EVENT_WIDTH)
+    steps: int
+
+    def part(self, chosen: slice | np.ndarray) -> "Samples":
+        """The `chosen` samples only, with all events."""
+        return Samples(*(values[chosen] for values in self[:-2]), *self[-2:])
 
 
-@compiled
-def begin_episode(episodes, joint, time):
-    """Start a contact at `time` [s]."""
-    for i in range(3):
-        episodes[joint, i] = 0.0
-    episodes[joint, 3] = time
-
-
-@compiled
-def record_event(event, episodes, there, joint, begins, approach):
-    """Write a row of events: see `EVENT`."""
-    event[0], event[1], event[2], event[7] = (
-        there.time,
-        joint,
-        1.0 if begins else 0.0,
-        there.crank_angle,
+def room_for(times: np.ndarray, states: int, contacts: int) -> Samples:
+    """Samples at `times` (n,) [s], to be filled."""
+    n = times.size
+    numbers = (np.empty((n, contacts)) for _ in range(3))
+    return Samples(
+        times,
+        np.empty((n, states)),
+        np.empty((n, contacts), np.int64),
+        *numbers,
+        np.empty((0, EVENT_WIDTH)),
+        0,
     )
-    event[3] = approach if begins else math.nan
-    for i in range(3):
-        event[4 + i] = math.nan if begins else episodes[joint, i]
-    event[8] = math.nan if begins else there.time - episodes[joint, 3]
 
 
-def mode_numbers(
-    p: Parameters, times: np.ndarray, modes: np.ndarray, events: np.ndarray
-) -> np.ndarray:
-    """Modes of the joints at samples, as indices in `MODES`, shape (n, 3), int8."""
-    found = np.zeros((times.size, 3), np.int8)
+def mode_numbers(found: Samples, joint: int) -> np.ndarray:
+    """Modes (n,) of a loose joint at samples, as indices in `MODES`: a contact with at most one
+    maximum of its penetration is an impact."""
     column = {name: i for i, name in enumerate(EVENT)}
-    for number, joint in enumerate(JOINTS):
-        if not getattr(p, joint).loose:
-            continue
-        ends = events[(events[:, column["joint"]] == number) & (events[:, column["begins"]] == 0)]
-        following = np.searchsorted(ends[:, column["time"]], times)  # the next separation, if any
-        maxima = np.append(ends[:, column["maxima"]], np.inf)[following]
-        found[:, number] = np.where(modes[:, number] != FLIGHT, np.where(maxima <= 1, 2, 3), 1)
-    return found
-
-
-def sample_modes(
-    p: Parameters, times: np.ndarray, modes: np.ndarray, events: np.ndarray
-) -> dict[str, np.ndarray]:
-    """Columns ``crank_pin_mode``, ... of the table ``trajectory``; parameters as `mode_numbers`."""
-    numbers = mode_numbers(p, times, modes, events)
-    return {
-        f"{joint}_mode": np.array(MODES, dtype=object)[numbers[:, i]]
-        for i, joint in enumerate(JOINTS)
-    }
+    events = found.events
+    ends = events[(events[:, column["joint"]] == joint) & (events[:, column["begins"]] == 0)]
+    following = np.searchsorted(ends[:, column["time"]], found.times)  # the next separation, if any
+    maxima = np.append(ends[:, column["maxima"]], np.inf)[following]
+    return np.where(found.modes[:, joint] != FLIGHT, np.where(maxima <= 1, 2, 3), 1)
 
 
 DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, NOT_FINITE, STALLED = range(5)
@@ -136,20 +98,6 @@ _AFTER_IMPACT = (
 _FAR = 20.0  # steps after an impact beyond which its branch point is negligible
 
 
-class Progress(NamedTuple):
-    """State of an integration, complete for an exact continuation."""
-
-    here: Instant  # Start of the next step; the samples so far are before or within this step
-    # `clearances` at the instant up to which the directions of the clearance vectors were followed
-    seen: tuple
-    seen_time: float  # That instant [s]
-    turns: tuple  # Rotation of the clearance vectors [rad]
-    episodes: np.ndarray  # See `jointgap.dynamics.integrate`
-    proposal: float  # Length of the next step [s]
-    time_map: int  # Time map of the next step
-    s: float  # Start of the next step in the variable of that map
-
-
 @compiled
 def contact_duration(joint, mass, speed):
     """Approximate duration [s] of an elastic impact of `mass` at `speed`."""
@@ -159,215 +107,268 @@ def contact_duration(joint, mass, speed):
     )
 
 
-@compiled
-def contact_begins(p, joint, approach):
-    """`contact_duration` of a joint with the rod's mass as an approximation."""
-    mass = 0.5 * p.bodies.rod_mass
-    if joint == 0:
-        return contact_duration(p.crank_pin, mass, approach)
-    return contact_duration(p.piston_pin if joint == 1 else p.crank_pivot, mass, approach)
-
-
-@compiled
-def least_approach(p, joint):
-    """Smallest approach speed [m/s] in the damping of a joint."""
-    if joint == 0:
-        return p.crank_pin.least_approach
-    return p.piston_pin.least_approach if joint == 1 else p.crank_pivot.least_approach
-
-
 @inlined
-def time_to_knot(p, here, resolution) -> float:
-    """Time [s] from `here` until a step has to end because the memory of a contact begins or ends
-    to fade."""
-    knot = min(
-        next_knot(p.crank_pin, here.begins[0], here.time, resolution),
-        next_knot(p.piston_pin, here.begins[1], here.time, resolution),
-        next_knot(p.crank_pivot, here.begins[2], here.time, resolution),
-    )
-    return knot - here.time
+def next_knot(joint, begin, time, resolution) -> float:
+    """Next time [s] at which the memory of a contact begins or ends to fade, or infinity."""
+    knot = begin + joint.memory_time
+    if knot > time + resolution:
+        return knot
+    knot += joint.fading_time
+    return knot if knot > time + resolution else math.inf
 
 
 @compiled
-def replaced(values, place, value):
-    """Three values with one of them replaced."""
-    return (
-        value if place == 0 else values[0],
-        value if place == 1 else values[1],
-        value if place == 2 else values[2],
-    )
-
-
-@compiled
-def time_at_angle(p, here, there, taken, angle, smooth, k):
-    """Time [s] within a step at which a motor's crank passes `angle` [rad], by Newton's method."""
-    low, high = here.time, there.time
-    share = (angle - here.crank_angle) / (there.crank_angle - here.crank_angle)
-    time = low + share * (high - low)
+def time_at_angle(p, k, row, time_map, s, ds, angle, smooth):
+    """Time [s] within a step at which a free crank passes `angle` [rad], by Newton's method."""
+    low, high = k.time[HERE], k.time[row]
+    time = low + (angle - k.angle[HERE]) / (k.angle[row] - k.angle[HERE]) * (high - low)
     for _ in range(50):
-        _, x = state_inside(p, here, taken, time, smooth, k)
-        following = time - (x[2] - angle) / x[6]
-        if x[2] < angle:
+        state_inside(p, k, time_map, s, ds, time, smooth)
+        reached, speed = k.z[2 * k.contacts], k.z[k.half + 2 * k.contacts]
+        following = time - (reached - angle) / speed
+        if reached < angle:
             low = time
         else:
             high = time
-        if abs(following - time) <= 1e-15 * (there.time - here.time) + 4e-16 * abs(time):
+        if abs(following - time) <= 1e-15 * (k.time[row] - k.time[HERE]) + 4e-16 * abs(time):
             break
         time = following if low <= following <= high else 0.5 * (low + high)
     return time
 
 
+@compiled
+def _begin_episode(episodes, joint, time):
+    """Start a contact at `time` [s]."""
+    for i in range(3):
+        episodes[joint, i] = 0.0
+    episodes[joint, 3] = time
+
+
 @inlined
-def longest_step(p) -> float:
-    fastest = (
-        max(p.drive.speed, p.drive.no_load_speed) if p.drive.kind == MOTOR else abs(p.drive.speed)
-    )
+def _follow(k, time) -> None:
+    """Count the turns of the clearance vectors up to the state z."""
+    h = k.half
+    for j in range(k.contacts):
+        seen = (k.seen[j, 0], k.seen[j, 1], k.seen[j, 2], k.seen[j, 3])
+        now = (k.z[2 * j], k.z[2 * j + 1], k.z[h + 2 * j], k.z[h + 2 * j + 1])
+        k.turns[j] = turns_after(k.turns[j], seen, now, time - k.seen_time)
+        for i in range(4):
+            k.seen[j, i] = now[i]
+    k.seen_time = time
+
+
+@inlined
+def _update_episodes(k, row, time_map, s, ds) -> None:
+    """Update the episodes over an accepted step whose stages are in `k`."""
+    if ds == 0.0:
+        return
+    for j in range(k.contacts):
+        if k.modes[j] == FLIGHT:
+            continue
+        impulse, peak = 0.0, k.episodes[j, 1]
+        for stage in range(COUNT):
+            normal = max(k.normals[j, stage], 0.0)
+            impulse += STAGES[COUNT, stage] * dt_ds(time_map, s + NODES[stage] * ds) * normal
+            peak = max(peak, normal)
+        k.episodes[j, 0] += ds * impulse
+        k.episodes[j, 1] = peak
+        if _opening(k, HERE, j) > 0.0 >= _opening(k, row, j):
+            k.episodes[j, 2] += 1.0
+
+
+@inlined
+def _opening(k, row, j) -> float:
+    """Length of a clearance vector times its rate."""
+    x, v = 2 * j, k.half + 2 * j
+    return k.y[row, x] * k.y[row, v] + k.y[row, x + 1] * k.y[row, v + 1]
+
+
+@inlined
+def _record_event(event, k, j, begins, approach) -> None:
+    """Write a row of events: see `EVENT`."""
+    event[0], event[1], event[2] = k.time[HERE], j, 1.0 if begins else 0.0
+    event[3] = approach if begins else math.nan
+    for i in range(3):
+        event[4 + i] = math.nan if begins else k.episodes[j, i]
+    event[7] = k.angle[HERE]
+    event[8] = math.nan if begins else k.time[HERE] - k.episodes[j, 3]
+
+
+@inlined
+def _take(k, row) -> None:
+    """Let the next step start at a row."""
+    k.time[HERE], k.angle[HERE] = k.time[row], k.angle[row]
+    k.cosine[HERE], k.sine[HERE] = k.cosine[row], k.sine[row]
+    for i in range(k.states):
+        k.y[HERE, i], k.dy[HERE, i] = k.y[row, i], k.dy[row, i]
+    for j in range(k.contacts):
+        k.normal[HERE, j] = k.normal[row, j]
+        for i in range(CONDITIONS):
+            k.conditions[HERE, j, i] = k.conditions[row, j, i]
+
+
+@inlined
+def longest_step(p, k) -> float:
+    """[s]"""
+    fastest = abs(p.drive.speed)
+    if k.is_free and p.drive.stall_torque > 0.0:
+        fastest = max(fastest, p.drive.no_load_speed)
     return _LONGEST_TURN / fastest
 
 
 @compiled
-def beginning(p, y, x, time):
-    """State of an integration at its start, all joints in flight."""
-    y_start = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
-    x_start = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
-    nowhere = (math.inf, math.inf, math.inf)
-    here = instant(p, time, y_start, x_start, (FLIGHT, FLIGHT, FLIGHT), nowhere, nowhere)
-    seen = clearances(y_start, x_start)
-    episodes = np.zeros((3, EPISODE))
-    return Progress(
-        here, seen, here.time, (0.0, 0.0, 0.0), episodes, 0.1 * longest_step(p), LINEAR, 0.0
-    )
+def begin(p, k, share):
+    """Prepare an integration from the state, time and modes in the first row of `k`, with a first
+    step of a `share` of the longest one."""
+    evaluate(p, k, HERE)
+    for j in range(k.contacts):
+        k.turns[j] = 0.0
+        for i in range(EPISODE):
+            k.episodes[j, i] = 0.0
+        x, v = 2 * j, k.half + 2 * j
+        k.seen[j, 0], k.seen[j, 1] = k.z[x], k.z[x + 1]
+        k.seen[j, 2], k.seen[j, 3] = k.z[v], k.z[v + 1]
+    k.seen_time = k.time[HERE]
+    k.proposal, k.time_map, k.s = share * longest_step(p, k), LINEAR, 0.0
+
+
+@inlined
+def _keep_episodes(source, target) -> None:
+    for j in range(len(source)):
+        for i in range(EPISODE):
+            target[j, i] = source[j, i]
+
+
+@inlined
+def _leave(k, proposal, time_map, s) -> None:
+    k.proposal, k.time_map, k.s = proposal, time_map, s
 
 
 @compiled
-def integrate(p, progress, found, angles, tolerance, step_limit, k):
-    """Continue the integration, with samples in the arrays of `found`."""
-    times, states, auxiliary_states = found.times, found.states, found.auxiliary_states
-    modes_at, approaches_at = found.modes, found.approaches
-    begins_at, directions_at = found.begins, found.directions
-    events, event_count, steps, sample = np.empty((64, EVENT_WIDTH)), 0, 0, 0
-    motor, longest = p.drive.kind == MOTOR, longest_step(p)
-    here, seen, seen_time, turns, episodes, proposal, time_map, s = progress
-    episodes = episodes.copy()  # not the caller's
-    before_step = episodes.copy()
-    now = with_conditions(p, here)
+def integrate(p, k, found, angles, tolerance, step_limit):
+    """Continue the integration in `k` to the last of the crank `angles` (n,) [rad], with samples in
+    the arrays of `found`.
 
+    Afterwards `k` is at the start of the last step, for an exact continuation. Returns status,
+    events and steps.
+    """
+    events, event_count, steps, sample = np.empty((64, EVENT_WIDTH)), 0, 0, 0
+    longest = longest_step(p, k)
+    proposal, time_map, s = k.proposal, k.time_map, k.s
+    times, states = found.times, found.states
     while True:
         if steps >= step_limit:
-            end = Progress(here, seen, seen_time, turns, episodes, proposal, time_map, s)
-            return TOO_MANY_STEPS, end, events[:event_count], steps
+            return TOO_MANY_STEPS, events[:event_count], steps
         proposal = unhindered = min(proposal, longest)
-        proposal = min(proposal, time_to_knot(p, here, 1e-15 * (abs(here.time) + longest)))
+        resolution = 1e-15 * (abs(k.time[HERE]) + longest)
+        for j in range(k.contacts):
+            knot = next_knot(k.joints[j], k.begins[j], k.time[HERE], resolution)
+            proposal = min(proposal, knot - k.time[HERE])
         if time_map == AFTER and s * s > _FAR * proposal:
             time_map, s = LINEAR, 0.0
         allowed = tolerance * (_AFTER_IMPACT if time_map == AFTER else 1.0)
-        happens, joint, kind, then, taken, error, made = advance(
-            p, now, time_map, s, proposal, allowed, k
+        happens, contact, kind, step_map, start, ds, error, made, row = advance(
+            p, k, time_map, s, proposal, allowed
         )
-        step_map, step_start, ds = taken
-        there, steps = then[0], steps + made
-
-        # accepted or rejected, the error determines the length of the next step
-        factor = (
-            5.0
-            if error == 0.0
-            else min(5.0, max(0.2, 0.9 * math.sqrt(math.sqrt(math.sqrt(allowed / error)))))
-        )
+        steps += made
+        factor = 5.0
+        if error > 0.0:
+            factor = min(5.0, max(0.2, 0.9 * math.sqrt(math.sqrt(math.sqrt(allowed / error)))))
         if not error <= allowed:
             factor = min(factor, 0.9) if error < math.inf else 0.1
             proposal = (
-                0.5 * elapsed_time(step_map, step_start, ds)
+                0.5 * elapsed_time(step_map, start, ds)
                 if step_map == BEFORE
-                else elapsed_time(step_map, step_start, ds * factor)
+                else elapsed_time(step_map, start, ds * factor)
             )
-            if not proposal >= 1e-15 * (abs(here.time) + longest):
-                end = Progress(here, seen, seen_time, turns, episodes, proposal, time_map, s)
-                return (
-                    STEP_TOO_SMALL if error < math.inf else NOT_FINITE,
-                    end,
-                    events[:event_count],
-                    steps,
-                )
+            if not proposal >= resolution:
+                status = STEP_TOO_SMALL if error < math.inf else NOT_FINITE
+                return status, events[:event_count], steps
             continue
-        if motor and there.crank.speed <= 0.0:
-            end = Progress(there, seen, seen_time, turns, episodes, proposal, time_map, s)
-            return STALLED, end, events[:event_count], steps
-        is_last = angles[-1] <= there.crank_angle if motor else times[-1] <= there.time
+        if k.is_free and k.y[row, k.half + 2 * k.contacts] <= 0.0:
+            if row != HERE:
+                _take(k, row)
+            return STALLED, events[:event_count], steps
+        is_last = angles[-1] <= k.angle[row] if k.is_free else times[-1] <= k.time[row]
         if is_last:
-            for i in range(3):
-                for j in range(EPISODE):
-                    before_step[i, j] = episodes[i, j]
-        update_episodes(episodes, here, now[1], then[1], step_map, step_start, ds, k)
+            _keep_episodes(k.episodes, k.earlier)
+        _update_episodes(k, row, step_map, start, ds)
 
         prepared = smooth = False
         while sample < times.size:
-            if (angles[sample] > there.crank_angle) if motor else (times[sample] > there.time):
+            if (angles[sample] > k.angle[row]) if k.is_free else (times[sample] > k.time[row]):
                 break
-            at_end = not motor and times[sample] == there.time
-            if not at_end and not prepared:
-                smooth = prepare_inside(p, here, there, taken, tolerance, k)
+            inside = row != HERE and (k.is_free or times[sample] < k.time[row])
+            if inside and not prepared:
+                smooth = prepare_inside(p, k, row, step_map, start, ds, tolerance)
                 prepared = True
-            if motor:
-                times[sample] = time_at_angle(p, here, there, taken, angles[sample], smooth, k)
-            time, y_now, x_now = times[sample], there.clearance_state, there.auxiliary_state
-            if time < there.time:
-                y_now, x_now = state_inside(p, here, taken, time, smooth, k)
-            now = clearances(y_now, x_now)
-            turns = all_turns(turns, seen, now, time - seen_time)
-            seen, seen_time = now, time
-            for i in range(STATES):
-                states[sample, i] = y_now[i]
-            for i in range(AUXILIARY_STATES):
-                auxiliary_states[sample, i] = x_now[i]
-            for i in range(3):
-                modes_at[sample, i], directions_at[sample, i] = (
-                    here.modes[i],
-                    direction(turns[i], now[i]),
+            if k.is_free and row != HERE:
+                times[sample] = time_at_angle(
+                    p, k, row, step_map, start, ds, angles[sample], smooth
                 )
-                approaches_at[sample, i], begins_at[sample, i] = here.approaches[i], here.begins[i]
+            elif k.is_free:
+                times[sample] = k.time[HERE]
+            if inside:
+                state_inside(p, k, step_map, start, ds, times[sample], smooth)
+            else:
+                for i in range(k.states):
+                    k.z[i] = k.y[row, i]
+            _follow(k, times[sample])
+            for i in range(k.states):
+                states[sample, i] = k.z[i]
+            for j in range(k.contacts):
+                vector = (k.z[2 * j], k.z[2 * j + 1])
+                found.modes[sample, j] = k.modes[j]
+                found.directions[sample, j] = direction(k.turns[j], vector)
+                found.approaches[sample, j] = k.approaches[j]
+                found.begins[sample, j] = k.begins[j]
             sample += 1
         if sample == times.size:
             # this step is repeated by a continuation: its remaining part may contain samples
-            end = Progress(here, seen, seen_time, turns, before_step, unhindered, time_map, s)
-            return DONE, end, events[:event_count], steps
-        now = clearances(there.clearance_state, there.auxiliary_state)
-        turns = all_turns(turns, seen, now, there.time - seen_time)
-        seen, seen_time = now, there.time
+            _keep_episodes(k.earlier, k.episodes)
+            _leave(k, unhindered, time_map, s)
+            return DONE, events[:event_count], steps
+        before_time = k.time[HERE]
+        if row != HERE:
+            for i in range(k.states):
+                k.z[i] = k.y[row, i]
+            _follow(k, k.time[row])
+            _take(k, row)
         if time_map == AFTER:
-            s = math.sqrt(s * s + there.time - here.time)
+            s = math.sqrt(s * s + k.time[HERE] - before_time)
         if not happens:
-            following = elapsed_time(step_map, step_start + ds, ds * factor)
+            following = elapsed_time(step_map, start + ds, ds * factor)
             if step_map == AFTER:
-                # between equal steps in s (suitable near the impact) and in time (far from it):
-                # fewer rejected steps
-                following = math.sqrt(following * factor * elapsed_time(step_map, step_start, ds))
+                # between equal steps in s (suitable near the impact) and in time (far from it)
+                following = math.sqrt(following * factor * elapsed_time(step_map, start, ds))
             proposal = max(following, unhindered) if proposal < unhindered else following
-            here, now = there, then
             continue
 
-        # the event: the joint's mode changes
-        before, modes, x_after = here.modes[joint], here.modes, there.auxiliary_state
-        approaches, begins = here.approaches, here.begins
-        closing = max(-then[2][joint][1], 0.0)
+        # the event: the contact's mode changes
+        before = k.modes[contact]
+        closing = max(-k.conditions[HERE, contact, 1], 0.0)
         mode, approach = switched(
-            before, approaches[joint], kind, closing, least_approach(p, joint)
+            before, k.approaches[contact], kind, closing, k.joints[contact].least_approach
         )
-        modes, approaches = replaced(modes, joint, mode), replaced(approaches, joint, approach)
+        k.modes[contact], k.approaches[contact] = mode, approach
         if before == FLIGHT or mode == FLIGHT:
             if event_count == events.shape[0]:
                 events = np.concatenate((events, np.empty_like(events)))
-            record_event(events[event_count], episodes, there, joint, before == FLIGHT, closing)
+            _record_event(events[event_count], k, contact, before == FLIGHT, closing)
             event_count += 1
         if before == FLIGHT:
-            begin_episode(episodes, joint, there.time)
-            begins = replaced(begins, joint, there.time)
+            _begin_episode(k.episodes, contact, k.time[HERE])
+            k.begins[contact] = k.time[HERE]
             time_map, s = AFTER, 0.0
-            proposal = min(proposal, 0.1 * contact_begins(p, joint, approach))
+            impact = contact_duration(k.joints[contact], k.masses[contact], approach)
+            proposal = min(proposal, 0.1 * impact)
         elif mode == FLIGHT:
-            begins = replaced(begins, joint, math.inf)
-            # bristles without contact are straight
-            x_after = x_after[:8] + replaced((x_after[8], x_after[9], x_after[10]), joint, 0.0)
-            if modes[0] == FLIGHT and modes[1] == FLIGHT and modes[2] == FLIGHT:
+            k.begins[contact] = math.inf
+            if k.bristles:  # bristles without contact are straight
+                k.y[HERE, 2 * k.half + contact] = 0.0
+            flying = True
+            for j in range(k.contacts):
+                flying = flying and k.modes[j] == FLIGHT
+            if flying:
                 time_map, s, proposal = LINEAR, 0.0, max(proposal, 0.2 * longest)
-        here = instant(p, there.time, there.clearance_state, x_after, modes, approaches, begins)
-        now = with_conditions(p, here)
+        evaluate(p, k, HERE)

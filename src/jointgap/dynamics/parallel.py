@@ -13,18 +13,19 @@ from numpy.typing import ArrayLike
 
 from jointgap.config import Mechanism, Simulate
 from jointgap.core.errors import InputError, SimulationError
-from jointgap.core.joints import JOINTS
+from jointgap.core.joints import JOINTS, PINS
 from jointgap.core.progress import with_progress
-from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.drive import crank_motion
+from jointgap.dynamics.integrate import Samples
+from jointgap.dynamics.model import Model
 from jointgap.dynamics.numba_cache import compiled
-from jointgap.dynamics.parameters import MOTOR, Parameters
 from jointgap.dynamics.simulation import (
-    IntegrationResult,
     crank_angles,
     integrate_to_angles,
+    observed,
     start_state,
 )
+from jointgap.dynamics.slider_crank import model_of, rod_and_slider
 
 Item, Found = TypeVar("Item"), TypeVar("Found")
 
@@ -51,9 +52,9 @@ class Outcome:
     """Result of a `Run`."""
 
     run: Run
-    parameters: Parameters | None  # None for an infeasible mechanism
+    model: Model | None  # None for an infeasible mechanism
     crank_angle: np.ndarray  # Of the samples [rad]
-    result: IntegrationResult | None  # Samples and events; None where the run failed
+    result: Samples | None  # Samples and events; None where the run failed
     error: Exception | None = None  # Reason of a failure
 
 
@@ -101,7 +102,7 @@ def simulate_runs(runs: Iterable[Run], workers: int | None = None) -> Iterator[O
     """
     known = None
 
-    def with_numbers() -> Iterator[tuple[Run, Parameters | InputError]]:
+    def with_models() -> Iterator[tuple[Run, Model | InputError]]:
         nonlocal known
         for run in runs:
             if (
@@ -109,10 +110,10 @@ def simulate_runs(runs: Iterable[Run], workers: int | None = None) -> Iterator[O
                 or known[0].mechanism is not run.mechanism
                 or known[0].options is not run.options
             ):
-                known = run, numbers_of(run)
+                known = run, try_model(run)
             yield run, known[1]
 
-    return side_by_side(lambda given: simulate_run(*given), with_numbers(), workers)
+    return side_by_side(lambda given: simulate_run(*given), with_models(), workers)
 
 
 def side_by_side(
@@ -142,38 +143,27 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def numbers_of(run: Run) -> Parameters | InputError:
-    """The parameters of a run; an InputError for an infeasible mechanism."""
+def try_model(run: Run) -> Model | InputError:
+    """The model of a run; an InputError for an infeasible mechanism."""
     try:
-        return parameters(run.mechanism, run.options)
+        return model_of(run.mechanism, run.options)
     except InputError as error:
         return error
 
 
-def simulate_run(run: Run, numbers: Parameters | InputError) -> Outcome:
-    """Simulate one run with the result of `numbers_of`; the outcome of a failed run contains its
+def simulate_run(run: Run, model: Model | InputError) -> Outcome:
+    """Simulate one run with the result of `try_model`; the outcome of a failed run contains its
     error."""
     angles = crank_angles(run.options) if run.crank_angle is None else run.crank_angle
-    if isinstance(numbers, InputError):
-        return Outcome(run, None, angles, None, numbers)
+    if isinstance(model, InputError):
+        return Outcome(run, None, angles, None, model)
     try:
         result = integrate_to_angles(
-            numbers, start_state(numbers, run.perturbation), angles, run.options.tolerance
+            model, start_state(model, run.perturbation), angles, run.options.tolerance
         )
     except (InputError, SimulationError) as error:
-        return Outcome(run, numbers, angles, None, error)
-    return Outcome(run, numbers, angles, result)
-
-
-def rod_and_slider(
-    p: Parameters, crank_angle, states, auxiliary_states
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rod angle [rad] and slider position [m] of samples."""
-    b = p.bodies
-    end_x = b.crank_length * np.cos(crank_angle) + states[:, 0] + auxiliary_states[:, 0]
-    end_y = b.crank_length * np.sin(crank_angle) + states[:, 1] + auxiliary_states[:, 1]
-    sine = (b.slider_offset + states[:, 3] - end_y) / b.rod_length
-    return np.arcsin(sine), end_x + b.rod_length * np.sqrt(1.0 - sine**2) - states[:, 2]
+        return Outcome(run, model, angles, None, error)
+    return Outcome(run, model, angles, result)
 
 
 @compiled
@@ -185,9 +175,9 @@ def prescribed_speeds(p, times):
     return speeds
 
 
-def crank_speeds(p: Parameters, times, auxiliary_states) -> np.ndarray:
+def crank_speeds(model: Model, times: np.ndarray, states: np.ndarray) -> np.ndarray:
     """Crank speeds [rad/s] at samples, (n,)."""
-    return auxiliary_states[:, 6] if p.drive.kind == MOTOR else prescribed_speeds(p, times)
+    return model.crank_state(states)[1] if model.is_free else prescribed_speeds(model.p, times)
 
 
 def simulate_ensemble(
@@ -199,15 +189,15 @@ def simulate_ensemble(
     for outcome in with_progress(outcomes, "simulated starts", len(perturbations)):
         if outcome.error is not None:
             raise outcome.error
-        p, result = outcome.parameters, outcome.result
-        rod_angle, position = rod_and_slider(
-            p, outcome.crank_angle, result.states, result.auxiliary_states
-        )
-        seen = result.observed(p)
+        model, result = outcome.model, outcome.result
+        rod_angle, position = rod_and_slider(model, outcome.crank_angle, result.states)
+        seen = observed(model, result)
+        vectors = [model.vector(result.states, joint) for joint in PINS]
+        pins = np.hstack([each for rate in (0, 1) for each in (v[rate] for v in vectors)])
         forces = [np.hypot(seen[f"{joint}_force_x"], seen[f"{joint}_force_y"]) for joint in JOINTS]
         normal = [seen[f"{joint}_normal_force"] for joint in JOINTS]
         loads = np.array(forces), np.array(normal), seen["crank_torque"]
-        rows.append((result.times, result.states, rod_angle, position, *loads))
+        rows.append((result.times, pins, rod_angle, position, *loads))
     times, states, rod_angle, position, forces, normal, torque = map(
         np.array, zip(*rows, strict=True)
     )

@@ -1,4 +1,4 @@
-"""Parameters of compiled code in SI: bodies, joints, drive and effects.
+"""Parameters of compiled code in SI: joints, drive and effects.
 
 Each group is a structured record, which compiled code receives as one pointer. Inactive parts are
 zero.
@@ -22,7 +22,7 @@ LONGEST_PROGRAM, MOST_KNOTS = 1024, 16384
 
 
 class JointParameters(NamedTuple):
-    """One joint of a body (rod, rod, crank) with its partner (crank, slider, frame)."""
+    """A revolute joint of a body with its partner."""
 
     loose: bool = False
     clearance: float = 1.0  # Distance of the centres [m] at which dry contact begins
@@ -53,32 +53,6 @@ class JointParameters(NamedTuple):
     film_least: float = 0.0  # Smallest film thickness [m]
     pin_friction: float = 0.0  # Coefficient of friction and radius [m] of an ideal joint
     pin_radius: float = 0.0
-
-
-class BodyParameters(NamedTuple):
-    """Lengths and masses of crank, rod and slider."""
-
-    crank_length: float
-    crank_mass: float
-    crank_moment_x: (
-        float  # First moment of the crank's mass about its pivot [kg m], along and across the crank
-    )
-    crank_moment_y: float
-    crank_inertia: float  # About the pivot [kg m^2]
-    rod_length: float
-    rod_inverse_length: float
-    rod_mass: float
-    rod_inertia: float
-    rod_inverse_mass: float
-    rod_inverse_inertia: float
-    rod_centre: float  # Distance of the rod's mass centre from its crank end [m]
-    slider_mass: float
-    slider_inverse_mass: float
-    slider_offset: float
-    gravity_x: float
-    gravity_y: float
-    rod_angular_frequency: float  # Of the rod's bending mode [rad/s]; 0 for a rigid rod
-    rod_damping_ratio: float
 
 
 class DriveParameters(NamedTuple):
@@ -150,15 +124,6 @@ class EffectParameters(NamedTuple):
     crank_sign_speed: float = 1.0
 
 
-class Switches(NamedTuple):
-    """Parts of the general equations that a mechanism requires."""
-
-    auxiliary: bool  # States besides the clearance vectors of both pins
-    constrained: bool  # An ideal pin, whose reaction is solved for
-    free_crank: bool  # Crank motion not prescribed: a motor, or a loose pivot
-    bristles: bool  # A joint with LuGre friction
-
-
 class Record(np.void):
     """Numbers by name for compiled code."""
 
@@ -182,22 +147,17 @@ class Record(np.void):
 
 
 class Parameters(NamedTuple):
-    """All parameters of the equations of motion.
+    """Drive of the crank and laws of effects.
 
     Records only: compiled code would count references to arrays at every call, which costs more
     than the equations of motion.
     """
 
-    bodies: Record  # `BodyParameters`
-    crank_pin: Record  # `JointParameters`
-    piston_pin: Record  # `JointParameters`
-    crank_pivot: Record  # `JointParameters`
     drive: Record  # `DriveParameters`
+    knots: Record  # A measured crank angle: see `knots_record`
     effects: Record  # `EffectParameters`
-    switches: Record  # `Switches`
     slider_formula: Record  # Program of a force on the slider: see `program_record`
     crank_formula: Record  # Program of a torque on the crank: see `program_record`
-    knots: Record  # A measured crank angle: see `knots_record`
     slider_table: Record  # A measured load on the slider: see `table_record`
 
 

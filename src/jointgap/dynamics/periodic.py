@@ -17,15 +17,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import legendre
 
-from jointgap.core.joints import JOINTS
+from jointgap.core.joints import JOINT
 from jointgap.dynamics.drive import crank_times
-from jointgap.dynamics.equations import STATES
-from jointgap.dynamics.integrate import Progress
+from jointgap.dynamics.integrate import Samples
 from jointgap.dynamics.joints import FLIGHT
+from jointgap.dynamics.model import Model, Workspace
 from jointgap.dynamics.numba_cache import compiled
-from jointgap.dynamics.parameters import MOTOR, Parameters
-from jointgap.dynamics.sampling import SAMPLE, fill_samples
-from jointgap.dynamics.simulation import IntegrationResult, integrate_on
+from jointgap.dynamics.simulation import evaluated, integrate_on, observed
 
 INTERVALS, STAGES = 2000, 3
 """Intervals of a revolution, and Gauss points in each."""
@@ -42,61 +40,47 @@ _CHECKED = 40  # Every such point is compared with the next revolution
 _POSITION_STEP, _VELOCITY_STEP = 1e-11, 1e-7  # [m], [m/s] Differences by the states
 _LONG_AGO = -1e6  # [s] Begin of a contact whose impact has no effect any more
 
-# By joint: places of its clearance vector and of its rate among states and auxiliary states, and
-# its number in the names of the samples
-_PLACES = {
-    "crank_pin": ((0, 1), (4, 5), "2"),
-    "piston_pin": ((2, 3), (6, 7), "3"),
-    "crank_pivot": ((STATES, STATES + 1), (STATES + 4, STATES + 5), "1"),
-}
 
-
-def _loose_joints(p: Parameters) -> list[str] | None:
-    """The loose joints, whose clearance vectors are the states; None with bristles, a bending rod
-    or a motor, which have further states."""
-    if p.switches.bristles or p.bodies.rod_angular_frequency or p.drive.kind == MOTOR:
-        return None
-    return [name for name in JOINTS if getattr(p, name).loose] or None
+def _has_vectors_only(model: Model) -> bool:
+    """Whether the clearance vectors are the only states, and there are some: no bristles, no
+    bending rod, no motor."""
+    return 0 < model.states == 4 * len(model.loose)
 
 
 class Orbit(NamedTuple):
     """One revolution of a periodic motion, divided into intervals."""
 
-    p: Parameters
+    model: Model
     edges: np.ndarray  # (k + 1,) crank angles [rad] of the intervals' ends
     angles: np.ndarray  # (n,) crank angles [rad] of their Gauss points, n = k STAGES
-    motion: IntegrationResult  # at these
-    joints: list[str]  # The loose ones
+    motion: Samples  # at these
 
 
-def _lasts(p: Parameters, motion: IntegrationResult) -> bool:
+def _lasts(model: Model, motion: Samples) -> bool:
     """Whether no contact begins or ends in a motion, and none remembers its begin."""
     modes = motion.modes
     if motion.events.size or (modes != modes[0]).any():
         return False
-    for number, name in enumerate(JOINTS):
-        joint, begin = getattr(p, name), motion.begins[-1, number]
+    for number, name in enumerate(model.loose):
+        joint, begin = model.bearings[name], motion.begins[-1, number]
         faded = motion.times[0] - begin > joint.memory_time + joint.fading_time
-        if joint.loose and modes[0, number] != FLIGHT and joint.damping > 0.0 and not faded:
+        if modes[0, number] != FLIGHT and joint.damping > 0.0 and not faded:
             return False
     return True
 
 
-def _slips(p: Parameters, observed: dict[str, np.ndarray]) -> list[np.ndarray]:
+def _slips(model: Model, motion: Samples) -> list[np.ndarray]:
     """Sliding speeds (n,) over the speed of their regularisation [1]: of the loose joints and of
     the slider."""
-    slips = [observed["slider_velocity"] / p.effects.slider_sign_speed]
-    rotations = {
-        "crank_pin": (observed["rod_angular_velocity"], observed["crank_speed"]),
-        "piston_pin": (observed["rod_angular_velocity"], 0.0),
-        "crank_pivot": (observed["crank_speed"], 0.0),
-    }
-    for name, (body, partner) in rotations.items():
-        joint, number = getattr(p, name), _PLACES[name][2]
-        if joint.loose:
-            swing = observed[f"r{number}"] * observed[f"gamma{number}_dot"]
-            turning = joint.body_radius * body - joint.partner_radius * partner
-            slips.append((swing + joint.side * turning) / joint.friction_speed)
+    seen = observed(model, motion)
+    slips = [seen["slider_velocity"] / model.effects.slider_sign_speed]
+    rotations = {"rod": seen["rod_angular_velocity"], "crank": seen["crank_speed"]}
+    for name in model.loose:
+        joint, words = model.bearings[name], JOINT[name]
+        body, partner = (rotations.get(each, 0.0) for each in (words.body, words.partner))
+        swing = seen[f"r{words.number}"] * seen[f"gamma{words.number}_dot"]
+        turning = joint.body_radius * body - joint.partner_radius * partner
+        slips.append((swing + joint.side * turning) / joint.friction_speed)
     return slips
 
 
@@ -126,28 +110,27 @@ def coarse_angles(begin: float) -> np.ndarray:
 
 
 def periodic_orbit(
-    p: Parameters,
-    progress: Progress,
-    coarse: IntegrationResult,
+    model: Model,
+    workspace: Workspace,
+    coarse: Samples,
     begin: float,
     tolerance: float,
     count: int = INTERVALS,
 ) -> Orbit | None:
     """The revolution from the crank angle `begin` [rad]; None if a contact begins or ends in it.
 
-    `coarse` is the periodic motion at `coarse_angles` of the revolution before, `progress` its end.
+    `coarse` is the periodic motion at `coarse_angles` of the revolution before, `workspace` its end.
     """
-    joints = _loose_joints(p)
-    if joints is None or not _lasts(p, coarse):
+    if not _has_vectors_only(model) or not _lasts(model, coarse):
         return None
-    edges = _edges(_slips(p, coarse.observed(p)), begin, count)
+    edges = _edges(_slips(model, coarse), begin, count)
     angles = (edges[:-1, None] + np.diff(edges)[:, None] * gauss_collocation(STAGES)[0]).ravel()
-    motion, _ = integrate_on(p, progress, angles, tolerance)
-    if not _lasts(p, motion):
+    motion, _ = integrate_on(model, workspace, angles, tolerance)
+    if not _lasts(model, motion):
         return None
     # the time since their begin has no effect, also with other parameters
     motion = motion._replace(begins=np.where(np.isfinite(motion.begins), _LONG_AGO, np.inf))
-    return Orbit(p, edges, angles, motion, joints)
+    return Orbit(model, edges, angles, motion)
 
 
 @cache
@@ -266,69 +249,54 @@ class Evaluation(NamedTuple):
 
 
 class LinearMotion:
-    """The equations of motion and `channels` (columns of `SAMPLE`), linearised along an orbit."""
+    """The equations of motion and `channels` (names of quantities), linearised along an orbit."""
 
     def __init__(self, orbit: Orbit, channels: Sequence[str]):
         self.orbit, self._channels = orbit, channels
-        positions, velocities = (
-            [place for name in orbit.joints for place in _PLACES[name][k]] for k in range(2)
-        )
-        self._samples = np.empty(orbit.angles.size, SAMPLE)  # one room: new memory is slow
-        times = crank_times(orbit.p, orbit.angles)
-        self._base = self._evaluated(orbit.p, orbit.motion, times)
-        states = np.hstack([orbit.motion.states, orbit.motion.auxiliary_states])
+        times = crank_times(orbit.model.p, orbit.angles)
+        self._base, speeds = self._evaluated(orbit.model, orbit.motion, times)
         by_states = []
-        for places, step in ((positions, _POSITION_STEP), (velocities, _VELOCITY_STEP)):
-            for place in places:
-                shifted = states.copy()
-                shifted[:, place] += step
-                motion = orbit.motion._replace(
-                    states=shifted[:, :STATES].copy(), auxiliary_states=shifted[:, STATES:].copy()
-                )
-                change = self._evaluated(orbit.p, motion, times).minus(self._base)
-                by_states.append((change.rates / step, change.channels / step))
+        half = orbit.model.positions
+        for place in range(2 * half):
+            step = _POSITION_STEP if place < half else _VELOCITY_STEP
+            shifted = orbit.motion.states.copy()
+            shifted[:, place] += step
+            found, _ = self._evaluated(orbit.model, orbit.motion._replace(states=shifted), times)
+            change = found.minus(self._base)
+            by_states.append((change.rates / step, change.channels / step))
         self._rates_by_states, self._channels_by_states = (
             np.stack(columns, axis=-1) for columns in zip(*by_states, strict=True)
         )
-        self._pace = (1.0 / self._samples["crank_speed"]).reshape(-1, STAGES)
+        self._pace = (1.0 / speeds).reshape(-1, STAGES)
 
     @property
     def channels(self) -> np.ndarray:
         """The channels (n, c) of the orbit."""
         return self._base.channels
 
-    def _evaluated(self, p: Parameters, motion: IntegrationResult, times: np.ndarray) -> Evaluation:
-        """The equations of motion with the parameters `p` at the states of a motion."""
-        samples = self._samples[: times.size]
-        fill_samples(p, motion._replace(times=times), samples)
-        pace = 1.0 / samples["crank_speed"]
-        velocities, rates = [], []
-        states = np.hstack([motion.states, motion.auxiliary_states])
-        for name in self.orbit.joints:
-            (x, y), rate, number = _PLACES[name]
-            r, r_dot, r_ddot, turning, turning_rate = (
-                samples[column.format(number)]
-                for column in ("r{}", "r{}_dot", "r{}_ddot", "gamma{}_dot", "gamma{}_ddot")
-            )
-            along = pace * (r_ddot - r * turning**2) / r
-            across = pace * (turning_rate + 2.0 * r_dot * turning / r)
-            rates += [
-                along * states[:, x] - across * states[:, y],
-                along * states[:, y] + across * states[:, x],
-            ]
-            velocities += [pace * states[:, place] for place in rate]
-        channels = [samples[name] for name in self._channels]
-        return Evaluation(*(np.stack(rows, axis=1) for rows in (velocities, rates, channels)))
+    def _evaluated(
+        self, model: Model, motion: Samples, times: np.ndarray
+    ) -> tuple[Evaluation, np.ndarray]:
+        """The equations of motion of a model at the states of a motion, and the crank's speed."""
+        motion = motion._replace(times=times)
+        columns, accelerations = evaluated(model, motion)
+        pace = 1.0 / columns["crank_speed"][:, None]
+        half = model.positions
+        channels = np.stack([columns[name] for name in self._channels], axis=1)
+        velocities = pace * motion.states[:, half : 2 * half]
+        return Evaluation(velocities, pace * accelerations, channels), columns["crank_speed"]
 
-    def forcing(self, p: Parameters) -> Evaluation | None:
+    def forcing(self, model: Model) -> Evaluation | None:
         """Change by other parameters at the states of the orbit; None if it is not periodic, or
         with other loose joints."""
-        if _loose_joints(p) != self.orbit.joints:
+        known = self.orbit.model
+        if not _has_vectors_only(model) or model.loose != known.loose:
             return None
         motion, angles = self.orbit.motion, self.orbit.angles
-        found = self._evaluated(p, motion, crank_times(p, angles))
+        found, _ = self._evaluated(model, motion, crank_times(model.p, angles))
         checked = slice(None, None, _CHECKED)
-        later = self._evaluated(p, motion.part(checked), crank_times(p, angles[checked] + tau))
+        times = crank_times(model.p, angles[checked] + tau)
+        later, _ = self._evaluated(model, motion.part(checked), times)
         change = found.minus(self._base)
         for there, here, added in zip(later, found, change, strict=True):
             allowed = _PERIODIC * np.abs(added).max(axis=0) + _ROUNDING * np.abs(here).max(axis=0)

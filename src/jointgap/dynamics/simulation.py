@@ -1,37 +1,38 @@
-"""Simulation of one mechanism."""
+"""Simulation of one mechanism: a slider-crank or any planar linkage."""
 
 import math
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from jointgap.config import Mechanism, Simulate
+from jointgap.config.linkage_file import LinkageFile
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.joints import JOINT, JOINTS
 from jointgap.core.schema import EVENTS, TRAJECTORY
-from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.drive import crank_motion, crank_times
-from jointgap.dynamics.equations import AUXILIARY_STATES, STATES
 from jointgap.dynamics.integrate import (
     DONE,
     EVENT,
     EVENT_NAMES,
+    MODES,
     NOT_FINITE,
     STALLED,
     STEP_TOO_SMALL,
     TOO_MANY_STEPS,
-    Progress,
-    beginning,
+    Samples,
     integrate,
-    sample_modes,
+    mode_numbers,
+    room_for,
 )
-from jointgap.dynamics.joints import FLIGHT, clearances
-from jointgap.dynamics.parameters import MEASURED, MOTOR, Parameters
-from jointgap.dynamics.runge_kutta import Instant, room_for_stages
-from jointgap.dynamics.sampling import SAMPLE, fill_samples
+from jointgap.dynamics.joints import FLIGHT
+from jointgap.dynamics.model import Columns, Model, Workspace, beginning, linkage_model
+from jointgap.dynamics.parameters import MEASURED, Record
+from jointgap.dynamics.sampling import fill_samples
+from jointgap.dynamics.slider_crank import lengths_of, model_of
+from jointgap.dynamics.workspace import HERE
 
 
 def perturbed_start(vectors: np.ndarray, loose: Collection[str]) -> np.ndarray:
@@ -40,9 +41,9 @@ def perturbed_start(vectors: np.ndarray, loose: Collection[str]) -> np.ndarray:
     return np.where(np.repeat([joint in loose for joint in JOINTS], 2), vectors, 0.0)
 
 
-def start_state(p: Parameters, perturbation=None) -> tuple[np.ndarray, np.ndarray]:
-    """State with given clearance vectors and zero rates; by default the ideal mechanism's positions
-    and velocities."""
+def start_state(model: Model, perturbation=None) -> np.ndarray:
+    """State (states,) of a slider-crank with given clearance vectors and zero rates; by default the
+    ideal mechanism's positions and velocities."""
     vectors = np.zeros(4) if perturbation is None else np.asarray(perturbation, dtype=float)
     if vectors.shape not in ((4,), (6,)) or not np.isfinite(vectors).all():
         raise InputError(
@@ -50,35 +51,31 @@ def start_state(p: Parameters, perturbation=None) -> tuple[np.ndarray, np.ndarra
             " r3 x, r3 y, r1 x, r1 y"
         )
     vectors = np.append(vectors, np.zeros(6 - vectors.size))
+    y = model.start()
     for joint in JOINT.values():
-        length, numbers = math.hypot(*vectors[joint.components]), getattr(p, joint.name)
-        if length > 0 and not numbers.loose:
+        vector = vectors[joint.components]
+        length = math.hypot(*vector)
+        if length > 0 and joint.name not in model.loose:
             raise InputError(
                 f"perturbation of the {joint.words}: r{joint.number} is {length:g} m, but the joint"
                 " is ideal; set it to 0"
             )
-        if length >= numbers.clearance:
+        clearance = model.bearings[joint.name].clearance
+        if length >= clearance:
             raise InputError(
                 f"perturbation of the {joint.words}: {length:g} m is not less than its clearance of"
-                f" {numbers.clearance:g} m; a simulation starts without contact"
+                f" {clearance:g} m; a simulation starts without contact"
             )
-    b, d = p.bodies, p.drive
-    rise = (
-        b.slider_offset
-        + vectors[3]
-        - b.crank_length * math.sin(d.start_angle)
-        - vectors[1]
-        - vectors[5]
-    )
-    if abs(rise) >= b.rod_length:
+        model.vector(y, joint.name)[0][:] = vector
+    crank, rod, offset = lengths_of(model)
+    angle = model.drive.start_angle
+    rise = offset + vectors[3] - crank * math.sin(angle) - vectors[1] - vectors[5]
+    if abs(rise) >= rod:
         raise InputError(
-            f"the rod of {b.rod_length:g} m does not reach the slide {abs(rise):g} m away at crank"
-            f" angle {math.degrees(d.start_angle):g} deg; lengthen the rod or shorten the crank"
+            f"the rod of {rod:g} m does not reach the slide {abs(rise):g} m away at crank angle"
+            f" {math.degrees(angle):g} deg; lengthen the rod or shorten the crank"
         )
-    y, x = np.zeros(STATES), np.zeros(AUXILIARY_STATES)
-    y[:4], x[:2] = vectors[:4], vectors[4:]
-    x[2], x[6] = d.start_angle, d.speed
-    return y, x
+    return y
 
 
 STEPS_PER_REVOLUTION = 1_000_000
@@ -122,29 +119,21 @@ class Trajectory:
     steps: int  # Integration steps, including rejected ones
 
 
-class IntegrationResult(NamedTuple):
-    """Samples and events of one integration in the form of compiled code."""
+def observed(model: Model, found: Samples) -> Columns:
+    """All quantities (n,) of the samples, by name."""
+    return evaluated(model, found, 0)[0]
 
-    times: np.ndarray
-    states: np.ndarray
-    auxiliary_states: np.ndarray
-    modes: np.ndarray
-    approaches: np.ndarray
-    begins: np.ndarray
-    directions: np.ndarray
-    events: np.ndarray
-    steps: int
 
-    def part(self, chosen: slice | np.ndarray) -> "IntegrationResult":
-        """The `chosen` samples only, with all events."""
-        return IntegrationResult(*(values[chosen] for values in self[:-2]), *self[-2:])
-
-    def observed(self, p: Parameters) -> dict[str, np.ndarray]:
-        """All quantities of the samples, by column of `jointgap.dynamics.sampling.SAMPLE`, (n,)
-        each."""
-        samples = np.empty(self.times.size, SAMPLE)
-        fill_samples(p, self, samples)
-        return {name: samples[name] for name in SAMPLE.names}
+def evaluated(
+    model: Model, found: Samples, positions: int | None = None
+) -> tuple[Columns, np.ndarray]:
+    """`observed`, and second rates (n, positions) of the first or all positions."""
+    n, workspace = found.times.size, model.workspace()
+    values = np.empty((n, len(model.columns)))
+    accelerations = np.empty((n, model.positions if positions is None else positions))
+    fill_samples(model.p, workspace.k, found, model.bodies, values, accelerations)
+    columns = model.completed(model, dict(zip(model.columns, values.T, strict=True)))
+    return columns, accelerations
 
 
 def simulate(mechanism: Mechanism, options: Simulate, perturbation=None) -> Trajectory:
@@ -154,15 +143,26 @@ def simulate(mechanism: Mechanism, options: Simulate, perturbation=None) -> Traj
     """
     if options.speed < 0:
         return _clockwise(mechanism, options, perturbation)
-    p = parameters(mechanism, options)
+    model = model_of(mechanism, options)
     angles = crank_angles(options)
-    run = integrate_to_angles(p, start_state(p, perturbation), angles, options.tolerance)
-    columns = run.observed(p)
+    run = integrate_to_angles(model, start_state(model, perturbation), angles, options.tolerance)
+    columns = observed(model, run)
     _check_finite(columns, run.times)
-    columns |= sample_modes(p, run.times, run.modes, run.events)
+    columns |= modes_of(model, run, JOINTS)
     columns["crank_angle"] = angles  # exact; a motor's simulated crank angle has rounding errors
     frame = pd.DataFrame({column.name: columns[column.name] for column in TRAJECTORY.columns})
-    return Trajectory(samples=frame, events=event_frame(run.events), steps=run.steps)
+    return Trajectory(samples=frame, events=event_frame(model, run), steps=run.steps)
+
+
+def modes_of(model: Model, found: Samples, joints: Collection[str]) -> Columns:
+    """Modes by words at the samples: columns ``crank_pin_mode``, ..."""
+    ideal = np.zeros(found.times.size, np.int64)
+    by_joint = {
+        name: mode_numbers(found, model.loose.index(name)) if name in model.loose else ideal
+        for name in joints
+    }
+    words = np.array(MODES, dtype=object)
+    return {f"{name}_mode": words[modes] for name, modes in by_joint.items()}
 
 
 def _clockwise(mechanism: Mechanism, options: Simulate, perturbation) -> Trajectory:
@@ -206,71 +206,64 @@ def crank_angles(options: Simulate) -> np.ndarray:
 
 
 def integrate_to_angles(
-    p: Parameters,
-    start: tuple[np.ndarray, np.ndarray],
+    model: Model,
+    start: np.ndarray,
     angles: np.ndarray,
     tolerance: float,
     steps_per_revolution: int | None = None,
-) -> IntegrationResult:
-    """Integrate from `start` and sample at the crank angles `angles` (n,) [rad], the first being
-    the start angle."""
-    progress = beginning(p, *start, crank_times(p, angles[:1])[0])
-    return integrate_on(p, progress, angles, tolerance, steps_per_revolution)[0]
+) -> Samples:
+    """Integrate from the state `start` and sample at the crank angles `angles` (n,) [rad], the
+    first being the start angle."""
+    workspace = beginning(model, start, crank_times(model.p, angles[:1])[0])
+    return integrate_on(model, workspace, angles, tolerance, steps_per_revolution)[0]
 
 
 def integrate_on(
-    p: Parameters,
-    progress: Progress,
+    model: Model,
+    earlier: Workspace,
     angles: np.ndarray,
     tolerance: float,
     steps_per_revolution: int | None = None,
-) -> tuple[IntegrationResult, Progress]:
+) -> tuple[Samples, Workspace]:
     """Continue an integration exactly from the end of another one."""
-    n = angles.size
+    p, workspace = model.p, earlier.copy()
     times = crank_times(p, angles)
     if p.drive.kind == MEASURED:
-        _check_reached(p, times, angles)
-    samples = IntegrationResult(
-        times=times,
-        states=np.empty((n, STATES)),
-        auxiliary_states=np.empty((n, AUXILIARY_STATES)),
-        modes=np.empty((n, 3), np.int64),
-        approaches=np.empty((n, 3)),
-        begins=np.empty((n, 3)),
-        directions=np.empty((n, 3)),
-        events=np.empty((0, len(EVENT))),
-        steps=0,
-    )
-    revolutions = max((angles[-1] - progress.here.crank_angle) / (2 * math.pi), 1.0)
+        _check_reached(model, times, angles)
+    samples = room_for(times, model.states, len(model.loose))
+    revolutions = max((angles[-1] - earlier.crank_angle) / (2 * math.pi), 1.0)
     limit = math.ceil((steps_per_revolution or STEPS_PER_REVOLUTION) * revolutions)
-    fine, room = _fine_enough(p, tolerance), room_for_stages()
-    status, end, events, steps = integrate(p, progress, samples, angles, fine, limit, room)
+    fine, k = _fine_enough(model, tolerance), workspace.k
+    status, events, steps = integrate(p, k, samples, angles, fine, limit)
     if status != DONE:
-        advice = (
-            f"use a larger tolerance than {tolerance:g} m, or check the causes of stiffness:"
-            " stiffness, restitution, friction_speed or bristle_stiffness of the contacts, a small"
-            " mass, an effect or its formula"
-        )
-        if status == TOO_MANY_STEPS:
-            advice = (
-                f"{_format_contacts(p, end.here, events)}; {advice}, or friction that makes a"
-                " journal whirl"
-            )
-            if p.drive.kind == MOTOR and abs(end.here.crank.speed) < _CREEPING * abs(
-                p.drive.no_load_speed
-            ):
-                advice = f"the crank almost stands still; {FAILURE_ADVICE[STALLED]}"
-        raise SimulationError(
-            f"the simulation {FAILURES[status].format(limit=limit)} at time {end.here.time:.9g} s,"
-            f" crank angle {math.degrees(end.here.crank_angle):.6g} deg"
-            f" ({_format_state(p, end.here)}); {FAILURE_ADVICE.get(status, advice)}"
-        )
-    return samples._replace(events=events, steps=steps), end
+        raise SimulationError(_failure(model, k, status, events, tolerance, limit))
+    return samples._replace(events=events, steps=steps), workspace
 
 
-def _check_reached(p: Parameters, times: np.ndarray, angles: np.ndarray) -> None:
+def _failure(
+    model: Model, k: Record, status: int, events: np.ndarray, tolerance: float, limit: int
+) -> str:
+    """Error message of a failed integration."""
+    advice = (
+        f"use a larger tolerance than {tolerance:g} m, or check the causes of stiffness:"
+        " stiffness, restitution, friction_speed or bristle_stiffness of the contacts, a small"
+        " mass, an effect or its formula"
+    )
+    if status == TOO_MANY_STEPS:
+        contacts = _format_contacts(model, k, events)
+        advice = f"{contacts}; {advice}, or friction that makes a journal whirl"
+        if model.is_free and abs(_crank_speed(model, k)) < _CREEPING * model.drive.no_load_speed:
+            advice = f"the crank almost stands still; {FAILURE_ADVICE[STALLED]}"
+    return (
+        f"the simulation {FAILURES[status].format(limit=limit)} at time {k.time[HERE]:.9g} s,"
+        f" crank angle {math.degrees(k.angle[HERE]):.6g} deg ({_format_state(model, k)});"
+        f" {FAILURE_ADVICE.get(status, advice)}"
+    )
+
+
+def _check_reached(model: Model, times: np.ndarray, angles: np.ndarray) -> None:
     """InputError where a measured angle does not pass the samples one after the other."""
-    reached = crank_motion(p, times[-1])[0]
+    reached = crank_motion(model.p, times[-1])[0]
     if (np.diff(times) <= 0).any() or abs(reached - angles[-1]) > 1e-9 * max(abs(angles[-1]), 1.0):
         raise InputError(
             f"the measured crank angle ends at {math.degrees(reached):.9g} deg and {times[-1]:.9g}"
@@ -279,33 +272,37 @@ def _check_reached(p: Parameters, times: np.ndarray, angles: np.ndarray) -> None
         )
 
 
-def _fine_enough(p: Parameters, tolerance: float) -> float:
-    joints = [getattr(p, name) for name in JOINTS]
-    published = any(
-        joint.loose and joint.damping > 0 and math.isinf(joint.memory_time) for joint in joints
-    )
+def _fine_enough(model: Model, tolerance: float) -> float:
+    joints = [model.bearings[name] for name in model.loose]
+    published = any(joint.damping > 0 and math.isinf(joint.memory_time) for joint in joints)
     return min(tolerance, COARSEST_PUBLISHED) if published else tolerance
 
 
-def _format_state(p: Parameters, end: Instant) -> str:
-    vectors = [
-        f"; r{joint.number} {x:.9g}, {y:.9g}, rate {vx:.9g}, {vy:.9g}"
-        for joint, (x, y, vx, vy) in zip(JOINT.values(), clearances(*end[1:3]), strict=True)
-        if getattr(p, joint.name).loose
-    ]
-    return f"state in SI: crank speed {end.crank.speed:.9g}" + "".join(vectors)
+def _crank_speed(model: Model, k: Record) -> float:
+    """At the start of the last step [rad/s]."""
+    if model.is_free:
+        return float(model.crank_state(k.y[HERE])[1])
+    return crank_motion(model.p, k.time[HERE])[1]
 
 
-def _format_contacts(p: Parameters, end: Instant, events: np.ndarray) -> str:
+def _format_state(model: Model, k: Record) -> str:
+    text = f"state in SI: crank speed {_crank_speed(model, k):.9g}"
+    for name in model.loose:
+        (x, y), (vx, vy) = model.vector(k.y[HERE], name)
+        label = f"r{JOINT[name].number}" if name in JOINT else name
+        text += f"; {label} {x:.9g}, {y:.9g}, rate {vx:.9g}, {vy:.9g}"
+    return text
+
+
+def _format_contacts(model: Model, k: Record, events: np.ndarray) -> str:
     """Contacts of each loose joint, to find the one that requires the steps."""
     begun, texts = events[events[:, EVENT.index("begins")] == 1], []
-    for joint, (ex, ey, vx, vy) in zip(JOINT.values(), clearances(*end[1:3]), strict=True):
-        if not getattr(p, joint.name).loose:
-            continue
-        count = int((begun[:, EVENT.index("joint")] == joint.index).sum())
-        doing = f"{joint.words}: {count} contacts"
-        if end.modes[joint.index] != FLIGHT:
-            turns = (ex * vy - ey * vx) / (ex * ex + ey * ey) / end.crank.speed
+    for j, name in enumerate(model.loose):
+        (x, y), (vx, vy) = model.vector(k.y[HERE], name)
+        count = int((begun[:, EVENT.index("joint")] == j).sum())
+        doing = f"{JOINT[name].words if name in JOINT else name}: {count} contacts"
+        if k.modes[j] != FLIGHT:
+            turns = (x * vy - y * vx) / (x * x + y * y) / _crank_speed(model, k)
             doing += f", in contact, circling its clearance {turns:.3g} times per turn of the crank"
         texts.append(doing)
     return ", ".join(texts) or "no joint is loose"
@@ -329,9 +326,90 @@ def _check_finite(columns: dict[str, np.ndarray], times: np.ndarray) -> None:
         )
 
 
-def event_frame(events: np.ndarray) -> pd.DataFrame:
-    """The table ``events`` of rows as `jointgap.dynamics.integrate.EVENT` names them."""
-    rows = dict(zip(EVENT, events.T, strict=True))
-    rows["joint"] = np.array(JOINTS, dtype=object)[rows["joint"].astype(int)]
+def event_frame(model: Model, found: Samples) -> pd.DataFrame:
+    """The table ``events``."""
+    rows = dict(zip(EVENT, found.events.T, strict=True))
+    rows["joint"] = np.array([*model.loose, ""], dtype=object)[rows["joint"].astype(int)]
     rows["event"] = EVENT_NAMES[rows.pop("begins").astype(int)]
     return pd.DataFrame({column.name: rows[column.name] for column in EVENTS.columns})
+
+
+# ---- any linkage
+
+
+def simulate_linkage(file: LinkageFile, options: Simulate) -> Trajectory:
+    """Simulate a planar linkage with loose or ideal joints.
+
+    The motion starts with coincident joint centres and the velocities of the ideal linkage.
+
+    Parameters
+    ----------
+    file : LinkageFile
+        The linkage.
+    options : Simulate
+        Drive, duration and sampling.
+
+    Returns
+    -------
+    Trajectory
+        Columns of the samples by rule, see `published`; ``attrs["units"]`` has their units.
+
+    Raises
+    ------
+    InputError
+        See `jointgap.dynamics.model.linkage_model`.
+    SimulationError
+        The integration fails; the message has time, crank angle and state.
+    """
+    if options.speed < 0:
+        return _linkage_clockwise(file, options)
+    model = linkage_model(file, options)
+    angles = crank_angles(options)
+    run = integrate_to_angles(model, model.start(), angles, options.tolerance)
+    columns = published(model, observed(model, run)) | modes_of(model, run, model.loose)
+    columns["crank_angle"] = angles  # exact; a motor's simulated crank angle has rounding errors
+    samples = pd.DataFrame(columns)
+    samples.attrs["units"] = {name: model.units.get(name, "") for name in columns}
+    return Trajectory(samples, event_frame(model, run), run.steps)
+
+
+def published(model: Model, columns: Columns) -> Columns:
+    """The quantities of a linkage's trajectory, by the rule
+
+    - ``time``; of the driven body ``crank_angle``, ``crank_speed``, ``crank_acceleration``,
+      ``crank_torque``;
+    - a body on a slide of the frame: ``BODY_position``, ``_velocity``, ``_acceleration``;
+    - another body: ``BODY_angle``, ``_angular_velocity``, ``_angular_acceleration``, and of its
+      mass centre ``_position_x``, ``_velocity_x``, ``_acceleration_x``, and ``_y``;
+    - a slide: ``SLIDE_force``, across it, and ``SLIDE_moment``;
+    - a revolute joint: ``JOINT_force_x``, ``_force_y``, if loose also ``_normal_force``,
+      ``_friction_force``, ``_mode``, ``r_JOINT``, ``gamma_JOINT`` and rates;
+    - ``shaking_force_x``, ``_y``: sum of the forces on the frame.
+    """
+    found = {name: values for name, values in columns.items() if not name.startswith("frame_")}
+    for name, values in found.items():
+        if name.endswith("_angle") and name != "crank_angle":
+            found[name] = np.unwrap(values)
+    return found
+
+
+def _linkage_clockwise(file: LinkageFile, options: Simulate) -> Trajectory:
+    """`simulate_linkage` for a clockwise crank, by the mirror image in the line y = 0."""
+    ahead = options.model_copy(
+        update={"speed": -options.speed, "start_angle": -options.start_angle}
+    )
+    seen = simulate_linkage(file.mirrored(), ahead)
+    samples, units = seen.samples.copy(), seen.samples.attrs["units"]
+    across = {f"{name}_force" for name in file.slides}
+    across |= {f"{name}_force_y" for name in (*file.shared_by_two, "shaking")}
+    across |= {f"{name}_friction_force" for name in file.loose}
+    across |= {
+        f"{name}_{what}_y"
+        for name in file.bodies
+        for what in ("position", "velocity", "acceleration")
+    }
+    for name, unit in units.items():
+        if name in across or unit.startswith(("rad", "N*m")):
+            samples[name] = -samples[name]
+    events = seen.events.assign(crank_angle=-seen.events["crank_angle"])
+    return Trajectory(samples, events, seen.steps)

@@ -13,16 +13,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jointgap.core.joints import JOINTS
 from jointgap.dynamics.drive import crank_times
-from jointgap.dynamics.equations import AUXILIARY_STATES, STATES
-from jointgap.dynamics.integrate import DONE, EPISODE, EVENT, Progress, integrate, longest_step
-from jointgap.dynamics.joints import CONTACT, FLIGHT, clearances
+from jointgap.dynamics.integrate import DONE, Samples, begin, integrate, room_for
+from jointgap.dynamics.joints import CONTACT, FLIGHT
+from jointgap.dynamics.model import Columns, Model
 from jointgap.dynamics.numba_cache import compiled
-from jointgap.dynamics.parameters import Parameters
-from jointgap.dynamics.runge_kutta import LINEAR, instant, room_for_stages
-from jointgap.dynamics.sampling import SAMPLE, fill_samples
-from jointgap.dynamics.simulation import IntegrationResult
+from jointgap.dynamics.parameters import Record
+from jointgap.dynamics.rates import evaluate
+from jointgap.dynamics.sampling import fill_samples
+from jointgap.dynamics.simulation import observed
+from jointgap.dynamics.workspace import HERE
 
 STEPS_PER_REVOLUTION = 30_000
 """Largest number of steps of a window, per revolution: states that require more are unrealistic."""
@@ -39,18 +39,17 @@ _LEAST_FORCE = 1e-4  # [N] of a contact in equilibrium without load
 
 
 class Carried(NamedTuple):
-    """Initial values of each of k windows besides its state, from the previous window."""
+    """Initial values of each of k windows besides its state, from the previous window; c loose
+    joints."""
 
-    auxiliary: (
-        np.ndarray
-    )  # (k, 11) states of a bending rod, of bristles, and of a crank that is free
-    modes: np.ndarray  # (k, 3)
-    approaches: np.ndarray  # (k, 3) [m/s]
-    begins: np.ndarray  # (k, 3) [s]
-    # (k, 3) in contact the penetration minus that of the equilibrium [m], in flight r over
+    states: np.ndarray  # (k, states), of which those of the clearance vectors are not used
+    modes: np.ndarray  # (k, c)
+    approaches: np.ndarray  # (k, c) [m/s]
+    begins: np.ndarray  # (k, c) [s]
+    # (k, c) in contact the penetration minus that of the equilibrium [m], in flight r over
     # clearance
     off: np.ndarray
-    radial: np.ndarray  # (k, 3) radial speeds [m/s]
+    radial: np.ndarray  # (k, c) radial speeds [m/s]
 
 
 @dataclass(frozen=True)
@@ -65,23 +64,17 @@ class WindowStates:
     carried: Carried
 
 
-def loose_joints(p: Parameters) -> np.ndarray:
-    """Indices of the loose joints."""
-    return np.flatnonzero([getattr(p, name).loose for name in JOINTS])
-
-
-def resting(p: Parameters, count: int) -> Carried:
+def resting(model: Model, count: int) -> Carried:
     """Default initial values: all joints in lasting contact, in equilibrium."""
-    least = [getattr(p, name).least_approach for name in JOINTS]
-    loose = np.zeros(3, bool)
-    loose[loose_joints(p)] = True
+    least = [model.bearings[name].least_approach for name in model.loose]
+    shape = count, len(least)
     return Carried(
-        np.zeros((count, AUXILIARY_STATES)),
-        np.tile(np.where(loose, CONTACT, FLIGHT), (count, 1)),
-        np.tile(np.where(loose, least, math.inf), (count, 1)),
-        np.tile(np.where(loose, _LONG_AGO, math.inf), (count, 1)),
-        np.zeros((count, 3)),
-        np.zeros((count, 3)),
+        np.zeros((count, model.states)),
+        np.full(shape, CONTACT),
+        np.tile(np.array(least, dtype=float), (count, 1)),
+        np.full(shape, _LONG_AGO),
+        np.zeros(shape),
+        np.zeros(shape),
     )
 
 
@@ -127,88 +120,66 @@ def _inverse(matrix):
 
 
 @compiled
-def _joint(p, j):
-    return p.crank_pin if j == 0 else (p.piston_pin if j == 1 else p.crank_pivot)
+def _place(p, k, angle, rate, depth, radial):
+    """Evaluate the state with the loose joints at `angle` (c,) with `rate`, `depth` and `radial`
+    speed."""
+    for j in range(k.contacts):
+        r, c, s = k.joints[j].clearance + depth[j], math.cos(angle[j]), math.sin(angle[j])
+        x, v = 2 * j, k.half + 2 * j
+        k.y[HERE, x], k.y[HERE, x + 1] = r * c, r * s
+        k.y[HERE, v] = radial[j] * c - rate[j] * r * s
+        k.y[HERE, v + 1] = radial[j] * s + rate[j] * r * c
+    evaluate(p, k, HERE)
 
 
 @compiled
-def _placed(p, time, angle, rate, depth, radial, auxiliary, modes, approaches, begins):
-    """The instant with the loose joints at `angle` (3,) with `rate`, `depth` and `radial` speed."""
-    y = np.zeros(STATES)
-    x = auxiliary.copy()
-    for j in range(3):
-        ex = ey = vx = vy = 0.0
-        joint = _joint(p, j)
-        if joint.loose:
-            r, c, s = joint.clearance + depth[j], math.cos(angle[j]), math.sin(angle[j])
-            ex, ey = r * c, r * s
-            vx, vy = radial[j] * c - rate[j] * ey, radial[j] * s + rate[j] * ex
-        if j < 2:
-            y[2 * j], y[2 * j + 1], y[2 * j + 4], y[2 * j + 5] = ex, ey, vx, vy
-        else:
-            x[0], x[1], x[4], x[5] = ex, ey, vx, vy
-    y_now = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
-    x_now = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
-    return instant(p, time, y_now, x_now, modes, approaches, begins)
-
-
-@compiled
-def _leaving(p, here, angle, rate, depth, out):
+def _leaving(k, angle, rate, depth, out):
     """Second rate [m/s^2] of the distance of centres of each loose joint."""
-    a, b = here.clearance_rates, here.auxiliary_rates
-    for j in range(3):
-        joint = _joint(p, j)
-        out[j] = 0.0
-        if joint.loose:
-            ax = a[4] if j == 0 else (a[6] if j == 1 else b[4])
-            ay = a[5] if j == 0 else (a[7] if j == 1 else b[5])
-            out[j] = (
-                ax * math.cos(angle[j])
-                + ay * math.sin(angle[j])
-                + (joint.clearance + depth[j]) * rate[j] ** 2
-            )
+    for j in range(k.contacts):
+        v = k.half + 2 * j
+        swing = (k.joints[j].clearance + depth[j]) * rate[j] ** 2
+        away = k.dy[HERE, v] * math.cos(angle[j]) + k.dy[HERE, v + 1] * math.sin(angle[j])
+        out[j] = away + swing
 
 
 @compiled
-def _balance(p, time, angle, rate, depth, radial, auxiliary, modes, approaches, begins):
-    """The `depth` [m] (3,) with the equilibrium penetration of joints in contact, which keeps them
+def _balance(p, k, angle, rate, depth, radial):
+    """The `depth` [m] (c,) with the equilibrium penetration of joints in contact, which keeps them
     on their circles.
 
     Newton's method for the forces; accelerations are linear in them, except for friction.
     """
-    force, depth, still = np.zeros(3), depth.copy(), radial.copy()
-    out, moved = np.zeros(3), np.zeros(3)
-    touching = np.zeros(3, np.bool_)
-    for j in range(3):
-        joint = _joint(p, j)
-        touching[j] = joint.loose and modes[j] != FLIGHT
+    count = k.contacts
+    force, depth, still = np.zeros(count), depth.copy(), radial.copy()
+    out, moved = np.zeros(count), np.zeros(count)
+    touching = np.zeros(count, np.bool_)
+    for j in range(count):
+        touching[j] = k.modes[j] != FLIGHT
         if touching[j]:
             depth[j], still[j] = 1e-9, 0.0
-            force[j] = joint.stiffness * depth[j] ** joint.exponent
+            force[j] = k.joints[j].stiffness * depth[j] ** k.joints[j].exponent
     for _ in range(_NEWTON):
-        here = _placed(p, time, angle, rate, depth, still, auxiliary, modes, approaches, begins)
-        _leaving(p, here, angle, rate, depth, out)
-        matrix, largest = np.eye(3), 0.0
-        for j in range(3):
+        _place(p, k, angle, rate, depth, still)
+        _leaving(k, angle, rate, depth, out)
+        matrix, largest = np.eye(count), 0.0
+        for j in range(count):
             if touching[j]:
-                joint, more = _joint(p, j), max(1e-3 * force[j], 1e-3)
+                joint, more = k.joints[j], max(1e-3 * force[j], 1e-3)
                 before = depth[j]
                 depth[j] = ((force[j] + more) / joint.stiffness) ** (1.0 / joint.exponent)
-                there = _placed(
-                    p, time, angle, rate, depth, still, auxiliary, modes, approaches, begins
-                )
-                _leaving(p, there, angle, rate, depth, moved)
+                _place(p, k, angle, rate, depth, still)
+                _leaving(k, angle, rate, depth, moved)
                 depth[j] = before
-                for i in range(3):
+                for i in range(count):
                     if touching[i]:
                         matrix[i, j] = (moved[i] - out[i]) / more
-        change = np.zeros((3, 1))
-        for j in range(3):
+        change = np.zeros((count, 1))
+        for j in range(count):
             change[j, 0] = -out[j] if touching[j] else 0.0
         _solve(matrix, change)
-        for j in range(3):
+        for j in range(count):
             if touching[j]:
-                joint = _joint(p, j)
+                joint = k.joints[j]
                 largest = max(largest, abs(change[j, 0]) / (force[j] + 1e-3))
                 force[j] = max(force[j] + change[j, 0], _LEAST_FORCE)
                 depth[j] = (force[j] / joint.stiffness) ** (1.0 / joint.exponent)
@@ -218,12 +189,12 @@ def _balance(p, time, angle, rate, depth, radial, auxiliary, modes, approaches, 
 
 
 @compiled
-def _polar(here):
-    """Distance of the centres, its rate, angle and its rate, (3, 4), of the joints."""
-    out = np.zeros((3, 4))
-    motion = clearances(here.clearance_state, here.auxiliary_state)
-    for j in range(3):
-        ex, ey, vx, vy = motion[j]
+def _polar(k):
+    """Distance of the centres, its rate, angle and its rate, (c, 4), of the loose joints."""
+    out = np.zeros((k.contacts, 4))
+    for j in range(k.contacts):
+        x, v = 2 * j, k.half + 2 * j
+        ex, ey, vx, vy = k.y[HERE, x], k.y[HERE, x + 1], k.y[HERE, v], k.y[HERE, v + 1]
         r = math.sqrt(ex * ex + ey * ey)
         out[j, 0] = r
         if r > 0.0:
@@ -233,38 +204,35 @@ def _polar(here):
 
 
 @compiled
-def _begin(p, time, k, slow, speed, carried):
-    """Start of the integration of window `k` in its state `slow` (d,)."""
-    angle, rate, depth, radial = np.zeros(3), np.zeros(3), np.zeros(3), carried.radial[k].copy()
-    m, a, b = carried.modes[k], carried.approaches[k], carried.begins[k]
-    modes, approaches, begins = (m[0], m[1], m[2]), (a[0], a[1], a[2]), (b[0], b[1], b[2])
-    auxiliary, place = carried.auxiliary[k].copy(), 0
-    for j in range(3):
-        if _joint(p, j).loose:
-            angle[j], rate[j] = slow[place], slow[place + 1] * speed
-            place += 2
-            if modes[j] == FLIGHT:
-                clearance = _joint(p, j).clearance
-                depth[j] = min(carried.off[k, j], 1.0 - 1e-9) * clearance - clearance
-    depth = _balance(p, time, angle, rate, depth, radial, auxiliary, modes, approaches, begins)
-    for j in range(3):
-        if _joint(p, j).loose and modes[j] != FLIGHT:
-            depth[j] = max(depth[j] + carried.off[k, j], 1e-12)
-    here = _placed(p, time, angle, rate, depth, radial, auxiliary, modes, approaches, begins)
-    seen = clearances(here.clearance_state, here.auxiliary_state)
-    start = 0.05 * longest_step(p)
-    return Progress(
-        here, seen, here.time, (0.0, 0.0, 0.0), np.zeros((3, EPISODE)), start, LINEAR, 0.0
-    )
+def _begin(p, k, time, w, slow, speed, carried):
+    """Start the integration of window `w` in its state `slow` (d,)."""
+    count = k.contacts
+    angle, rate, depth = np.zeros(count), np.zeros(count), np.zeros(count)
+    radial = carried.radial[w].copy()
+    for i in range(k.states):
+        k.y[HERE, i] = carried.states[w, i]
+    k.time[HERE] = time
+    for j in range(count):
+        k.modes[j], k.approaches[j] = carried.modes[w, j], carried.approaches[w, j]
+        k.begins[j] = carried.begins[w, j]
+        angle[j], rate[j] = slow[2 * j], slow[2 * j + 1] * speed
+        if k.modes[j] == FLIGHT:
+            clearance = k.joints[j].clearance
+            depth[j] = min(carried.off[w, j], 1.0 - 1e-9) * clearance - clearance
+    depth = _balance(p, k, angle, rate, depth, radial)
+    for j in range(count):
+        if k.modes[j] != FLIGHT:
+            depth[j] = max(depth[j] + carried.off[w, j], 1e-12)
+    _place(p, k, angle, rate, depth, radial)
+    begin(p, k, 0.05)
 
 
 @compiled
 def _part(found, first, last):
     """Rows of an integration from `first` to `last`."""
-    return IntegrationResult(
+    return Samples(
         found.times[first:last],
         found.states[first:last],
-        found.auxiliary_states[first:last],
         found.modes[first:last],
         found.approaches[first:last],
         found.begins[first:last],
@@ -275,47 +243,36 @@ def _part(found, first, last):
 
 
 @compiled
-def _run(p, k, slow, run):
-    """Integrate window `k` from the state `slow` (d,); returns whether it succeeded.
+def _run(p, w, slow, run):
+    """Integrate window `w` from the state `slow` (d,); returns whether it succeeded.
 
     Its samples are those of the rows, the last one at its end. The state there and its other values
-    become row `k` of `run.end` and `run.after`.
+    become row `w` of `run.end` and `run.after`.
     """
-    speed, rows, end, after = abs(p.drive.speed), run.rows, run.end, run.after
-    found, first, last = rows.found, rows.bounds[k], rows.bounds[k + 1]
-    part = _part(found, first, last)
-    progress = _begin(p, part.times[0], k, slow, speed, run.carried)
-    status, _, _, _ = integrate(
-        p, progress, part, rows.angles[first:last], run.tolerance, rows.limits[k], run.room
-    )
+    k, speed, rows, end, after = run.k, abs(p.drive.speed), run.rows, run.end, run.after
+    found, first, last = rows.found, rows.bounds[w], rows.bounds[w + 1]
+    part, n = _part(found, first, last), last - 1
+    _begin(p, k, part.times[0], w, slow, speed, run.carried)
+    status, _, _ = integrate(p, k, part, rows.angles[first:last], run.tolerance, rows.limits[w])
     if status != DONE:
         return False
-    y, x, n = part.states[-1], part.auxiliary_states[-1], last - 1
-    y_end = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
-    x_end = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
-    m, a, b = found.modes[n], found.approaches[n], found.begins[n]
-    modes, approaches, begins = (m[0], m[1], m[2]), (a[0], a[1], a[2]), (b[0], b[1], b[2])
-    here = instant(p, found.times[n], y_end, x_end, modes, approaches, begins)
-    polar, depth, place = _polar(here), np.zeros(3), 0
-    for j in range(3):
-        depth[j] = polar[j, 0] - _joint(p, j).clearance
+    for i in range(k.states):
+        k.y[HERE, i] = after.states[w, i] = found.states[n, i]
+    k.time[HERE] = found.times[n]
+    polar, depth = _polar(k), np.zeros(k.contacts)
+    for j in range(k.contacts):
+        k.modes[j], k.approaches[j] = found.modes[n, j], found.approaches[n, j]
+        k.begins[j] = found.begins[n, j]
+        depth[j] = polar[j, 0] - k.joints[j].clearance
     angle, rate, radial = polar[:, 2].copy(), polar[:, 3].copy(), polar[:, 1].copy()
-    balance = _balance(p, here.time, angle, rate, depth, radial, x, modes, approaches, begins)
-    for i in range(AUXILIARY_STATES):
-        after.auxiliary[k, i] = x[i]
-    for j in range(3):
-        after.modes[k, j], after.approaches[k, j], after.begins[k, j] = (
-            modes[j],
-            approaches[j],
-            begins[j],
-        )
-        after.off[k, j], after.radial[k, j] = 0.0, polar[j, 1]
-        joint = _joint(p, j)
-        if joint.loose:
-            end[k, place], end[k, place + 1] = polar[j, 2], polar[j, 3] / speed
-            place += 2
-            flies = modes[j] == FLIGHT
-            after.off[k, j] = polar[j, 0] / joint.clearance if flies else depth[j] - balance[j]
+    balance = _balance(p, k, angle, rate, depth, radial)
+    for j in range(k.contacts):
+        after.modes[w, j], after.approaches[w, j] = k.modes[j], k.approaches[j]
+        after.begins[w, j], after.radial[w, j] = k.begins[j], polar[j, 1]
+        end[w, 2 * j], end[w, 2 * j + 1] = polar[j, 2], polar[j, 3] / speed
+        flies = k.modes[j] == FLIGHT
+        clearance = k.joints[j].clearance
+        after.off[w, j] = polar[j, 0] / clearance if flies else depth[j] - balance[j]
     return True
 
 
@@ -325,11 +282,11 @@ class Rows(NamedTuple):
     angles: np.ndarray  # (n,) [rad]
     bounds: np.ndarray  # (k + 1,) first rows of the windows
     sample: np.ndarray  # (n,) sample index of each row; -1 for ends of windows
-    found: IntegrationResult
+    found: Samples
     limits: np.ndarray  # (k,) largest numbers of steps
 
 
-def rows_of(p: Parameters, edges: np.ndarray, angles: np.ndarray) -> Rows:
+def rows_of(model: Model, edges: np.ndarray, angles: np.ndarray) -> Rows:
     """Rows for samples at sorted crank `angles` [rad] in windows between the crank angles `edges`
     (k + 1,) [rad]."""
     count = edges.size - 1
@@ -339,18 +296,7 @@ def rows_of(p: Parameters, edges: np.ndarray, angles: np.ndarray) -> Rows:
     order = np.argsort(of, kind="stable")
     sample = np.concatenate([np.full(count, -1), np.arange(angles.size), np.full(count, -1)])[order]
     all_angles = np.concatenate([edges[:-1], turned, edges[1:]])[order]
-    n = all_angles.size
-    found = IntegrationResult(
-        crank_times(p, all_angles),
-        np.empty((n, STATES)),
-        np.empty((n, AUXILIARY_STATES)),
-        np.empty((n, 3), np.int64),
-        np.empty((n, 3)),
-        np.empty((n, 3)),
-        np.empty((n, 3)),
-        np.empty((0, len(EVENT))),
-        0,
-    )
+    found = room_for(crank_times(model.p, all_angles), model.states, len(model.loose))
     limits = np.ceil(STEPS_PER_REVOLUTION * np.maximum(np.diff(edges) / math.tau, 0.02)).astype(
         np.int64
     )
@@ -360,7 +306,7 @@ def rows_of(p: Parameters, edges: np.ndarray, angles: np.ndarray) -> Rows:
 @compiled
 def _like(carried):
     return Carried(
-        np.zeros_like(carried.auxiliary),
+        np.zeros_like(carried.states),
         np.zeros_like(carried.modes),
         np.zeros_like(carried.approaches),
         np.zeros_like(carried.begins),
@@ -372,9 +318,9 @@ def _like(carried):
 @compiled
 def _copy_row(before, k, after, later):
     """Copy row `k` of `before` to row `later` of `after`."""
-    for i in range(AUXILIARY_STATES):
-        after.auxiliary[later, i] = before.auxiliary[k, i]
-    for j in range(3):
+    for i in range(before.states.shape[1]):
+        after.states[later, i] = before.states[k, i]
+    for j in range(before.modes.shape[1]):
         after.modes[later, j] = before.modes[k, j]
         after.approaches[later, j] = before.approaches[k, j]
         after.begins[later, j] = before.begins[k, j]
@@ -385,7 +331,7 @@ def _copy_row(before, k, after, later):
 class Readings(NamedTuple):
     """Readings for the filter: c channels, by row of an integration in windows."""
 
-    columns: np.ndarray  # (c,) indices of the channels in `SAMPLE`
+    columns: np.ndarray  # (c,) indices of the channels in `Model.columns`
     factor: np.ndarray  # (c,) scale of the readings
     shift: np.ndarray  # (c,) offset of the readings [unit]
     data: np.ndarray  # (n, c) [unit]
@@ -415,10 +361,10 @@ def heavy_squares(residual: np.ndarray, heavy: float = FilterSettings(1.0).heavy
 
 
 @compiled
-def _misfit(p, found, first, last, samples, numbers, readings, heavy, out):
+def _misfit(p, k, found, first, last, bodies, numbers, nothing, readings, heavy, out):
     """Residuals of the rows from `first` to `last`, into `out` (c n,); returns their number and sum
     of squares."""
-    fill_samples(p, _part(found, first, last), samples[first:last])
+    fill_samples(p, k, _part(found, first, last), bodies, numbers[first:last], nothing)
     n, total = 0, 0.0
     for i in range(first, last):
         for c in range(readings.columns.size):
@@ -454,7 +400,7 @@ class _Windows(NamedTuple):
     carried: Carried  # initial values of the windows
     after: Carried  # the same at their ends
     end: np.ndarray  # (k, d) states at the ends
-    room: np.record  # stages of a step
+    k: Record  # workspace of the integration
 
 
 class _Filtering(NamedTuple):
@@ -462,8 +408,9 @@ class _Filtering(NamedTuple):
 
     readings: Readings
     settings: FilterSettings
-    samples: np.ndarray  # (n,) of the rows, and the same as numbers (n, s)
-    numbers: np.ndarray
+    bodies: int  # of those with a direction
+    numbers: np.ndarray  # (n, columns) of the rows
+    nothing: np.ndarray  # (0, 0)
     residual: np.ndarray  # (m,) of the accepted state, and of a trial state
     moved: np.ndarray
     jacobian: np.ndarray  # (m, d) derivatives of the residuals
@@ -480,7 +427,19 @@ def _trial(p, k, state, run, of):
     if not _run(p, k, state, run):
         return 0, math.inf
     first, last, heavy = rows.bounds[k], rows.bounds[k + 1], of.settings.heavy
-    return _misfit(p, rows.found, first, last, of.samples, of.numbers, of.readings, heavy, of.moved)
+    return _misfit(
+        p,
+        run.k,
+        rows.found,
+        first,
+        last,
+        of.bodies,
+        of.numbers,
+        of.nothing,
+        of.readings,
+        heavy,
+        of.moved,
+    )
 
 
 @compiled
@@ -709,15 +668,16 @@ _NO_READINGS = Readings(np.empty(0, np.int64), *np.zeros((2, 0)), *np.zeros((2, 
 
 
 def _filtering(
-    readings: Readings, settings: FilterSettings, rows: int, most: int, d: int
+    model: Model, readings: Readings, settings: FilterSettings, rows: int, most: int
 ) -> _Filtering:
     """Work arrays of the filter for windows with up to `most` readings and d numbers a state."""
-    numbers = np.zeros((rows, len(SAMPLE.names)))
+    numbers, d = np.zeros((rows, len(model.columns))), 2 * len(model.loose)
     return _Filtering(
         readings,
         settings,
-        np.frombuffer(numbers, dtype=SAMPLE),
+        model.bodies,
         numbers,
+        np.empty((0, 0)),
         np.zeros(most),
         np.zeros(most),
         np.zeros((most, d)),
@@ -728,22 +688,22 @@ def _filtering(
 
 
 def simulate_windows(
-    p: Parameters, rows: Rows, slow: np.ndarray, carried: Carried, tolerance: float
-) -> tuple[dict[str, np.ndarray], np.ndarray, Carried, np.ndarray]:
-    """Channels (m,) at the samples of the `rows`, by column of `jointgap.dynamics.sampling.SAMPLE`;
-    states (k, d) at the ends of the windows, further values there, and the success (k,) of each
-    window.
+    model: Model, rows: Rows, slow: np.ndarray, carried: Carried, tolerance: float
+) -> tuple[Columns, np.ndarray, Carried, np.ndarray]:
+    """Quantities (m,) at the samples of the `rows`, by name; states (k, d) at the ends of the
+    windows, further values there, and the success (k,) of each window.
 
     NaN in failed windows.
     """
     end, after, squares = np.full(slow.shape, np.nan), _like(carried), np.zeros(len(slow))
-    run = _Windows(rows, tolerance, carried, after, end, room_for_stages())
-    of = _filtering(_NO_READINGS, FilterSettings(1.0), 1, 0, slow.shape[1])
-    run_windows(p, run, of, False, slow[:1], False, slow, slow, squares, np.zeros(len(slow)))
+    workspace = model.workspace()
+    run = _Windows(rows, tolerance, carried, after, end, workspace.k)
+    of = _filtering(model, _NO_READINGS, FilterSettings(1.0), 1, 0)
+    run_windows(model.p, run, of, False, slow[:1], False, slow, slow, squares, np.zeros(len(slow)))
     done = np.isfinite(squares)
     window = np.repeat(np.arange(done.size), np.diff(rows.bounds))
     chosen = np.flatnonzero((rows.sample >= 0) & done[window])
-    columns, count = rows.found.part(chosen).observed(p), int(rows.sample.max()) + 1
+    columns, count = observed(model, rows.found.part(chosen)), int(rows.sample.max()) + 1
     out = {}
     for name, values in columns.items():
         out[name] = np.full(count, np.nan)
@@ -766,7 +726,7 @@ class Sums(NamedTuple):
 
 
 def filtered(
-    p: Parameters,
+    model: Model,
     rows: Rows,
     count: int,
     readings: Readings,
@@ -782,14 +742,15 @@ def filtered(
     known and fits well. For a window with large residuals the one of the `others` (k, d) is tried
     too, unless it is NaN. The filter ends where the deviance exceeds that of the `settings`.
     """
-    d, carried = others.shape[1], resting(p, count)
+    d, carried = others.shape[1], resting(model, count)
     slow, squares, sizes = np.zeros((count, d)), np.zeros(count), np.zeros(count)
     most = int(np.max(np.diff(rows.bounds[: count + 1]))) * readings.columns.size
-    of = _filtering(readings, settings, rows.angles.size, most, d)
+    of = _filtering(model, readings, settings, rows.angles.size, most)
     end = np.zeros((count, d))
-    run = _Windows(rows, tolerance, carried, _like(carried), end, room_for_stages())
+    workspace = model.workspace()
+    run = _Windows(rows, tolerance, carried, _like(carried), end, workspace.k)
     cost, determinant = run_windows(
-        p, run, of, True, guesses, first_is_known, others, slow, squares, sizes
+        model.p, run, of, True, guesses, first_is_known, others, slow, squares, sizes
     )
     lost = ~np.isfinite(squares)
     # a failed window counts as much as one that misses all of its readings

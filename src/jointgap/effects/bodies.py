@@ -142,8 +142,7 @@ class RodFlexibility(Effect):
 
     def compile_into(self, records: base.Records) -> None:
         frequency, damping = self.parameters.frequency_Hz, self.parameters.damping_ratio
-        records["bodies"]["rod_angular_frequency"] = 2 * math.pi * frequency
-        records["bodies"]["rod_damping_ratio"] = damping
+        records["bodies"]["bending"] = 2 * math.pi * frequency, damping
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:

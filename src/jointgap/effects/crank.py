@@ -223,10 +223,9 @@ class CrankUnbalance(CrankEffect):
     def compile_into(self, records: base.Records) -> None:
         bodies, parameters = records["bodies"], self.parameters
         unbalance, angle = parameters.unbalance_kg_m, parameters.angle_rad
-        bodies["crank_mass"] += unbalance / bodies["crank_length"]
-        bodies["crank_moment_x"] += unbalance * math.cos(angle)
-        bodies["crank_moment_y"] += unbalance * math.sin(angle)
-        bodies["crank_inertia"] += unbalance * bodies["crank_length"]
+        radius = bodies["crank_length"]
+        place = radius * math.cos(angle), radius * math.sin(angle)
+        bodies["unbalance"] = unbalance / radius, place
 
 
 @register_effect(order=150)

@@ -10,6 +10,7 @@ from scipy.interpolate import RectBivariateSpline
 from jointgap.config import Mechanism, Optimise, Simulate
 from jointgap.core.errors import InputError
 from jointgap.dynamics.parallel import Run, simulate_runs
+from jointgap.dynamics.simulation import observed
 from jointgap.lengths.objective import GOALS, Objective, evaluation_samples, pin_forces
 from jointgap.lengths.region import Constraint, Region, regions
 
@@ -55,7 +56,7 @@ def simulated_surface(
     for outcome in simulate_runs(runs):
         if outcome.error is not None:
             raise outcome.error
-        columns = outcome.result.observed(outcome.parameters)
+        columns = observed(outcome.model, outcome.result)
         quantities = pin_forces(columns) | {"crank_torque": columns["crank_torque"]}
         at_samples = {key: quantity[settled] for key, quantity in quantities.items()}
         values.append(float(GOALS[name].simulated(at_samples)))

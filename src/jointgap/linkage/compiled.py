@@ -1,7 +1,8 @@
-"""The equations of motion of a linkage as two compiled functions.
+"""The equations of motion of a linkage as compiled functions.
 
-Between them ordinary compiled code evaluates the laws of contacts and effects: `pose` writes their
-arguments, `dynamics` reads their forces. A variant is a topology with its set of loose joints and
+Between `pose` and `dynamics` ordinary compiled code evaluates the laws of contacts and effects: the
+one writes their arguments, the other reads their forces. `sample` writes all quantities of a
+motion. A variant is a topology with its set of loose joints and
 its kind of drive; lengths, masses and fits are parameters, so they never make another one.
 """
 
@@ -10,6 +11,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,10 +21,26 @@ from jointgap.linkage.equations import (
     Dynamics,
     JointForce,
     Number,
+    Pair,
     Pose,
+    across,
+    dot,
+    negative,
 )
+from jointgap.linkage.joint_forces import balance
 from jointgap.linkage.machine_code import Code, Graph, MachineCode, Store, kept
 from jointgap.linkage.topology import Linkage
+
+
+class Kind(NamedTuple):
+    """What a variant computes besides contacts."""
+
+    is_free: bool = False  # The torque turns the crank
+    pushed: tuple[str, ...] = ()  # Bodies with forces along their slides of the frame
+    rubs: bool = False  # Forces depend on the reactions of ideal joints
+
+
+PLAIN = Kind()
 
 
 @dataclass(frozen=True)
@@ -32,23 +50,29 @@ class Variant:
     Memory is one array of numbers with the fields
 
     - `parameters`;
-    - `state`: clearance vectors of the loose joints, then the crank's angle if it is free; their
-      rates;
+    - `state`: clearance vectors of the loose joints, then the crank's angle if it is free, then the
+      deflections of bending bodies; their rates;
     - `crank`: cosine, sine, speed, acceleration (unused where it is free);
-    - `turning`: angular velocity of body and partner of each loose joint, written by `pose`;
+    - `turning`: angular velocity of body and partner of each loose joint, then of each rubbing one,
+      written by `pose`;
+    - `sites`: place and speed along their slides of the pushed bodies, written by `pose`;
     - `forces`: fx, fy, moment on body and partner of each loose joint, and the torque on the crank,
       read by `dynamics`;
-    - `loads`: force x, y and moment of each moving body, read by `dynamics`;
+    - `along`: forces on the pushed bodies, read by `dynamics`;
+    - `moments`: friction moment on the body of each rubbing joint, read by `dynamics`;
     - `rates`: second rates of the state, written by `dynamics`;
-    - `kept`: between the two functions.
+    - `reactions`: fx, fy of each rubbing joint, force across the slide of each pushed body, written
+      by `dynamics`;
+    - `kept`: between the functions;
+    - `channels`: written by `sample`, see `channels`.
     """
 
     signs: tuple[float, ...]
-    is_free: bool
-    loaded: tuple[str, ...]  # Bodies with loads
+    kind: Kind
     names: tuple[str, ...]  # Of the parameters
     sizes: Mapping[str, int]  # Of the fields
     codes: Mapping[str, Code]
+    channels: Mapping[str, str]  # Names and units of what `sample` writes
 
     @property
     def begin(self) -> dict[str, int]:
@@ -90,19 +114,13 @@ class Variant:
         ctypes.CFUNCTYPE(None, ctypes.c_int64)(code.addresses[name])(memory.ctypes.data)
 
 
-def variant_of(
-    linkage: Linkage,
-    signs: Sequence[float],
-    is_free: bool = False,
-    loaded: Sequence[str] = (),
-) -> Variant:
-    """The variant of a linkage; `is_free`: the torque turns the crank; `loaded`: bodies on which
-    loads act. Linkages of one form share it."""
-    key = (linkage.form, tuple(signs), is_free, tuple(loaded))
+def variant_of(linkage: Linkage, signs: Sequence[float], kind: Kind = PLAIN) -> Variant:
+    """The variant of a linkage. Linkages of one form share it."""
+    key = (linkage.form, tuple(signs), kind)
     if key not in _VARIANTS:
         while len(_VARIANTS) >= _MOST_VARIANTS:
             del _VARIANTS[next(iter(_VARIANTS))]
-        _VARIANTS[key] = build_variant(linkage, signs, is_free, loaded)
+        _VARIANTS[key] = build_variant(linkage, signs, kind)
     return _VARIANTS[key]
 
 
@@ -115,17 +133,15 @@ def forget() -> None:
     _VARIANTS.clear()
 
 
-def build_variant(
-    linkage: Linkage, signs: Sequence[float], is_free: bool = False, loaded: Sequence[str] = ()
-) -> Variant:
+def build_variant(linkage: Linkage, signs: Sequence[float], kind: Kind = PLAIN) -> Variant:
     """`variant_of`, made anew."""
     graph, places = Graph(), {}
 
     def parameter(name: str, _: float) -> Number:
         return graph.load("parameters", places.setdefault(name, len(places)))
 
-    loose = linkage.loose
-    half = 2 * len(loose) + is_free
+    loose, rubbing = linkage.loose, linkage.rubbing if kind.rubs else ()
+    half = positions(linkage, kind.is_free)
     state = [graph.load("state", i) for i in range(2 * half)]
     clearances = {
         joint.name: (
@@ -134,38 +150,48 @@ def build_variant(
         )
         for n, joint in enumerate(loose)
     }
+    first_bend = 2 * len(loose) + kind.is_free
+    bends = {
+        body: (state[i], state[half + i]) for i, body in enumerate(linkage.bending, first_bend)
+    }
     cosine, sine, speed, acceleration = (graph.load("crank", i) for i in range(4))
-    crank = Crank(cosine, sine, speed, None if is_free else acceleration)
+    crank = Crank(cosine, sine, speed, None if kind.is_free else acceleration)
     arithmetic = Arithmetic(parameter, graph.root, graph.cos_sin)
-    pose = Pose(linkage, signs, crank, clearances, arithmetic)
+    pose = Pose(linkage, signs, crank, clearances, arithmetic, bends)
     forces = {
         joint.name: JointForce(*(graph.load("forces", 4 * n + i) for i in range(4)))
         for n, joint in enumerate(loose)
     }
-    loads = {
-        body: (
-            (graph.load("loads", 3 * n), graph.load("loads", 3 * n + 1)),
-            graph.load("loads", 3 * n + 2),
-        )
-        for n, body in enumerate(loaded)
-    }
     torque = graph.load("forces", 4 * len(loose))
-    motion = Dynamics(pose, forces, torque, loads)
+    along = {body: graph.load("along", n) for n, body in enumerate(kind.pushed)}
+    moments = {joint.name: graph.load("moments", n) for n, joint in enumerate(rubbing)}
+    motion = Dynamics(pose, forces, torque, None, moments, along)
+    slides = [linkage.joint_with_frame(body) for body in kind.pushed]
     written = {
-        ("turning", 2 * n + i): pose.speeds[place.body]
-        for n, joint in enumerate(loose)
-        for i, place in enumerate((joint.body, joint.partner))
+        "turning": [
+            pose.speeds[place.body] for j in (*loose, *rubbing) for place in (j.body, j.partner)
+        ],
+        "sites": [number for slide in slides for number in pose.travel(slide)],
     }
     rates = {
-        ("rates", 2 * n + i): each
-        for n, joint in enumerate(loose)
-        for i, each in enumerate(motion.rates[joint.name])
+        "rates": [
+            *(each for joint in loose for each in motion.rates[joint.name]),
+            *([motion.crank_acceleration] if kind.is_free else []),
+            *motion.bend_accelerations.values(),
+        ],
+        "reactions": [
+            *(each for joint in rubbing for each in motion.reactions[joint.name]),
+            *(motion.guide_force(slide) for slide in slides if kind.rubs),
+        ],
     }
-    if is_free:
-        rates["rates", 2 * len(loose)] = motion.crank_acceleration
-    first, second = (
-        [Store(name, index, graph.index(value)) for (name, index), value in stores.items()]
-        for stores in (written, rates)
+    channels = channels_of(motion, forces, moments)
+    first, second, third = (
+        [
+            Store(name, index, graph.index(value))
+            for name, values in stores.items()
+            for index, value in enumerate(values)
+        ]
+        for stores in (written, rates, {"channels": [value for value, _ in channels.values()]})
     )
     between = kept(graph, first, second)
     first += [Store("kept", place, node) for place, node in enumerate(between)]
@@ -174,14 +200,76 @@ def build_variant(
         "parameters": len(places),
         "state": 2 * half,
         "crank": 4,
-        "turning": 2 * len(loose),
+        "turning": 2 * (len(loose) + len(rubbing)),
+        "sites": 2 * len(slides),
         "forces": 4 * len(loose) + 1,
-        "loads": 3 * len(loaded),
+        "along": len(slides),
+        "moments": len(rubbing),
         "rates": half,
+        "reactions": len(rates["reactions"]),
         "kept": len(between),
+        "channels": len(channels),
     }
-    codes = {"pose": Code(graph, tuple(first)), "dynamics": Code(graph, tuple(second), kept_at)}
-    return Variant(tuple(signs), is_free, tuple(loaded), tuple(places), sizes, codes)
+    codes = {
+        "pose": Code(graph, tuple(first)),
+        "dynamics": Code(graph, tuple(second), kept_at),
+        "sample": Code(graph, tuple(third), kept_at),
+    }
+    units = {name: unit for name, (_, unit) in channels.items()}
+    return Variant(tuple(signs), kind, tuple(places), sizes, codes, units)
+
+
+def positions(linkage: Linkage, is_free: bool) -> int:
+    """Number of positions in the state."""
+    return 2 * len(linkage.loose) + is_free + len(linkage.bending)
+
+
+def channels_of(
+    motion: Dynamics, forces: Mapping[str, JointForce], moments: Mapping[str, Number]
+) -> dict[str, tuple[Number, str]]:
+    """Quantities of a motion with their units, by name: first cosine and sine of each body with a
+    direction."""
+    pose, linkage = motion.pose, motion.linkage
+    needed = balance(motion, forces, moments)
+    found: dict[str, tuple[Number, str]] = {}
+
+    def vector(name: str, components: Pair, unit: str) -> None:
+        for axis, component in zip("xy", components, strict=True):
+            found[f"{name}_{axis}"] = component, unit
+
+    turning = [
+        name
+        for name in linkage.moving
+        if name != linkage.crank and linkage.kinds[name] != "sliding"
+    ]
+    for name in turning:
+        cosine, sine = pose.directions[name]
+        found |= {f"{name}_cosine": (cosine, ""), f"{name}_sine": (sine, "")}
+    found["crank_torque"] = needed.torque, "N*m"
+    found["crank_acceleration"] = motion.crank_acceleration, "rad/s^2"
+    for name in linkage.moving:
+        if name in turning:
+            place, velocity = pose.point(name, None)
+            vector(f"{name}_position", place, "m")
+            vector(f"{name}_velocity", velocity, "m/s")
+            vector(f"{name}_acceleration", motion.acceleration(name), "m/s^2")
+            found[f"{name}_angular_velocity"] = pose.speeds[name], "rad/s"
+            found[f"{name}_angular_acceleration"] = motion.angular_acceleration(name), "rad/s^2"
+        elif name != linkage.crank:
+            place, velocity = pose.travel(linkage.joint_with_frame(name))
+            found[f"{name}_position"] = place, "m"
+            found[f"{name}_velocity"] = velocity, "m/s"
+            found[f"{name}_acceleration"] = motion.accelerations[name, "slide"], "m/s^2"
+    for name, joint in linkage.joints.items():
+        if joint.kind == "slide":
+            normal = across(pose.turned(joint.partner.body, pose.line(joint)))
+            found[f"{name}_force"] = dot(normal, needed.forces[name]), "N"
+            found[f"{name}_moment"] = needed.moments[name], "N*m"
+        else:
+            vector(f"{name}_force", needed.forces[name], "N")
+    vector("frame_force", negative(needed.forces[linkage.drive]), "N")
+    vector("shaking_force", needed.on_frame, "N")
+    return found
 
 
 def parameters_of(variant: Variant, linkage: Linkage) -> np.ndarray:
@@ -191,11 +279,13 @@ def parameters_of(variant: Variant, linkage: Linkage) -> np.ndarray:
     def parameter(name: str, value: float) -> float:
         return values.setdefault(name, value)
 
-    still = {joint.name: ((0.0, 0.0), (0.0, 0.0)) for joint in linkage.loose}
-    crank = Crank(1.0, 0.0, 0.0, None if variant.is_free else 0.0)
+    nothing = (0.0, 0.0)
+    still = {joint.name: (nothing, nothing) for joint in linkage.loose}
+    crank = Crank(1.0, 0.0, 0.0, None if variant.kind.is_free else 0.0)
     # the numbers need not close: only the parameters count
     arithmetic = Arithmetic(parameter, lambda value: abs(value) ** 0.5 + 1e-9)
-    pose = Pose(linkage, variant.signs, crank, still, arithmetic)
-    nothing = {joint.name: JointForce(0.0, 0.0) for joint in linkage.loose}
-    Dynamics(pose, nothing, 0.0, {body: ((0.0, 0.0), 0.0) for body in variant.loaded})
+    bends = dict.fromkeys(linkage.bending, nothing)
+    pose = Pose(linkage, variant.signs, crank, still, arithmetic, bends)
+    forces = {joint.name: JointForce(0.0, 0.0) for joint in linkage.loose}
+    channels_of(Dynamics(pose, forces, 0.0), forces, {})
     return np.array([values[name] for name in variant.names])

@@ -93,6 +93,8 @@ class Pose:
         By loose joint, vector [m] and rate [m/s]; of a loose slide offset across it [m] and tilt
         [rad], and their rates.
     arithmetic : Arithmetic, optional
+    bends : mapping, optional
+        Of bending bodies: deflection at midspan [m] and its rate [m/s].
     """
 
     def __init__(
@@ -102,8 +104,10 @@ class Pose:
         crank: Crank,
         clearances: Mapping[str, tuple[Pair, Pair]],
         arithmetic: Arithmetic = Arithmetic(),
+        bends: Mapping[str, Pair] | None = None,
     ):
         self.linkage, self.clearances, self.arithmetic = linkage, clearances, arithmetic
+        self.bends = bends or {}
         self.crank = crank
         self.directions: dict[str, Pair] = {FRAME: (1.0, 0.0)}  # Cosine and sine
         self.speeds: dict[str, Number] = {FRAME: 0.0}  # [rad/s]
@@ -146,6 +150,17 @@ class Pose:
         name, angle = f"{joint.name}.direction", joint.direction
         parameter = self.arithmetic.parameter
         return parameter(f"{name}.x", math.cos(angle)), parameter(f"{name}.y", math.sin(angle))
+
+    @property
+    def gravity(self) -> Pair:
+        """Gravitational acceleration [m/s^2]."""
+        return self._parameters("gravity", self.linkage.gravity)
+
+    def travel(self, joint: Joint) -> Pair:
+        """Place [m] of a slide's body along the line from the frame's point, and its rate."""
+        line = self.line(joint)
+        (place, velocity), (start, _) = self.point(*joint.body), self.point(*joint.partner)
+        return dot(line, subtract(place, start)), dot(line, velocity)
 
     def _parameters(self, name: str, end: Vector, begin: Vector = (None, None)) -> Pair:
         """A difference of two vectors as parameters; coordinates that are zero by the form of the
@@ -285,9 +300,72 @@ def _place(body: Body, point: str | None) -> Vector:
 
 
 Key = tuple[str, str]
-"""A generalised acceleration: body, and ``x``, ``y``, ``turn`` or ``slide``."""
+"""A generalised acceleration: body, and ``x``, ``y``, ``turn``, ``slide``, or for a bending body
+``along``, ``beside``, ``turn``."""
 
 Row = dict[Key, Number]
+
+_MEAN = 2.0 / math.pi  # of the bending mode sin(pi s / l), of which the mean square is 1/2
+_STILL = 1.0 - 2.0 * _MEAN * _MEAN
+"""Share of a bending body's transverse inertia that its mode does not relieve."""
+
+
+class _Beam:
+    """A bending body: a uniform beam, pinned at both ends, in its first mode w = q sin(pi s / l),
+    with a floating frame through the ends.
+
+    With the speed v of the frame, the kinetic energy is 1/2 int rho [(v_t - W w)^2 + (v_n +
+    w')^2] ds; stiffness and damping are those of a mode of the given frequency. The Lagrange
+    equations include all terms. A force along and across acts on rotation by the `levers`; in the
+    accelerations along and across minus levers times the angular acceleration, and in that one, the
+    inertia is diagonal.
+    """
+
+    def __init__(self, pose: Pose, name: str):
+        body, parameter = pose.linkage.bodies[name], pose.arithmetic.parameter
+        self.axis, (bend, self._bend_rate) = pose.directions[name], pose.bends[name]
+        speed = pose.speeds[name]
+        ends = [tuple(map(number, point)) for point in body.points.values()][:2]
+        to_midspan = 0.5 * (ends[0][0] + ends[1][0]) - number(body.centre[0])
+        m = parameter(f"{name}.mass", body.mass)
+        self.beyond = parameter(f"{name}.beyond", to_midspan)
+        frequency, damping = body.bending
+        square = parameter(f"{name}.stiffness", frequency**2)
+        damping = parameter(f"{name}.damping", 2.0 * damping * frequency)
+        self.free = -(damping * self._bend_rate) - (square - speed * speed) * bend
+        self.levers = (
+            _MEAN * bend,
+            parameter(f"{name}.lever", 2.0 * _MEAN**2 * to_midspan / _STILL),
+        )
+        stiff = body.inertia - 2.0 * _MEAN**2 * (1.0 + 2.0 * _MEAN**2 / _STILL) * (
+            body.mass * to_midspan**2
+        )
+        inertia = parameter(f"{name}.stiff_inertia", stiff) + m * (0.5 - _MEAN**2) * (bend * bend)
+        inverse = parameter(f"{name}.inverse_mass", 1 / body.mass)
+        self.inverse = {
+            (name, "along"): inverse,
+            (name, "beside"): (1.0 / _STILL) * inverse,
+            (name, "turn"): 1.0 / inertia,
+        }
+        along = 2.0 * _MEAN * (m * speed * self._bend_rate)
+        beside = _MEAN * (m * (speed * speed * bend - self.free))
+        turn = -(m * speed * bend * self._bend_rate) - _MEAN * (m * self.beyond * self.free)
+        self.loads = {
+            (name, "along"): along,
+            (name, "beside"): beside,
+            (name, "turn"): turn + self.levers[0] * along + self.levers[1] * beside,
+        }
+
+    def arm(self) -> Pair:
+        """What rotation adds to the accelerations along and across, in the axes of the frame."""
+        (c, s), (along, beside) = self.axis, self.levers
+        return c * along - s * beside, s * along + c * beside
+
+    def bend_acceleration(self, name: str, accelerations: Mapping[Key, Number]) -> Number:
+        """Second rate of the deflection [m/s^2]."""
+        turn = accelerations[name, "turn"]
+        beside = accelerations[name, "beside"] + self.levers[1] * turn
+        return self.free - 2.0 * _MEAN * (beside + turn * self.beyond)
 
 
 class Dynamics:
@@ -305,6 +383,8 @@ class Dynamics:
     moments : mapping, optional
         Friction moment on the body [N m] of ideal revolute joints; the opposite acts on the
         partner.
+    along : mapping, optional
+        Force [N] on bodies along their slides of the frame.
 
     Attributes
     ----------
@@ -315,6 +395,8 @@ class Dynamics:
     reactions : dict of str to pair
         Force of the partner on the body [N] in ideal joints of two moving bodies; of a slide the
         force across it and the moment.
+    bend_accelerations : dict of str to Number
+        Second rates of the deflections of bending bodies [m/s^2].
     """
 
     def __init__(
@@ -324,14 +406,19 @@ class Dynamics:
         torque: Number = 0.0,
         loads: Mapping[str, tuple[Pair, Number]] | None = None,
         moments: Mapping[str, Number] | None = None,
+        along: Mapping[str, Number] | None = None,
     ):
         self.pose, self.linkage = pose, pose.linkage
+        self._beams = {name: _Beam(pose, name) for name in self.linkage.bending}
+        self._across: dict[str, Pair] = {}  # Forces on sliding bodies, without their slides
         self._parameter = pose.arithmetic.parameter
         self._loads: dict[Key, Number] = {}
         self._inverse: dict[Key, Number] = {}
         self._begin(torque)
         for body, (force, moment) in (loads or {}).items():
             self._push(body, force, moment)
+        for body, force in (along or {}).items():
+            self._loads[body, "slide"] = self._loads[body, "slide"] + force
         for joint in self.linkage.loose:
             self._press(joint, forces[joint.name])
         for name, moment in (moments or {}).items():
@@ -358,15 +445,20 @@ class Dynamics:
 
     def _begin(self, torque: Number) -> None:
         """Inverse inertia and weight of each free coordinate."""
-        gravity = self.pose._parameters("gravity", self.linkage.gravity)
+        gravity = self.pose.gravity
         for name in self.linkage.moving:
             body, kind = self.linkage.bodies[name], self.linkage.kinds[name]
+            if kind == "bending":
+                self._inverse |= self._beams[name].inverse
+                self._loads |= self._beams[name].loads
+                continue
             weight = times(self._parameter(f"{name}.mass", body.mass), gravity)
             if kind == "sliding":
                 self._inverse[name, "slide"] = self._parameter(
                     f"{name}.inverse_mass", 1 / body.mass
                 )
                 self._loads[name, "slide"] = dot(self.axis(name), weight)
+                self._across[name] = weight
             if kind == "free":
                 for axis, load in zip("xy", weight, strict=True):
                     inverse = self._parameter(f"{name}.inverse_mass", 1 / body.mass)
@@ -394,6 +486,13 @@ class Dynamics:
         if (body, "slide") in self._loads:
             along = dot(self.axis(body), force)
             self._loads[body, "slide"] = self._loads[body, "slide"] + along
+            self._across[body] = add(self._across[body], force)
+        if body in self._beams:
+            (c, s), levers = self._beams[body].axis, self._beams[body].levers
+            own = c * force[0] + s * force[1], c * force[1] - s * force[0]
+            for key, component in zip(("along", "beside"), own, strict=True):
+                self._loads[body, key] = self._loads[body, key] + component
+            self._turn(body, dot(levers, own))
         if (body, "turn") in self._loads:
             arm = self._arm(body, point)
             self._turn(body, cross(arm, force) + moment)
@@ -431,6 +530,12 @@ class Dynamics:
         arm = self._arm(body, point) if arm is None else arm
         speed = self.pose.speeds[body]
         rest = times(-(speed * speed), arm)
+        if kind == "bending":
+            c, s = self.pose.directions[body]
+            turn = add(across(arm), self._beams[body].arm())
+            x = {(body, "along"): c, (body, "beside"): -s, (body, "turn"): turn[0]}
+            y = {(body, "along"): s, (body, "beside"): c, (body, "turn"): turn[1]}
+            return x, y, add(rest, self.pose.gravity)
         x: Row = {(body, "x"): 1.0} if kind == "free" else {}
         y: Row = {(body, "y"): 1.0} if kind == "free" else {}
         if self.is_driven(body):
@@ -498,6 +603,10 @@ class Dynamics:
             for name in dict.fromkeys(names)
         }
         self.rates = {joint.name: self._rate(joint) for joint in self.linkage.loose}
+        self.bend_accelerations = {
+            name: beam.bend_acceleration(name, self.accelerations)
+            for name, beam in self._beams.items()
+        }
         crank = self.pose.crank.acceleration
         turn = self.accelerations.get((self.linkage.crank, "turn"))
         self.crank_acceleration = turn if crank is None else crank
@@ -510,6 +619,20 @@ class Dynamics:
             return vector
         normal = across(self.pose.turned(joint.partner.body, self.pose.line(joint)))
         return dot(normal, vector), self._value(self._turning(joint.body.body), 0.0)
+
+    def guide_force(self, joint: Joint) -> Number:
+        """Force [N] across a slide of the frame on the body that it guides."""
+        body = joint.body.body
+        total = self._across[body]
+        for name, force in self.reactions.items():
+            other = self.linkage.joints[name]
+            if body in other.bodies:
+                if other.kind == "slide":
+                    carrier = other.partner.body
+                    line = self.pose.turned(carrier, self.pose.line(other))
+                    force = times(force[0], across(line))
+                total = (add if other.body.body == body else subtract)(total, force)
+        return -dot(across(self.pose.line(joint)), total)
 
     def acceleration(self, body: str, point: str | None = None) -> Pair:
         """Acceleration [m/s^2] of a point of a body; None: its mass centre."""

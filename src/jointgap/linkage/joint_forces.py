@@ -31,7 +31,9 @@ class Balance(NamedTuple):
 
 
 def balance(
-    dynamics: Dynamics, loose: Mapping[str, JointForce], gravity: Pair = NOTHING
+    dynamics: Dynamics,
+    loose: Mapping[str, JointForce],
+    friction: Mapping[str, Number] | None = None,
 ) -> Balance:
     """The balance of all bodies.
 
@@ -41,10 +43,10 @@ def balance(
         With accelerations and reactions.
     loose : mapping of str to JointForce
         The forces of the loose joints with which it was made.
-    gravity : pair, optional
-        Acceleration [m/s^2].
+    friction : mapping of str to Number, optional
+        Moments [N m] on the bodies of ideal joints, with which it was made.
     """
-    pose, linkage = dynamics.pose, dynamics.linkage
+    pose, linkage, friction = dynamics.pose, dynamics.linkage, friction or {}
     sums: dict[str, tuple[Pair, Number]] = {
         name: (NOTHING, 0.0) for name in (FRAME, *linkage.moving)
     }
@@ -68,7 +70,8 @@ def balance(
         joint = linkage.joints[name]
         if joint.kind == "revolute":
             forces[name] = reaction
-            press(joint.body, joint.partner, reaction, (0.0, 0.0))
+            moment = friction.get(name, 0.0)
+            press(joint.body, joint.partner, reaction, (moment, -moment))
             continue
         normal = across(pose.turned(joint.partner.body, pose.line(joint)))
         forces[name], moments[name] = times(reaction[0], normal), reaction[1]
@@ -79,9 +82,11 @@ def balance(
     for body in linkage.moving:
         joint = linkage.joint_with_frame(body)
         total, turning = sums[body]
-        mass, inertia = linkage.bodies[body].mass, linkage.bodies[body].inertia
+        parameter = pose.arithmetic.parameter
+        mass = parameter(f"{body}.mass", linkage.bodies[body].mass)
+        inertia = parameter(f"{body}.inertia", linkage.bodies[body].inertia)
         missing = subtract(
-            times(mass, subtract(dynamics.acceleration(body), gravity)),
+            times(mass, subtract(dynamics.acceleration(body), pose.gravity)),
             total,
         )
         turn = inertia * dynamics.angular_acceleration(body) - turning

@@ -28,6 +28,13 @@ class Place(NamedTuple):
     point: str
 
 
+class Bending(NamedTuple):
+    """First bending mode of a body that is a uniform beam between its two joints."""
+
+    angular_frequency: float  # [rad/s]
+    damping_ratio: float
+
+
 @dataclass(frozen=True)
 class Body:
     """A rigid body; all vectors are in its own axes."""
@@ -38,6 +45,7 @@ class Body:
     inertia: float = 0.0  # [kg m^2] About the mass centre
     centre: Vector = ZERO  # [m] Mass centre
     angle: float | None = None  # [rad] Rough direction at the start; chooses between two assemblies
+    bending: Bending | None = None
 
 
 @dataclass(frozen=True)
@@ -103,6 +111,21 @@ class Linkage:
         return tuple(joint for joint in self.joints.values() if joint.loose)
 
     @property
+    def rubbing(self) -> tuple[Joint, ...]:
+        """The ideal revolute joints of two moving bodies, whose friction depends on their
+        reactions."""
+        return tuple(
+            joint
+            for joint in self.joints.values()
+            if joint.kind == "revolute" and not joint.loose and FRAME not in joint.bodies
+        )
+
+    @property
+    def bending(self) -> tuple[str, ...]:
+        """Names of the bodies that bend."""
+        return tuple(name for name in self.moving if self.bodies[name].bending is not None)
+
+    @property
     def moving(self) -> tuple[str, ...]:
         """Names of all bodies but the frame."""
         return tuple(name for name in self.bodies if name != FRAME)
@@ -118,6 +141,7 @@ class Linkage:
             (
                 body.name,
                 zeros(body.centre),
+                body.bending is None,
                 tuple((name, zeros(point)) for name, point in body.points.items()),
             )
             for body in self.bodies.values()
@@ -192,12 +216,12 @@ def linkage_of(
 
 def body_kinds(linkage: Linkage) -> dict[str, str]:
     """How each moving body is held: ``pivoted`` or ``sliding`` by an ideal joint with the frame, or
-    ``free``."""
+    ``free``, or free and ``bending``."""
     kinds = {}
     for name in linkage.moving:
         joint = linkage.joint_with_frame(name)
         held = joint and ("pivoted" if joint.kind == "revolute" else "sliding")
-        kinds[name] = held or "free"
+        kinds[name] = held or ("bending" if linkage.bodies[name].bending else "free")
     return kinds
 
 

@@ -14,7 +14,6 @@ from scipy.sparse.linalg import LinearOperator, aslinearoperator
 from jointgap.config import Effect, Mechanism, MotorDrive, Simulate
 from jointgap.config.campaign import MOTOR_LINE, CampaignRun, Start
 from jointgap.core.errors import InputError
-from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.drive import (
     LONG_TURNS,
     AngleErrors,
@@ -24,16 +23,17 @@ from jointgap.dynamics.drive import (
     smooth_angle,
     standstill_time,
 )
+from jointgap.dynamics.model import Model
 from jointgap.dynamics.numba_cache import compiled
 from jointgap.dynamics.parameters import (
     MEASURED,
     MOST_KNOTS,
     DriveParameters,
-    Parameters,
     knots_record,
     record,
 )
 from jointgap.dynamics.simulation import integrate_to_angles, start_state
+from jointgap.dynamics.slider_crank import model_of
 from jointgap.identification.noise import scatter_between_samples
 from jointgap.identification.settings import DEFAULT_SETTINGS as IDENTIFICATION
 from jointgap.rig.sampling import SampleGrid
@@ -92,7 +92,7 @@ class RunPlan:
 class DrivenRun:
     """A simulation, and the positions of a run's samples in it."""
 
-    numbers: Parameters
+    model: Model
     angles: np.ndarray  # Crank angles of the samples [rad]
     begin: float  # Time [s] of the simulation at the run's first sample
     at: Callable[
@@ -100,12 +100,12 @@ class DrivenRun:
     ]  # Crank angles (m,) [rad] at times (m,) [s] since the first sample
 
 
-def _prescribed(p: Parameters, begin: float, samples: SampleGrid) -> DrivenRun:
+def _prescribed(model: Model, begin: float, samples: SampleGrid) -> DrivenRun:
 
     def at(elapsed: np.ndarray) -> np.ndarray:
-        return prescribed_angles(p, begin + elapsed)
+        return prescribed_angles(model.p, begin + elapsed)
 
-    return DrivenRun(p, at(samples.elapsed) if samples.timed else samples.angle, begin, at)
+    return DrivenRun(model, at(samples.elapsed) if samples.timed else samples.angle, begin, at)
 
 
 def starts_with_record(run: CampaignRun) -> bool:
@@ -159,21 +159,22 @@ def constant_speed_run(
         back += _settling(1.0 / decay, speed)
     if not samples.timed:
         samples = replace(samples, angle=samples.angle + (first_angle - samples.first_angle))
-        p = parameters(mechanism, options_of(speed, samples.angle.min() - back, tolerance))
-        begin = float(crank_times(p, np.array([p.drive.start_angle, samples.angle[0]]))[1])
-        return _prescribed(p, begin, samples)
+        model = model_of(mechanism, options_of(speed, samples.angle.min() - back, tolerance))
+        angles = np.array([model.drive.start_angle, samples.angle[0]])
+        begin = float(crank_times(model.p, angles)[1])
+        return _prescribed(model, begin, samples)
     fluctuation = mechanism.effect("speed_fluctuation")
     slowed = math.sqrt(1.0 - fluctuation.ratio**2) if fluctuation else 1.0  # mean speed over w0
     w0 = speed / slowed if samples.encoded else speed
-    p = parameters(mechanism, options_of(w0, first_angle - back, tolerance))
+    model = model_of(mechanism, options_of(w0, first_angle - back, tolerance))
     begin = back / (w0 * slowed)
     if fluctuation and samples.encoded:
         for _ in range(4):  # until the line through the angles is the measured one
-            line_first, slope = samples.line(prescribed_angles(p, begin + samples.elapsed))
-            p.drive.speed *= speed / slope
-            begin = back / (p.drive.speed * slowed)
-            p.drive.start_angle += first_angle - line_first
-    return _prescribed(p, begin, samples)
+            line_first, slope = samples.line(prescribed_angles(model.p, begin + samples.elapsed))
+            model.drive.speed *= speed / slope
+            begin = back / (model.drive.speed * slowed)
+            model.drive.start_angle += first_angle - line_first
+    return _prescribed(model, begin, samples)
 
 
 def _led_in_and_out(
@@ -341,11 +342,10 @@ def measured_angle_run(
             table[:, 6 - power] -= rates(time, power) / math.factorial(power)
     speed = plan.samples.speed
     first_angle = float(table[0, 6])
-    p = parameters(mechanism, options_of(speed, first_angle, tolerance))
+    model = model_of(mechanism, options_of(speed, first_angle, tolerance))
     drive = DriveParameters(kind=MEASURED, speed=speed, start_angle=first_angle)
-    return _prescribed(
-        p._replace(drive=record(drive), knots=knots_record(table)), begin, plan.samples
-    )
+    p = model.p._replace(drive=record(drive), knots=knots_record(table))
+    return _prescribed(replace(model, p=p), begin, plan.samples)
 
 
 def motor_run(
@@ -395,11 +395,11 @@ def motor_run(
     for _ in range(
         passes
     ):  # a slow transient continues with the speed that it reached whole cycles later
-        p = parameters(
+        model = model_of(
             mechanism, options_of(start_speed, first_angle - back, tolerance, drive=motor)
         )
         angle_over_time = CubicSpline(
-            integrate_to_angles(p, start_state(p), coarse, tolerance).times, coarse
+            integrate_to_angles(model, start_state(model), coarse, tolerance).times, coarse
         )
         later = int(back / (2.0 * tau)) * 2 * MOTOR_SAMPLES_PER_REVOLUTION
         start_speed = float(angle_over_time(angle_over_time.x[later], 1))
@@ -413,4 +413,4 @@ def motor_run(
     def at(elapsed: np.ndarray) -> np.ndarray:
         return angle_over_time(begin + elapsed)
 
-    return DrivenRun(p, at(samples.elapsed), begin, at)
+    return DrivenRun(model, at(samples.elapsed), begin, at)

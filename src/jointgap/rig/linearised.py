@@ -10,7 +10,7 @@ from jointgap.config.campaign import Campaign
 from jointgap.core.candidates import Effects, Variation
 from jointgap.core.costs import count_revolutions
 from jointgap.core.errors import InputError, SimulationError
-from jointgap.dynamics.parameters import Parameters
+from jointgap.dynamics.model import Model
 from jointgap.dynamics.periodic import Evaluation, LinearMotion, Orbit, periodic_orbit
 from jointgap.rig.drives import RunPlan, Values
 from jointgap.rig.simulate_run import (
@@ -48,7 +48,7 @@ def linearised_changes(
     if settled is None:
         return None
     count_revolutions(1.0)
-    orbit = periodic_orbit(base.driven.numbers, *settled, base.tolerance)
+    orbit = periodic_orbit(base.driven.model, *settled, base.tolerance)
     if orbit is None:
         return None
     return _ReadingsNearby(campaign, plan, base, orbit).changes(variations)
@@ -65,14 +65,14 @@ class _ReadingsNearby:
         self._between = _Interpolation(orbit.angles)
 
     def _motion_of(
-        self, p: Parameters, change: np.ndarray | float = 0.0
+        self, model: Model, change: np.ndarray | float = 0.0
     ) -> Callable[[np.ndarray], Columns]:
-        """The motion with the parameters `p` and a `change` (n, c) of the orbit's channels."""
+        """The motion with a model and a `change` (n, c) of the orbit's channels."""
         at_points = self._motion.channels + change
 
         def motion(angles: np.ndarray) -> Columns:
             columns = self._between(angles, at_points).T
-            here = {"time": times_at(p, angles), "crank_angle": angles}
+            here = {"time": times_at(model, angles), "crank_angle": angles}
             return dict(zip(self._columns, columns, strict=True)) | here
 
         return motion
@@ -82,11 +82,11 @@ class _ReadingsNearby:
 
     def changes(self, variations: Sequence[Variation]) -> list[Readings | None] | None:
         """Changes of the readings by each of the variations; None if the motion is not stable."""
-        base = self._base.driven.numbers
-        unchanged = self._motion_of(base)
+        content = self._base.driven.model.content
+        unchanged = self._motion_of(self._base.driven.model)
         readings = self._read(self._base, unchanged)
 
-        def torque(p: Parameters, angles: np.ndarray) -> np.ndarray:
+        def torque(model: Model, angles: np.ndarray) -> np.ndarray:
             return unchanged(angles)["crank_torque"]
 
         runs: dict[int, Prepared] = {}
@@ -99,9 +99,9 @@ class _ReadingsNearby:
                 run = prepared(self._campaign, self._plan, values, limited, torque=torque)
             except (InputError, SimulationError):
                 continue
-            if _are_equal(run.driven.numbers, base):
+            if run.driven.model.content == content:
                 runs[place] = run
-            elif (forced := self._motion.forcing(run.driven.numbers)) is not None:
+            elif (forced := self._motion.forcing(run.driven.model)) is not None:
                 runs[place], forcing[place] = run, forced
         count_revolutions(REVOLUTIONS + REVOLUTIONS_OF_CHANGE * len(forcing))
         channels = self._motion.changes(list(forcing.values()))
@@ -110,7 +110,7 @@ class _ReadingsNearby:
         change_of = dict(zip(forcing, channels, strict=True))
         found: list[Readings | None] = [None] * len(variations)
         for place, run in runs.items():
-            motion = self._motion_of(run.driven.numbers, change_of.get(place, 0.0))
+            motion = self._motion_of(run.driven.model, change_of.get(place, 0.0))
             changed = self._read(run, motion)
             found[place] = {name: changed[name] - readings[name] for name in readings}
         return found
@@ -149,7 +149,3 @@ class _Interpolation:
                 if i != j:
                     weights[:, i] *= (within - knots[:, j]) / (knots[:, i] - knots[:, j])
         return self._places[neighbours], weights
-
-
-def _are_equal(p: Parameters, q: Parameters) -> bool:
-    return all(a is b or a.tobytes() == b.tobytes() for a, b in zip(p, q, strict=True))

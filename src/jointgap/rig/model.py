@@ -19,7 +19,7 @@ from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.formula import compile_formula
 from jointgap.core.joints import PINS
 from jointgap.core.words import joined
-from jointgap.dynamics.equations import evaluate
+from jointgap.dynamics.laws import evaluate
 from jointgap.effects import EFFECTS
 from jointgap.effects.base import (
     DETECTABLE_SHARE,

@@ -16,13 +16,13 @@ from jointgap.config.scenario import TOLERANCE_SHARE
 from jointgap.core.candidates import Candidate, Effects
 from jointgap.core.costs import count_revolutions, count_run
 from jointgap.core.errors import InputError
-from jointgap.core.joints import JOINTS, PINS
+from jointgap.core.joints import PINS
 from jointgap.dynamics.drive import crank_times
-from jointgap.dynamics.equations import AUXILIARY_STATES, STATES
-from jointgap.dynamics.integrate import Progress, beginning
-from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING, MOTOR, Parameters
+from jointgap.dynamics.integrate import Samples, room_for
+from jointgap.dynamics.model import Model, Workspace, beginning
+from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING
 from jointgap.dynamics.periodic import COARSE_ANGLES, coarse_angles
-from jointgap.dynamics.simulation import IntegrationResult, integrate_on, start_state
+from jointgap.dynamics.simulation import integrate_on, observed, start_state
 from jointgap.effects.own_law import FORMULA_EFFECTS
 from jointgap.effects.slider_force_table import with_pressure_sensor
 from jointgap.rig import drives, sensors
@@ -33,7 +33,7 @@ from jointgap.rig.sensors import Faults
 
 Columns = Mapping[str, np.ndarray]  # Channels of a motion (n,), by column
 # Torque [N m] on the crank at angles (n,) [rad]
-Torque = Callable[[Parameters, np.ndarray], np.ndarray]
+Torque = Callable[[Model, np.ndarray], np.ndarray]
 
 # [m] Local error with a lubricated joint: films are stiff, steps are short anyway
 FILM_TOLERANCE = 1e-11
@@ -266,8 +266,8 @@ def prepared(
     other_start = numerics == len(NUMERICS) and drives.has_unknown_start(plan.run)
     earlier = OTHER_START_REVOLUTIONS * tau if other_start else 0.0
     driven = _driven_run(campaign, plan, mechanism, nuisances, faults, tolerance, earlier, torque)
-    change(driven.numbers)
-    harmonic = driven.numbers.effects
+    change(driven.model)
+    harmonic = driven.model.effects
     # phases refer to time 0 of the record, not of the simulation
     harmonic.harmonic_phase += harmonic.harmonic_angular_frequency * (
         plan.samples.time[0] - driven.begin
@@ -286,23 +286,22 @@ def _read_at_limit(
     )
 
     def motion(angles: np.ndarray) -> Columns:
-        return channels_at(run.driven.numbers, angles, run.tolerance, perturbation, change, count)
+        return channels_at(run.driven.model, angles, run.tolerance, perturbation, change, count)
 
     return read(campaign, plan, run, motion)
 
 
-def other_numerics(numerics: int) -> tuple[float, Callable[[Parameters], None]]:
-    """Factor on the tolerance and change of the parameters, for `numerics` of `channels_read`."""
+def other_numerics(numerics: int) -> tuple[float, Callable[[Model], None]]:
+    """Factor on the tolerance and change of the model, for `numerics` of `channels_read`."""
     if numerics == 1:
         return 1.0, _threlfall
-    return (0.1 if numerics == 2 else 1.0), lambda p: None
+    return (0.1 if numerics == 2 else 1.0), lambda model: None
 
 
-def _threlfall(p: Parameters) -> None:
+def _threlfall(model: Model) -> None:
     coulomb = FRICTION_LAWS["coulomb"]
     threlfall = FRICTION_LAWS["threlfall"]
-    for name in JOINTS:
-        joint = getattr(p, name)
+    for joint in model.bearings.values():
         if joint.friction_law == coulomb.code:
             joint.friction_law = threlfall.code
             # the same slope at zero speed
@@ -335,7 +334,7 @@ def _driven_run(
             run = drives.motor_run(loaded, campaign.motor, plan, values, error, tolerance, earlier)
         else:
             run = drives.constant_speed_run(loaded, plan, values, error, tolerance, earlier)
-        effects = run.numbers.effects
+        effects = run.model.effects
         if effects.table_over == 2:  # over time of the record, not of the simulation
             if not samples.timed:
                 raise InputError(
@@ -348,12 +347,12 @@ def _driven_run(
     run = driven(faults.of_reading(samples.angle))
     if faults.follow_torque:  # which is known once the crank is in its place
         torque = torque or _simulated_torque(tolerance)
-        run = driven(faults.of_encoder(run.angles, torque(run.numbers, run.angles)))
+        run = driven(faults.of_encoder(run.angles, torque(run.model, run.angles)))
     return run
 
 
 def _simulated_torque(tolerance: float) -> Torque:
-    return lambda p, angles: channels_at(p, angles, tolerance)["crank_torque"]
+    return lambda model, angles: channels_at(model, angles, tolerance)["crank_torque"]
 
 
 def read(
@@ -471,39 +470,40 @@ def has_settled(
 
 
 def channels_at(
-    p: Parameters,
+    model: Model,
     angles: np.ndarray,
     tolerance: float,
     perturbation: np.ndarray | None = None,
     change: Callable[[Columns, Columns], float] | None = None,
     read: int | None = None,
 ) -> dict[str, np.ndarray]:
-    """Channels at crank angles by column of `jointgap.dynamics.sampling`, with the ``time`` [s]."""
-    if _is_kinematic(p):
+    """Channels at crank angles by name, with the ``time`` [s]."""
+    if model.states == 0:
         count_revolutions(np.ptp(angles) / tau)
-        return _sampled(p, angles, lambda sorted_angles: _kinematic_motion(p, sorted_angles))
-    progress = beginning(p, *start_state(p, perturbation), 0.0)
+        return _sampled(model, angles, lambda at: _kinematic_motion(model, at))
+    workspace = beginning(model, start_state(model, perturbation), 0.0)
 
-    def integrate(sorted_angles: np.ndarray) -> IntegrationResult:
-        nonlocal progress
-        before = progress.here.crank_angle
-        motion, progress = integrate_on(p, progress, sorted_angles, tolerance)
-        count_revolutions((progress.here.crank_angle - before) / tau)
+    def integrate(sorted_angles: np.ndarray) -> Samples:
+        nonlocal workspace
+        before = workspace.crank_angle
+        motion, workspace = integrate_on(model, workspace, sorted_angles, tolerance)
+        count_revolutions((workspace.crank_angle - before) / tau)
         return motion
 
-    back = (angles.min() - p.drive.start_angle) / tau
-    is_settled = perturbation is None and back > TRANSIENT_REVOLUTIONS and _may_repeat(p)
+    start = model.drive.start_angle
+    back = (angles.min() - start) / tau
+    is_settled = perturbation is None and back > TRANSIENT_REVOLUTIONS and _may_repeat(model)
     if change is None or not is_settled:
-        return _sampled(p, angles, integrate)
+        return _sampled(model, angles, integrate)
     # in a periodic steady state one revolution is simulated
-    within = p.drive.start_angle + np.mod(angles - p.drive.start_angle, tau)
-    whole_record = {"crank_angle": angles, "time": times_at(p, angles)}
+    within = start + np.mod(angles - start, tau)
+    whole_record = {"crank_angle": angles, "time": times_at(model, angles)}
     fewest, most = (max(dropped, round(back)) for dropped in SETTLED_AFTER)
     compared = _spread(within[:read], COMPARED_SAMPLES)
-    earlier = _sampled(p, within[compared] + (fewest - 2) * tau, integrate)
-    previous = _sampled(p, within[compared] + (fewest - 1) * tau, integrate)
+    earlier = _sampled(model, within[compared] + (fewest - 2) * tau, integrate)
+    previous = _sampled(model, within[compared] + (fewest - 1) * tau, integrate)
     for dropped in range(fewest, most + 1):
-        motion = _sampled(p, within + dropped * tau, integrate)
+        motion = _sampled(model, within + dropped * tau, integrate)
         current = {name: values[compared] for name, values in motion.items()}
         if has_settled(earlier, previous, current, change):
             return motion | whole_record
@@ -511,28 +511,28 @@ def channels_at(
     later = (
         most + 1 - math.floor(back)
     ) * tau  # not settled: simulate the record after the dropped revolutions
-    return _sampled(p, angles + later, integrate) | whole_record
+    return _sampled(model, angles + later, integrate) | whole_record
 
 
 def settled_revolution(
     campaign: Campaign, plan: RunPlan, run: Prepared
-) -> tuple[Progress, IntegrationResult, float] | None:
+) -> tuple[Workspace, Samples, float] | None:
     """A revolution in periodic steady state: the integration's state at its end, the motion at
     `coarse_angles`, and the crank angle [rad] of its end; None if the motion does not settle."""
-    p, start = run.driven.numbers, run.driven.numbers.drive.start_angle
-    if not drives.has_unknown_start(plan.run) or _is_kinematic(p) or not _may_repeat(p):
+    model, start = run.driven.model, run.driven.model.drive.start_angle
+    if not drives.has_unknown_start(plan.run) or model.states == 0 or not _may_repeat(model):
         return None
     change = _change_over_noise(campaign, plan, run.driven.angles.size)
     compared = slice(None, None, COARSE_ANGLES // COMPARED_SAMPLES)
-    progress, history = beginning(p, *start_state(p), 0.0), []
+    workspace, history = beginning(model, start_state(model), 0.0), []
     fewest, _ = SETTLED_AFTER
     for revolution in range(fewest - 2, LINEARISED_BEFORE):
-        begin, before = start + revolution * tau, progress.here.crank_angle
-        motion, progress = integrate_on(p, progress, coarse_angles(begin), run.tolerance)
-        count_revolutions((progress.here.crank_angle - before) / tau)
-        history = [*history[-2:], motion.part(compared).observed(p)]
+        begin, before = start + revolution * tau, workspace.crank_angle
+        motion, workspace = integrate_on(model, workspace, coarse_angles(begin), run.tolerance)
+        count_revolutions((workspace.crank_angle - before) / tau)
+        history = [*history[-2:], observed(model, motion.part(compared))]
         if len(history) == 3 and has_settled(*history, change):
-            return progress, motion, begin + tau
+            return workspace, motion, begin + tau
     return None
 
 
@@ -543,54 +543,34 @@ def _spread(angles: np.ndarray, count: int) -> np.ndarray:
 
 
 def _sampled(
-    p: Parameters, angles: np.ndarray, integrate: Callable[[np.ndarray], IntegrationResult]
+    model: Model, angles: np.ndarray, integrate: Callable[[np.ndarray], Samples]
 ) -> dict[str, np.ndarray]:
     """Channels at unsorted `angles`."""
     sorted_angles, places = np.unique(angles, return_inverse=True)
     motion = integrate(sorted_angles)
-    columns = motion.observed(p) | {"time": motion.times}
+    columns = observed(model, motion) | {"time": motion.times}
     return {name: values[places] for name, values in columns.items()}
 
 
-def times_at(p: Parameters, angles: np.ndarray) -> np.ndarray:
+def times_at(model: Model, angles: np.ndarray) -> np.ndarray:
     """Times (n,) [s] of a prescribed crank at unsorted `angles` (n,) [rad]."""
-    sorted_angles, places = np.unique(np.append(p.drive.start_angle, angles), return_inverse=True)
-    return crank_times(p, sorted_angles)[places[1:]]
+    with_start = np.append(model.drive.start_angle, angles)
+    sorted_angles, places = np.unique(with_start, return_inverse=True)
+    return crank_times(model.p, sorted_angles)[places[1:]]
 
 
-def _may_repeat(p: Parameters) -> bool:
+def _may_repeat(model: Model) -> bool:
     """Whether the equations of motion have the period of one revolution."""
-    e, drive = p.effects, p.drive
+    e, drive = model.effects, model.drive
     steady = drive.kind == CONSTANT or (
         drive.kind == FLUCTUATING and drive.order == round(drive.order)
     )
     over_turns = e.table_over == 2 or (e.table_over == 1 and e.table_period > 1.5 * tau)
     over_turns = over_turns or (e.crank_periodic and e.crank_periodic_order % 1)  # a half order
-    formulas = p.slider_formula.length or p.crank_formula.length
+    formulas = model.p.slider_formula.length or model.p.crank_formula.length
     return bool(steady and not e.harmonic and not over_turns and not formulas)
 
 
-def _is_kinematic(p: Parameters) -> bool:
-    """Whether the motion is prescribed: ideal joints and prescribed crank, nothing to integrate."""
-    return (
-        not (p.switches.auxiliary or any(getattr(p, joint).loose for joint in JOINTS))
-        and p.drive.kind != MOTOR
-    )
-
-
-def _kinematic_motion(p: Parameters, angles: np.ndarray) -> IntegrationResult:
-    start_state(p)  # raises for a rod that does not reach the slide
-    count = angles.size
-    times = crank_times(p, angles)
-    states = np.zeros((count, STATES))
-    auxiliary = np.zeros((count, AUXILIARY_STATES))
-    contacts = (np.full((count, 3), value) for value in (math.inf, math.inf, math.nan))
-    return IntegrationResult(
-        times,
-        states,
-        auxiliary,
-        np.zeros((count, 3), np.int64),
-        *contacts,
-        events=np.empty((0, 0)),
-        steps=0,
-    )
+def _kinematic_motion(model: Model, angles: np.ndarray) -> Samples:
+    start_state(model)  # raises for a rod that does not reach the slide
+    return room_for(crank_times(model.p, angles), 0, 0)

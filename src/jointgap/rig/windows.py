@@ -10,8 +10,7 @@ from jointgap.config.campaign import Campaign
 from jointgap.core.candidates import Effects, StateEstimate
 from jointgap.core.costs import count_run
 from jointgap.dynamics import windows
-from jointgap.dynamics.parameters import MOTOR, Parameters
-from jointgap.dynamics.sampling import SAMPLE
+from jointgap.dynamics.model import Model
 from jointgap.rig import sensors
 from jointgap.rig.drives import RunPlan, Values
 from jointgap.rig.simulate_run import Columns, Prepared, prepared, read, simulated_effects
@@ -38,9 +37,9 @@ def run_in_windows(
     if not {*plan.channels} - {"crank_angle"}:
         return None
     run = prepared(campaign, plan, values, simulated_effects(effects)[0], tolerance=TOLERANCE)
-    p = run.driven.numbers
-    films = any(joint.film_viscosity > 0.0 for joint in (p.crank_pin, p.piston_pin, p.crank_pivot))
-    size = 0 if films or p.drive.kind == MOTOR else 2 * windows.loose_joints(p).size
+    model = run.driven.model
+    films = any(model.bearings[name].film_viscosity > 0.0 for name in model.loose)
+    size = 0 if films or model.is_free else 2 * len(model.loose)
     return RunInWindows(campaign, plan, run, rows, size) if size else None
 
 
@@ -48,19 +47,18 @@ _KEPT: dict[bytes, tuple] = {}
 
 
 def _simulated(
-    p: Parameters, rows: windows.Rows, states: windows.WindowStates, tolerance: float
+    model: Model, rows: windows.Rows, states: windows.WindowStates, tolerance: float
 ) -> tuple:
     """`windows.simulate_windows` with a cache, as sensor faults do not change the motion."""
-    numbers = (rows.angles, rows.found.times, states.slow, *states.carried, *p)
-    key = b"".join(np.ascontiguousarray(array).tobytes() for array in numbers) + bytes(
-        repr(tolerance), "ascii"
-    )
+    numbers = (rows.angles, rows.found.times, states.slow, *states.carried)
+    arrays = b"".join(np.ascontiguousarray(array).tobytes() for array in numbers)
+    key = arrays + model.content + bytes(repr(tolerance), "ascii")
     # for read-only arrays all would be compiled again
     slow = np.require(states.slow, requirements="W")
     motion = _KEPT.pop(key, None)
     if motion is None:
         count_run(np.ptp(rows.angles) / tau)
-        motion = windows.simulate_windows(p, rows, slow, states.carried, tolerance)
+        motion = windows.simulate_windows(model, rows, slow, states.carried, tolerance)
     _KEPT[key] = motion
     if len(_KEPT) > MOTIONS_KEPT:
         del _KEPT[next(iter(_KEPT))]
@@ -110,7 +108,7 @@ class RunInWindows:
 
     def _rows(self, edges: np.ndarray, angles: np.ndarray) -> windows.Rows:
         at = self._run.driven.at(np.maximum(edges, -self._run.driven.begin))
-        return windows.rows_of(self._run.driven.numbers, at, angles)
+        return windows.rows_of(self._run.driven.model, at, angles)
 
     def window_of(self, time: np.ndarray, states: windows.WindowStates) -> np.ndarray:
         """As of `WindowedRun.window_of`."""
@@ -122,14 +120,12 @@ class RunInWindows:
         edges = self._edges(per_turn, inf)
         if slow.shape != (edges.size - 1, self.size):
             return None
-        return windows.WindowStates(
-            edges, slow, windows.resting(self._run.driven.numbers, len(slow))
-        )
+        return windows.WindowStates(edges, slow, windows.resting(self._run.driven.model, len(slow)))
 
     def steady_states(self, states: windows.WindowStates) -> windows.WindowStates:
         """As of `WindowedRun.steady_states`: by the filter without readings."""
         edges = states.edges
-        p = self._run.driven.numbers
+        model = self._run.driven.model
         length = np.median(np.diff(edges))
         earlier = np.arange(edges[0] - length, -self._run.driven.begin - length, -length)[::-1]
         rows = self._rows(np.concatenate([earlier, edges]), np.empty(0))
@@ -140,7 +136,7 @@ class RunInWindows:
         start = np.zeros((1, self.size))
         free_states = np.full((n + edges.size - 1, self.size), np.nan)
         filtered, _ = windows.filtered(
-            p,
+            model,
             rows,
             len(free_states),
             nothing,
@@ -164,7 +160,7 @@ class RunInWindows:
             nonlocal ends
             sorted_angles, places = np.unique(angles, return_inverse=True)
             rows = self._rows(states.edges, sorted_angles)
-            columns, *ends = _simulated(self._run.driven.numbers, rows, states, self._run.tolerance)
+            columns, *ends = _simulated(self._run.driven.model, rows, states, self._run.tolerance)
             return {name: values[places] for name, values in columns.items()}
 
         readings = read(self._campaign, self._plan, self._run, motion)
@@ -187,7 +183,7 @@ class RunInWindows:
         """
         edges = self._edges(per_turn, turns)
         count = edges.size - 1
-        p = self._run.driven.numbers
+        model = self._run.driven.model
         tolerance = self._run.tolerance
         angles, places = np.unique(
             self._run.driven.at(self._plan.samples.elapsed), return_inverse=True
@@ -203,13 +199,13 @@ class RunInWindows:
         starts = guesses
         if count > 2 * per_turn:
             two_turns, _ = windows.filtered(
-                p, rows, 2 * per_turn, readings, settings, guesses, False, prior, tolerance
+                model, rows, 2 * per_turn, readings, settings, guesses, False, prior, tolerance
             )
             starts = np.vstack([two_turns.slow[[per_turn, 0]], guesses])
             prior = two_turns.slow[per_turn + np.arange(count) % per_turn]
         is_known = starts is not guesses
         filtered, sums = windows.filtered(
-            p, rows, count, readings, settings, starts, is_known, prior, tolerance
+            model, rows, count, readings, settings, starts, is_known, prior, tolerance
         )
         return StateEstimate(
             windows.WindowStates(edges, filtered.slow, filtered.carried),
@@ -254,7 +250,7 @@ class RunInWindows:
             at = row_of_sample[places[rows_of_channel[is_used]]]
             data[at, c] = measured[name][is_used]
             weight[at, c] = 1.0 / np.broadcast_to(noise[name], is_used.shape)[is_used]
-        columns = np.array([SAMPLE.names.index(name) for name in names])
+        columns = np.array([self._run.driven.model.columns.index(name) for name in names])
         return windows.Readings(columns, factor, shift, data, weight)
 
     def _reading(self, name: str, true: float) -> float:

@@ -8,6 +8,7 @@ from jointgap.config import Mechanism, Simulate
 from jointgap.core.errors import InputError
 from jointgap.dynamics.parallel import Run, simulate_runs
 from jointgap.dynamics.simulation import perturbed_start
+from jointgap.dynamics.slider_crank import clearance_vectors
 
 PERTURBATION = 1e-11  # [m] of the start: typical difference between two accurate codes
 SAME_MOTION = 1e-3  # [smallest clearance] distance below which two motions are the same
@@ -56,7 +57,6 @@ def perturbation_growth(
     for outcome in simulate_runs((Run(applied, accurate, start) for start in starts), workers):
         if outcome.error is not None:
             raise outcome.error
-        result = outcome.result
-        motions.append(np.hstack([result.states[:, :4], result.auxiliary_states[:, :2]]))
+        motions.append(clearance_vectors(outcome.model, outcome.result.states))
     distance = np.linalg.norm(np.array(motions[1:]) - motions[0], axis=2)
     return outcome.crank_angle, distance / perturbation

@@ -1,7 +1,6 @@
-"""Equations of motion with the force laws of effects."""
+"""Force laws of effects on slider and crank, and values of formulas."""
 
 import math
-from typing import NamedTuple
 
 from llvmlite import ir
 from numba import carray, types
@@ -9,10 +8,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from jointgap.core import formula as f
-from jointgap.dynamics.bodies import bodies_under
-from jointgap.dynamics.joints import NOTHING, bristle_motion, joint_force, under_reactions
-from jointgap.dynamics.numba_cache import compiled, inlined
-from jointgap.dynamics.parameters import MOTOR
+from jointgap.dynamics.numba_cache import compiled
 
 NUMBER, VARIABLE, NEGATE, ADD, SUBTRACT, MULTIPLY = (
     f.NUMBER,
@@ -224,96 +220,3 @@ def crank_losses(p, x, v, crank_speed, crank_angle, time):
 def motor_torque(drive, speed):
     """Torque [N m] of a motor with a linear torque-speed line."""
     return drive.stall_torque * (1.0 - speed / drive.no_load_speed)
-
-
-STATES, AUXILIARY_STATES = 8, 11
-"""Numbers of states and of auxiliary states."""
-
-
-class Crank(NamedTuple):
-    """Motion of the crank: cosine and sine of its angle, speed [rad/s], acceleration [rad/s^2]
-    where prescribed."""
-
-    cosine: float
-    sine: float
-    speed: float
-    acceleration: float
-
-
-class Pose(NamedTuple):
-    """Rod and slider at an instant: direction and angular velocity of the rod, position and
-    velocity of the slider."""
-
-    rod_cos: float
-    rod_sin: float
-    rod_speed: float
-    slider: float
-    slider_speed: float
-
-
-@inlined
-def pose(bodies, crank, y, x) -> Pose:
-    """Rod and slider from the clearance vectors."""
-    length, inverse = bodies.rod_length, bodies.rod_inverse_length
-    end_y = bodies.crank_length * crank.sine + y[1] + x[1]
-    end_vy = bodies.crank_length * crank.speed * crank.cosine + y[5] + x[5]
-    s = (bodies.slider_offset + y[3] - end_y) * inverse
-    square = 1.0 - s * s
-    c = math.sqrt(square)
-    speed = (
-        (y[7] - end_vy) * inverse * (c * (1.0 / square))
-    )  # over c; this division is independent of the root
-    end_x = bodies.crank_length * crank.cosine + y[0] + x[0]
-    end_vx = y[4] + x[4] - bodies.crank_length * crank.speed * crank.sine
-    return Pose(c, s, speed, end_x + length * c - y[2], end_vx - length * speed * s - y[6])
-
-
-@inlined
-def accelerations(p, time, crank_angle, crank, y, x, modes, damping) -> tuple:
-    """All accelerations at a state, and the forces."""
-    here = pose(p.bodies, crank, y, x)
-    pin = joint_force(
-        p.crank_pin, modes[0], damping[0], y[0], y[1], y[4], y[5], here.rod_speed, crank.speed, x[8]
-    )
-    piston = joint_force(
-        p.piston_pin, modes[1], damping[1], y[2], y[3], y[6], y[7], here.rod_speed, 0.0, x[9]
-    )
-    pivot = NOTHING
-    torque = force = 0.0
-    bristles = (0.0, 0.0, 0.0)
-    if p.switches.auxiliary:
-        if p.crank_pivot.loose:
-            pivot = joint_force(
-                p.crank_pivot, modes[2], damping[2], x[0], x[1], x[4], x[5], crank.speed, 0.0, x[10]
-            )
-        if p.switches.bristles:
-            w, turn = here.rod_speed, crank.speed
-            bristles = (
-                bristle_motion(p.crank_pin, modes[0], y[0], y[1], y[4], y[5], w, turn, x[8]),
-                bristle_motion(p.piston_pin, modes[1], y[2], y[3], y[6], y[7], w, 0.0, x[9]),
-                bristle_motion(p.crank_pivot, modes[2], x[0], x[1], x[4], x[5], turn, 0.0, x[10]),
-            )
-    if p.drive.kind == MOTOR:
-        torque = motor_torque(p.drive, crank.speed)
-        torque += crank_losses(p, here.slider, here.slider_speed, crank.speed, crank_angle, time)
-    if p.effects.on_slider:
-        # the guide force of an ideal piston pin is unknown here: its friction is added with the
-        # reactions
-        guide = piston[3] - p.bodies.slider_mass * p.bodies.gravity_y if p.piston_pin.loose else 0.0
-        force = slider_force(
-            p, guide, here.slider, here.slider_speed, crank.speed, crank_angle, time
-        )
-    if p.switches.constrained:
-        found, pin, piston, force = under_reactions(
-            p, crank, here, x, torque, force, pin, piston, pivot
-        )
-        return found, pin, piston, pivot, torque, force, bristles
-    return (
-        bodies_under(p, crank, here, x, torque, force, pin, piston, pivot),
-        pin,
-        piston,
-        pivot,
-        torque,
-        force,
-        bristles,
-    )
