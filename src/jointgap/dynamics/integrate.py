@@ -220,6 +220,8 @@ def longest_step(p, k) -> float:
 def begin(p, k, share):
     """Prepare an integration from the state, time and modes in the first row of `k`, with a first
     step of a `share` of the longest one."""
+    for i in range(2 * k.rubbing + k.pushed):
+        k.assumed[i] = 0.0
     evaluate(p, k, HERE)
     for j in range(k.contacts):
         k.turns[j] = 0.0

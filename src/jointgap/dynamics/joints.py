@@ -131,10 +131,3 @@ def bristle_motion(joint, mode, ex, ey, vx, vy, body_rate, partner_rate, bristle
         joint, penetration, (vy * ex - vx * ey) / r, body_rate, partner_rate
     )
     return bristle_rate(joint, sliding, bristle)
-
-
-@inlined
-def pin_friction(lever, fx, fy, speed, sign_speed) -> float:
-    """Friction moment [N m] on the body in an ideal joint under the reaction (fx, fy): -k r |F| sgn
-    w, with the `lever` k r [m] and w = `speed`."""
-    return -lever * math.sqrt(fx * fx + fy * fy) * math.tanh(speed / sign_speed)

@@ -8,6 +8,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from jointgap.core import formula as f
+from jointgap.dynamics.friction import smooth_sign
 from jointgap.dynamics.numba_cache import compiled
 
 NUMBER, VARIABLE, NEGATE, ADD, SUBTRACT, MULTIPLY = (
@@ -152,7 +153,7 @@ def varying(share, phase):
 def slider_force(p, guide_force, x, v, crank_speed, crank_angle, time):
     """Force [N] along +x on the slider."""
     e = p.effects
-    sign = math.tanh(v / e.slider_sign_speed)
+    sign = smooth_sign(v / e.slider_sign_speed)
     force = (
         e.constant
         - (e.coulomb + e.load_friction * abs(guide_force)) * sign
@@ -193,7 +194,7 @@ def crank_losses(p, x, v, crank_speed, crank_angle, time):
     """Torque [N m] on the crank by friction, periodic torques and formulas; arguments as in
     `slider_force`."""
     e = p.effects
-    sign = math.tanh(crank_speed / e.crank_sign_speed)
+    sign = smooth_sign(crank_speed / e.crank_sign_speed)
     torque = -e.crank_coulomb * sign - e.crank_viscous * crank_speed
     if e.angle_friction != 0.0:
         torque -= (

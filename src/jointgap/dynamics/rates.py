@@ -1,5 +1,5 @@
-"""The right-hand side: machine code of the equations of motion, and between its two parts the laws of
-joints and effects."""
+"""The right-hand side: machine code of the equations of motion, and between its two parts the laws
+of joints and effects."""
 
 import ctypes
 import math
@@ -12,7 +12,8 @@ from numba.extending import intrinsic
 from jointgap.dynamics.contact import damping_factor_at
 from jointgap.dynamics.drive import crank_motion
 from jointgap.dynamics.events import conditions
-from jointgap.dynamics.joints import bristle_motion, joint_force, pin_friction
+from jointgap.dynamics.friction import smooth_sign
+from jointgap.dynamics.joints import bristle_motion, joint_force
 from jointgap.dynamics.laws import crank_losses, motor_torque, slider_force
 from jointgap.dynamics.numba_cache import compiled, inlined
 from jointgap.dynamics.parameters import MOTOR
@@ -111,25 +112,23 @@ _ROUNDS, _SETTLED = 200, 1e-13  # iterations; tolerance relative to reactions an
 
 @compiled
 def _rub(p, k):
-    """Dynamics with friction that depends on the reactions of ideal joints; NaN where none are
-    consistent."""
+    """Dynamics with friction that depends on the reactions of ideal joints, found from those of the
+    last state; NaN where none are consistent."""
     reactions, found, width = k.reactions, k.assumed, p.effects.crank_sign_speed
     count = 2 * k.rubbing + k.pushed
     free, loaded = k.along[0], p.effects.load_friction
-    loaded *= math.tanh(k.sites[1] / p.effects.slider_sign_speed)
+    loaded *= smooth_sign(k.sites[1] / p.effects.slider_sign_speed)
+    for j in range(k.rubbing):
+        at = 2 * (k.contacts + j)
+        k.grips[j] = k.levers[j] * smooth_sign((k.turning[at] - k.turning[at + 1]) / width)
     for i in range(count):
-        found[i] = 0.0
+        if not abs(found[i]) < math.inf:
+            found[i] = 0.0
     share, before, inertia = 1.0, math.inf, k.inertia * k.crank[2] ** 2
     for _ in range(_ROUNDS):
         for j in range(k.rubbing):
-            at = 2 * (k.contacts + j)
-            k.moments[j] = pin_friction(
-                k.levers[j],
-                found[2 * j],
-                found[2 * j + 1],
-                k.turning[at] - k.turning[at + 1],
-                width,
-            )
+            x, y = found[2 * j], found[2 * j + 1]
+            k.moments[j] = -k.grips[j] * math.sqrt(x * x + y * y)
         if k.pushed:
             k.along[0] = free - loaded * abs(found[2 * k.rubbing])
         run(k.dynamics, k.place)

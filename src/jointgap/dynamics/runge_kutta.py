@@ -164,19 +164,28 @@ def ds_for(time_map, s, duration) -> float:
 
 
 @inlined
-def _crank_within(p, k, passed) -> None:
-    """Set the crank's motion at a time [s] after the start of the step."""
+def _turn_steadily(p, k, nodes, time_map, s, ds) -> None:
+    """Cosines and sines of a steadily turning crank at the nodes of a step: together, as each stage
+    would have to wait for its own."""
+    if p.drive.kind == CONSTANT:
+        for i in range(nodes.size):
+            turn = p.drive.speed * elapsed_time(time_map, s, nodes[i] * ds)
+            k.cosines[i], k.sines[i] = turned(k.cosine[HERE], k.sine[HERE], turn)
+
+
+@inlined
+def _crank_within(p, k, passed, node) -> None:
+    """Set the crank's motion at a node, a time [s] after the start of the step."""
     k.now = k.time[HERE] + passed
     if p.drive.kind == CONSTANT:
-        turn = p.drive.speed * passed
-        c, s = turned(k.cosine[HERE], k.sine[HERE], turn)
-        set_crank(k, k.angle[HERE] + turn, c, s, p.drive.speed, 0.0)
+        speed = p.drive.speed
+        set_crank(k, k.angle[HERE] + speed * passed, k.cosines[node], k.sines[node], speed, 0.0)
     else:
         set_crank_at(p, k)
 
 
 @inlined
-def _take_stage(p, k, weights, row, first, time_map, s, ds, node, fades, stage) -> None:
+def _take_stage(p, k, weights, row, first, time_map, s, ds, nodes, fades, stage) -> None:
     """Rates over s at a stage, from those of the earlier ones."""
     y, z, rates = k.y, k.z, k.rates
     newest, w, blocks = stage - 1, ds * weights[row, stage - 1], k.blocks
@@ -192,8 +201,9 @@ def _take_stage(p, k, weights, row, first, time_map, s, ds, node, fades, stage) 
         z[i + 5] = y[HERE, i + 5] + ds * total[5] + w * rates[newest, i + 5]
         z[i + 6] = y[HERE, i + 6] + ds * total[6] + w * rates[newest, i + 6]
         z[i + 7] = y[HERE, i + 7] + ds * total[7] + w * rates[newest, i + 7]
+    node = nodes[row]
     passed = elapsed_time(time_map, s, node * ds)
-    _crank_within(p, k, passed)
+    _crank_within(p, k, passed, row)
     if fades:
         set_damping(k, k.time[HERE] + passed)
     slopes(p, k)
@@ -227,8 +237,9 @@ def step(p, k, to, time_map, s, ds):
         k.rates[0, i] = factor * k.dy[HERE, i]
     for j in range(k.contacts):
         k.normals[j, 0] = k.normal[HERE, j]
+    _turn_steadily(p, k, NODES[:COUNT], time_map, s, ds)
     for stage in range(1, COUNT):
-        _take_stage(p, k, STAGES, stage, SECOND[stage], time_map, s, ds, NODES[stage], fades, stage)
+        _take_stage(p, k, STAGES, stage, SECOND[stage], time_map, s, ds, NODES, fades, stage)
         for j in range(k.contacts):
             k.normals[j, stage] = k.force[j]
     fifth = third = 0.0
@@ -269,9 +280,10 @@ def prepare_inside(p, k, row, time_map, s, ds, tolerance):
     factor = dt_ds(time_map, s + ds)
     for i in range(k.states):
         k.rates[COUNT, i] = factor * k.dy[row, i]
+    _turn_steadily(p, k, MORE_NODES, time_map, s, ds)
     for i in range(KEPT - COUNT - 1):
         at = COUNT + 1 + i
-        _take_stage(p, k, MORE_STAGES, i, _FIRST, time_map, s, ds, MORE_NODES[i], fades, at)
+        _take_stage(p, k, MORE_STAGES, i, _FIRST, time_map, s, ds, MORE_NODES, fades, at)
     for i in range(k.states):
         rise = k.y[row, i] - k.y[HERE, i]
         k.terms[0, i], k.terms[1, i] = k.y[HERE, i], rise

@@ -75,7 +75,8 @@ WORKSPACE = np.dtype(
             ("episodes", "f8", (MOST_CONTACTS, EPISODE)),
             ("earlier", "f8", (MOST_CONTACTS, EPISODE)),  # Episodes before the last step
             ("modes", "i8", (MOST_CONTACTS,)),
-            ("levers", "f8", (MOST_RUBBING,)),  # [m] Of friction in ideal joints
+            ("levers", "f8", (MOST_RUBBING,)),  # [m] Friction radii of ideal joints
+            ("grips", "f8", (MOST_RUBBING,)),  # [m] The same with the sign of the rotation
             # Instants
             ("time", "f8", (_ROWS,)),
             ("angle", "f8", (_ROWS,)),
@@ -83,6 +84,8 @@ WORKSPACE = np.dtype(
             ("sine", "f8", (_ROWS,)),
             ("now", "f8"),  # Time and crank angle at the state z
             ("turned", "f8"),
+            ("cosines", "f8", (DOP853.n_stages,)),  # Of a steadily turning crank, by stage
+            ("sines", "f8", (DOP853.n_stages,)),
             ("seen_time", "f8"),
             ("proposal", "f8"),  # [s] Length of the next step
             ("s", "f8"),  # Its start in the variable of its time map
