@@ -39,9 +39,10 @@ def conditions(joint, mode, approach, begin, time, relative) -> tuple:
         gap = 0.5 * (c - (ex * ex + ey * ey) / c)
         return gap, -(ex * vx + ey * vy) / c, -(vx * vx + vy * vy + ex * ax + ey * ay) / c, 1.0, 0.0
     r = math.sqrt(ex * ex + ey * ey)
-    nx, ny = ex / r, ey / r
+    inverse = 1.0 / r
+    nx, ny = ex * inverse, ey * inverse
     rate = vx * nx + vy * ny
-    curvature = ax * nx + ay * ny + (vy * nx - vx * ny) ** 2 / r
+    curvature = ax * nx + ay * ny + (vy * nx - vx * ny) ** 2 * inverse
     depth = r - joint.clearance
     free_speed, free_rate = force_free_speed(joint, approach, begin, time)
     margin, margin_rate = pushing_margin(joint, depth, rate, curvature, free_speed, free_rate)

@@ -35,6 +35,8 @@ def smooth_sign(x):
 def coulomb(speed, friction, friction_speed):
     """Coulomb friction (C. A. Coulomb, Théorie des machines simples, 1785), smoothed: mu tanh(v /
     v_0), 76 % at v_0."""
+    if abs(speed) > _TANH_IS_ONE * friction_speed:  # without a division, for which the force waits
+        return math.copysign(friction, speed)
     return friction * smooth_sign(speed / friction_speed)
 
 
