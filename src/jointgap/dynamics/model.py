@@ -180,7 +180,7 @@ class Model:
 
     def workspace(self) -> "Workspace":
         """What an integration works on."""
-        workspace = Workspace(self._template.copy())
+        workspace = Workspace(self._template)
         for i, name in enumerate(self.loose):
             workspace.k.joints[i] = self.bearings[name]
         return workspace
@@ -189,10 +189,10 @@ class Model:
     def content(self) -> bytes:
         """All its numbers; equal only for equal models."""
         bearings = (self.bearings[name].tobytes() for name in sorted(self.bearings))
-        return b"".join([self._template.tobytes(), *bearings, *(part.tobytes() for part in self.p)])
+        return b"".join([self._template, *bearings, *(part.tobytes() for part in self.p)])
 
     @cached_property
-    def _template(self) -> np.ndarray:
+    def _template(self) -> bytes:
         variant, half, loose = self.variant, self.positions, self.linkage.loose
         self._check_sizes()
         owner = np.zeros(1, WORKSPACE)
@@ -224,7 +224,7 @@ class Model:
                     k.levers[i] = bearing.pin_friction * bearing.pin_radius
         moving = (bodies[name].mass for name in self.linkage.moving if name != self.linkage.crank)
         k.inertia = self.reach * sum(moving)
-        return owner
+        return owner.tobytes()
 
     def _check_sizes(self) -> None:
         sizes = self.variant.sizes
@@ -254,13 +254,13 @@ class Model:
 class Workspace:
     """The state of an integration, complete for an exact continuation."""
 
-    def __init__(self, owner: np.ndarray):
-        self._owner = owner
-        self.k: Record = owner[0]
-        self.k.place = owner.ctypes.data
+    def __init__(self, content: bytes):
+        self._owner = np.frombuffer(bytearray(content), WORKSPACE)
+        self.k: Record = self._owner[0]
+        self.k.place = self._owner.ctypes.data
 
     def copy(self) -> "Workspace":
-        return Workspace(self._owner.copy())
+        return Workspace(self._owner.tobytes())
 
     @property
     def crank_angle(self) -> float:

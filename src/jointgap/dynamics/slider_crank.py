@@ -137,17 +137,19 @@ _NAMES = {
 def short_form(model: Model, columns: Columns) -> Columns:
     """The quantities of a slider-crank: with its numbered clearances, those of ideal joints too."""
     found = {_NAMES.get(name, name): values for name, values in columns.items()}
-    zeros = np.zeros_like(found["time"])
+    count = found["time"].size
+    zeros, undefined = np.zeros(count), np.full(count, math.nan)
     found["transmission_angle"] = math.pi / 2 + found["rod_angle"]
     found.setdefault("rod_deflection", zeros)
     for name, joint in JOINT.items():
         if name in model.loose:
             continue
-        found[f"{name}_normal_force"] = np.hypot(found[f"{name}_force_x"], found[f"{name}_force_y"])
+        x, y = found[f"{name}_force_x"], found[f"{name}_force_y"]
+        found[f"{name}_normal_force"] = np.sqrt(x * x + y * y)
         found[f"{name}_friction_force"] = zeros
         for rate in ("", "_dot", "_ddot"):
             found[f"r{joint.number}{rate}"] = zeros
-            found[f"gamma{joint.number}{rate}"] = np.full_like(zeros, math.nan)
+            found[f"gamma{joint.number}{rate}"] = undefined
     return found
 
 
