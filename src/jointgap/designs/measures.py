@@ -41,7 +41,7 @@ def angles_to_measure(options: Simulate) -> np.ndarray:
 
 def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
     """The numbers `MEASURES` of a successful run [SI]; NaN where undefined."""
-    result, mechanism, model = outcome.result, outcome.run.mechanism, outcome.model
+    result, model = outcome.result, outcome.model
     per_turn = outcome.run.options.samples_per_revolution
     last_turn = slice(-per_turn - 1, None)
     seen = observed(model, result.part(last_turn))
