@@ -39,8 +39,8 @@ def compiled_lsoda(slope, gap):
         """Rates of state and time over the time or, with frozen[4] = 1 or 2, over the way to that
         joint's event [m]."""
         z, out, frozen = numba.carray(z_at, 9), numba.carray(out_at, 9), numba.carray(frozen_at, 5)
-        modes = (np.int64(frozen[0]), np.int64(frozen[1]), FLIGHT)
-        slope(z[8], z, out, modes, (frozen[2], frozen[3], np.inf))
+        modes = (np.int64(frozen[0]), np.int64(frozen[1]))
+        slope(z[8], z, out, modes, (frozen[2], frozen[3]))
         out[8] = 1.0
         if frozen[4] > 0:
             rate = abs(gap(z, int(frozen[4]) - 1)[1])

@@ -19,11 +19,10 @@ from scipy.integrate import solve_ivp
 from benchmarks.compiled_lsoda import compiled_lsoda
 from benchmarks.right_hand_side import right_hand_side
 from jointgap.config import Mechanism, Simulate
-from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.joints import CONTACT, FLIGHT
-from jointgap.dynamics.parallel import rod_and_slider
-from jointgap.dynamics.parameters import Parameters
+from jointgap.dynamics.model import Model
 from jointgap.dynamics.simulation import integrate_to_angles, start_state
+from jointgap.dynamics.slider_crank import lengths_of, model_of, rod_and_slider
 from validation.exudyn import SliderCrank
 
 Code = Callable[[float, float], tuple[np.ndarray, float]]
@@ -31,11 +30,12 @@ Code = Callable[[float, float], tuple[np.ndarray, float]]
 
 def codes(mechanism: Mechanism, speed: float) -> dict[str, Code | None]:
     """All codes by name, ours first; None where one is not installed."""
-    p = parameters(mechanism, Simulate(speed=speed))
-    slope, gap = right_hand_side(p)
-    found: dict[str, Code | None] = {"jointgap": ours(p)}
+    model = model_of(mechanism, Simulate(speed=speed))
+    workspace = model.workspace()
+    slope, gap = right_hand_side(model, workspace)
+    found: dict[str, Code | None] = {"jointgap": ours(model)}
     try:
-        found["compiled LSODA"] = lsoda(p, compiled_lsoda(slope, gap))
+        found["compiled LSODA"] = lsoda(model, compiled_lsoda(slope, gap))
     except ImportError:
         found["compiled LSODA"] = None
     try:
@@ -44,40 +44,41 @@ def codes(mechanism: Mechanism, speed: float) -> dict[str, Code | None]:
     except ImportError:
         found["Exudyn"] = None
     for method in ("DOP853", "LSODA"):
-        found[f"scipy {method}"] = scipy(p, slope, gap, method)
+        found[f"scipy {method}"] = scipy(model, slope, gap, method)
     return found
 
 
-def positions(p: Parameters, end: float, states) -> np.ndarray:
+def positions(model: Model, end: float, states) -> np.ndarray:
     """Rod's mass centre x, y and slider's position [m] at the time `end` [s] for the clearance
     vectors `states` (4+,).
     """
-    crank_angle = np.array([p.drive.start_angle + p.drive.speed * end])
-    angle, slider = rod_and_slider(p, crank_angle, np.reshape(states, (1, -1)), np.zeros((1, 11)))
-    back = p.bodies.rod_length - p.bodies.rod_centre
-    piston = slider[0] + states[2], p.bodies.slider_offset + states[3]
+    crank_angle = np.array([model.drive.start_angle + model.drive.speed * end])
+    angle, slider = rod_and_slider(model, crank_angle, np.reshape(states, (1, -1)))
+    _, length, offset = lengths_of(model)
+    back = length - model.linkage.bodies["rod"].centre[0]
+    piston = slider[0] + states[2], offset + states[3]
     return np.array(
         [piston[0] - back * np.cos(angle[0]), piston[1] - back * np.sin(angle[0]), slider[0]]
     )
 
 
-def ours(p: Parameters) -> Code:
-    start = start_state(p)
+def ours(model: Model) -> Code:
+    start = start_state(model)
 
     def run(end, tolerance):
-        angles = p.drive.start_angle + p.drive.speed * np.array([0.0, end])
+        angles = model.drive.start_angle + model.drive.speed * np.array([0.0, end])
         begin = time.process_time()
-        states = integrate_to_angles(p, start, angles, tolerance).states
-        return positions(p, end, states[-1]), time.process_time() - begin
+        states = integrate_to_angles(model, start, angles, tolerance).states
+        return positions(model, end, states[-1]), time.process_time() - begin
 
     return run
 
 
-def lsoda(p: Parameters, march) -> Code:
+def lsoda(model: Model, march) -> Code:
     def run(end, tolerance):
         begin = time.process_time()
-        z = march(start_state(p)[0], end, tolerance)
-        return positions(p, end, z), time.process_time() - begin
+        z = march(start_state(model), end, tolerance)
+        return positions(model, end, z), time.process_time() - begin
 
     return run
 
@@ -96,19 +97,19 @@ def exudyn(mechanism: Mechanism, speed: float) -> Code:
     return run
 
 
-def scipy(p: Parameters, slope, gap, method: str) -> Code:
+def scipy(model: Model, slope, gap, method: str) -> Code:
     """scipy's `solve_ivp`, which ends at each event."""
     out = np.empty(8)
 
     def rates(t, z, modes, approaches):
-        slope(t, z, out, (*modes, FLIGHT), (*approaches, np.inf))
+        slope(t, z, out, tuple(modes), tuple(approaches))
         return out.copy()
 
     events = [lambda t, z, modes, approaches, joint=joint: gap(z, joint)[0] for joint in range(2)]
 
     def run(end, tolerance):
         begin = time.process_time()
-        z, t, modes, approaches = start_state(p)[0], 0.0, [FLIGHT, FLIGHT], [np.inf, np.inf]
+        z, t, modes, approaches = start_state(model), 0.0, [FLIGHT, FLIGHT], [np.inf, np.inf]
         while t < end:
             for joint, event in enumerate(events):
                 event.terminal, event.direction = True, 1 if modes[joint] == FLIGHT else -1
@@ -131,6 +132,6 @@ def scipy(p: Parameters, slope, gap, method: str) -> Code:
                     modes[joint], approaches[joint] = CONTACT, gap(z, joint)[1]
                 else:
                     modes[joint], approaches[joint] = FLIGHT, np.inf
-        return positions(p, end, z), time.process_time() - begin
+        return positions(model, end, z), time.process_time() - begin
 
     return run

@@ -2,9 +2,9 @@
 pins are loose.
 
 State: clearance vectors of crank pin and piston pin and their rates, the latter times
-`VELOCITY_TIME`, so that one absolute tolerance [m] fits all. Compiled code reads the parameters
-where they lie: compiled in as constants they would be copied at every call, which takes longer than
-the equations.
+`VELOCITY_TIME`, so that one absolute tolerance [m] fits all. Compiled code reads the records where
+they lie: compiled in as constants they would be copied at every call, which takes longer than the
+equations.
 """
 
 import math
@@ -14,12 +14,12 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
+from jointgap.dynamics.model import Model, Workspace
 from jointgap.dynamics.parameters import Parameters, Record
-from jointgap.dynamics.runge_kutta import VELOCITY_TIME, instant
+from jointgap.dynamics.rates import set_crank_at, set_damping, slopes
+from jointgap.dynamics.runge_kutta import VELOCITY_TIME
 
-_NO_FURTHER = (0.0,) * 11
-# the published form: a contact's damping does not depend on when it began
-_NO_MEMORY = (math.inf,) * 3
+_ALIVE: list[tuple[Model, Workspace]] = []  # compiled functions point into them
 
 
 @intrinsic
@@ -44,58 +44,31 @@ def _reader(record: Record):
     return read
 
 
-def right_hand_side(p: Parameters):
+def right_hand_side(model: Model, workspace: Workspace):
     """Two compiled functions: `slope(t, z, out, modes, approaches)` and `gap(z, joint)`.
 
     The first writes the rates of the scaled state `z` (8,) into `out`; the second gives the
-    penetration [m] of crank pin (0) or piston pin (1) and its rate [m/s]. Both live no longer than
-    `p`.
+    penetration [m] of crank pin (0) or piston pin (1) and its rate [m/s]. Both work on `workspace`.
+    A contact's damping does not depend on when it began: the published form.
     """
-    (
-        bodies,
-        crank_pin,
-        piston_pin,
-        crank_pivot,
-        drive,
-        effects,
-        switches,
-        slider,
-        crank,
-        knots,
-        table,
-    ) = map(_reader, p)
-    clearances = (float(p.crank_pin.clearance), float(p.piston_pin.clearance))
+    _ALIVE.append((model, workspace))
+    drive, knots, effects, slider, crank, table = map(_reader, model.p)
+    here = _reader(workspace.k)
+    clearances = tuple(float(joint.clearance) for joint in workspace.k.joints[:2])
 
     @numba.njit(error_model="numpy")
     def slope(t, z, out, modes, approaches):
-        state = (
-            z[0],
-            z[1],
-            z[2],
-            z[3],
-            z[4] / VELOCITY_TIME,
-            z[5] / VELOCITY_TIME,
-            z[6] / VELOCITY_TIME,
-            z[7] / VELOCITY_TIME,
-        )
-        numbers = Parameters(
-            bodies(),
-            crank_pin(),
-            piston_pin(),
-            crank_pivot(),
-            drive(),
-            effects(),
-            switches(),
-            slider(),
-            crank(),
-            knots(),
-            table(),
-        )
-        rates = instant(
-            numbers, t, state, _NO_FURTHER, modes, approaches, _NO_MEMORY
-        ).clearance_rates
+        k, p = here(), Parameters(drive(), knots(), effects(), slider(), crank(), table())
+        for j in range(2):
+            k.modes[j], k.approaches[j] = modes[j], approaches[j]
         for i in range(4):
-            out[i], out[4 + i] = rates[i], VELOCITY_TIME * rates[4 + i]
+            k.z[i], k.z[4 + i] = z[i], z[4 + i] / VELOCITY_TIME
+        k.now = t
+        set_crank_at(p, k)
+        set_damping(k, t)
+        slopes(p, k)
+        for i in range(4):
+            out[i], out[4 + i] = k.slope[i], VELOCITY_TIME * k.slope[4 + i]
 
     @numba.njit(error_model="numpy")
     def gap(z, joint):

@@ -22,7 +22,7 @@ from benchmarks.extended import Extended
 from benchmarks.integrators import Code, codes
 from benchmarks.project import ROOT, row
 from jointgap.config import Mechanism, Simulate, load_mechanism
-from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.slider_crank import model_of
 
 SPEED = 20 * np.pi
 REVOLUTION, QUARTER = 2 * np.pi / SPEED, 0.5 * np.pi / SPEED
@@ -63,8 +63,8 @@ def case() -> Mechanism:
 
 def exact_positions(mechanism: Mechanism, tolerance: float) -> np.ndarray:
     """Rod's mass centre x, y and slider's position [m] at 90 degrees by 80-bit numbers."""
-    p = parameters(mechanism, Simulate(speed=SPEED))
-    joints = (p.crank_pin, p.piston_pin)
+    bearings = model_of(mechanism, Simulate(speed=SPEED)).bearings
+    joints = (bearings["crank_pin"], bearings["piston_pin"])
     extended = Extended(
         mechanism, SPEED, [one.stiffness for one in joints], [one.damping for one in joints]
     )

@@ -19,8 +19,9 @@ from jointgap.config.campaign import NUISANCES
 from jointgap.config.load import validate
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.joints import PINS
-from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.dynamics.parameters import MEASURED, DriveParameters, Parameters, knots_record, record
+from jointgap.dynamics.model import Model
+from jointgap.dynamics.parameters import MEASURED, DriveParameters, knots_record, record
+from jointgap.dynamics.slider_crank import model_of
 from jointgap.effects.base import FitContext, MotionScale
 from jointgap.rig.drives import options_of, prescribed_angles
 from jointgap.rig.model import physical_candidates
@@ -381,19 +382,19 @@ def simulate(
     wave = mechanism.effect("speed_fluctuation")
     # the speed of the law is the mean over the angle
     mean = run.speed / math.sqrt(1 - wave.ratio**2) if wave else run.speed
-    p = parameters(mechanism, options_of(mean, run.start_angle, numerics.tolerance))
-    p.effects.slider_sign_speed *= numerics.sign_factor
-    p.effects.crank_sign_speed *= numerics.sign_factor
+    model = model_of(mechanism, options_of(mean, run.start_angle, numerics.tolerance))
+    model.effects.slider_sign_speed *= numerics.sign_factor
+    model.effects.crank_sign_speed *= numerics.sign_factor
     times = run.times + run.lead
     if run.drift:
-        p, times = _drifting(p, run)
-    angles = prescribed_angles(p, times)
-    readings = channels_at(p, angles, numerics.tolerance, perturbation)
+        model, times = _drifting(model, run)
+    angles = prescribed_angles(model.p, times)
+    readings = channels_at(model, angles, numerics.tolerance, perturbation)
     return readings | {"crank_angle": angles - tau * run.settling}
 
 
-def _drifting(p: Parameters, run: Run) -> tuple[Parameters, np.ndarray]:
-    """Parameters of a drifting crank, and the times of the samples since its start [s]."""
+def _drifting(model: Model, run: Run) -> tuple[Model, np.ndarray]:
+    """The model with a drifting crank, and the times of the samples since its start [s]."""
 
     def start(t: float) -> float:
         return t + run.drift.ahead(np.array([t]))[0] + run.lead
@@ -401,12 +402,13 @@ def _drifting(p: Parameters, run: Run) -> tuple[Parameters, np.ndarray]:
     begin = brentq(start, -2.0 * run.lead - 1.0, 0.0)
     step = tau / run.speed / _DRIFT_GRID
     knots = np.arange(begin, run.times[-1] + 8.0 * step, step)
-    angles = prescribed_angles(p, knots + run.drift.ahead(knots) + run.lead)
+    angles = prescribed_angles(model.p, knots + run.drift.ahead(knots) + run.lead)
     smooth = make_interp_spline(knots, angles, k=5)
     powers = [smooth(knots[:-1], k) / math.factorial(k) for k in range(5, -1, -1)]
     table = np.column_stack([knots[:-1] - begin, *powers])
     drive = DriveParameters(kind=MEASURED, speed=run.speed, start_angle=float(table[0, 6]))
-    return p._replace(drive=record(drive), knots=knots_record(table)), run.times - begin
+    p = model.p._replace(drive=record(drive), knots=knots_record(table))
+    return replace(model, p=p), run.times - begin
 
 
 def with_effects(mechanism: Mechanism, effects: Effects) -> Mechanism:

@@ -20,7 +20,7 @@ from jointgap.config.campaign import CHANNELS, UNITS
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.formula import compile_formula
 from jointgap.core.units import unit_factor
-from jointgap.dynamics.equations import evaluate
+from jointgap.dynamics.laws import evaluate
 from jointgap.identification.problem import Noise, whiten
 from jointgap.rig.model import STEADY_CONTACT_DAMPING_FACTOR
 from jointgap.rig.sensors import ENCODER_ECCENTRICITY, FAULTS

@@ -1,13 +1,19 @@
-"""The one list of joints agrees with the compiled one and with the mechanism file."""
+"""The one list of joints agrees with the vectors of a start and with the mechanism file."""
 
 from jointgap.config import Joints
 from jointgap.core.joints import FROM_FRAME, JOINT, JOINTS, PINS
-from jointgap.dynamics.parameters import Parameters
+from jointgap.dynamics.simulation import start_state
+from jointgap.dynamics.slider_crank import model_of
+from tests.dynamics.cases import mechanism, options
 
 
-def test_the_compiled_order_is_that_of_the_parameters():
-    assert tuple(name for name in Parameters._fields if name in JOINT) == JOINTS
+def test_the_vectors_of_a_start_are_in_the_order_of_the_list():
     assert [joint.index for joint in JOINT.values()] == [0, 1, 2]
+    model = model_of(mechanism(loose=JOINTS), options())
+    assert {*model.loose} == {*model.bearings} == {*JOINTS}
+    state = start_state(model, [1e-4, 2e-4, 3e-4, 4e-4, 5e-4, 6e-4])
+    vectors = [[*model.vector(state, name)[0]] for name in JOINTS]
+    assert vectors == [[1e-4, 2e-4], [3e-4, 4e-4], [5e-4, 6e-4]]
 
 
 def test_the_papers_numbers_run_from_the_frame_to_the_slider():

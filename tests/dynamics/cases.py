@@ -7,7 +7,8 @@ import numpy as np
 from jointgap.config import Mechanism, Simulate
 from jointgap.core.joints import PINS
 from jointgap.dynamics.integrate import Samples
-from jointgap.dynamics.model import Model, Workspace
+from jointgap.dynamics.joints import CONTACT
+from jointgap.dynamics.model import Model, Workspace, beginning
 from jointgap.dynamics.rates import evaluate
 from jointgap.dynamics.runge_kutta import step
 from jointgap.dynamics.simulation import integrate_to_angles, start_state
@@ -100,7 +101,7 @@ def free_impact(made: Mechanism, mass: float, speed: float) -> tuple[Model, np.n
     """
     still = made.model_copy(
         update={
-            "crank": made.crank.model_copy(update={"length": 1e-9, "mass_centre": 0.0}),
+            "crank": made.crank.model_copy(update={"length": 0.0, "mass_centre": 0.0}),
             "rod": made.rod.model_copy(update={"mass": mass, "mass_centre": 0.0}),
         }
     )
@@ -118,6 +119,17 @@ def state_of(model: Model, **vectors: tuple[float, float, float, float]) -> np.n
         place, rate = model.vector(y, name)
         place[:], rate[:] = (x, y_), (vx, vy)
     return y
+
+
+def in_contact(
+    model: Model, time: float, y: np.ndarray, joint: str, approach: float, begin: float
+) -> Workspace:
+    """An integration from the state `y`, with one `joint` in contact since `begin` [s]."""
+    workspace = beginning(model, y, time)
+    k, j = workspace.k, model.loose.index(joint)
+    k.modes[j], k.approaches[j], k.begins[j] = CONTACT, approach, begin
+    evaluate(model.p, k, HERE)
+    return workspace
 
 
 def order(model: Model, here: Workspace, time_map, begin: float, end: float, counts) -> float:

@@ -149,7 +149,11 @@ def crank_losses(moved: Motion) -> np.ndarray:
 
 def joint_powers(moved: Motion, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Elastic energy [J] of a joint and power [W] that it turns into heat."""
-    joint, rod, crank = moved.model.bearings[name], moved["rod_angular_velocity"], moved["crank_speed"]
+    joint, rod, crank = (
+        moved.model.bearings[name],
+        moved["rod_angular_velocity"],
+        moved["crank_speed"],
+    )
     pairs = {"crank_pin": (rod, crank), "piston_pin": (rod, 0 * rod)}
     pairs["crank_pivot"] = (crank, 0 * crank)
     body, partner = pairs[name]

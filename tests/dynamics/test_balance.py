@@ -100,9 +100,8 @@ def test_energy_is_balanced(moved, worst):
     work = ledger.slider_effects(moved) * moved["slider_velocity"]
     work = work + on_crank * moved["crank_speed"] - joint_loss - bend["loss"]
     energy = kinetic + height + stored
-    if (
-        moved.p.crank_pin.friction_law != FRICTION_LAWS["lugre"].code
-    ):  # bristles return stored energy
+    law = moved.model.bearings["crank_pin"].friction_law
+    if law != FRICTION_LAWS["lugre"].code:  # bristles return stored energy
         assert (joint_loss > -1e-6 * np.abs(kinetic).max()).all()
     change = energy[:, -1] - energy[0, 0] - moved.integral(work)
     worst("energy balance", relative(change, kinetic), BOUND)
@@ -139,7 +138,7 @@ def test_angular_momentum_is_balanced(moved, worst):
 def test_clearance_rates_are_derivatives(moved, worst, joint):
     # at the centre directions turn at any rate
     away = moved[f"r{ledger.NUMBERS[joint]}"].min(axis=1) > 1e-4
-    for symbol in ("r", "gamma") if getattr(moved.p, joint).loose else ():
+    for symbol in ("r", "gamma") if joint in moved.model.loose else ():
         seen = [moved[f"{symbol}{ledger.NUMBERS[joint]}{dots}"] for dots in ("", "_dot", "_ddot")]
         for quantity, rate in pairwise(seen):
             change = quantity[:, -1] - quantity[:, 0] - moved.steps(rate)

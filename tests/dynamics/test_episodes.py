@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from jointgap.core.joints import JOINTS
 from jointgap.dynamics.integrate import EVENT
 from jointgap.dynamics.simulation import simulate
 from tests.dynamics.cases import ALL, LUGRE, PINS, free_impact, mechanism, options
@@ -26,11 +25,9 @@ def test_the_impulse_of_a_free_impact_is_the_change_of_momentum(restitution, wor
 def contacts(moved):
     """Impulse and peak of each finished contact, from events and from samples."""
     events, times = moved.run.events, moved.sampled(moved.run.times)
-    for joint, name in enumerate(JOINTS):
+    for joint, name in enumerate(moved.model.loose):
         own = events[events[:, COLUMN["joint"]] == joint]
-        force = (
-            np.maximum(moved[f"{name}_normal_force"], 0.0) if getattr(moved.p, name).loose else None
-        )
+        force = np.maximum(moved[f"{name}_normal_force"], 0.0)
         for impact, separation in zip(own[::2], own[1::2], strict=False):
             inside = (times[:, 8] > impact[0]) & (times[:, 8] < separation[0])
             recorded = separation[COLUMN["impulse"]], separation[COLUMN["peak_force"]]

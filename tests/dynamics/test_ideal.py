@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from jointgap.dynamics.simulation import integrate_to_angles, observed, simulate, start_state
 from jointgap.dynamics.slider_crank import model_of
-from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
 from tests.dynamics.cases import (
     ALL,
     MOTOR,
@@ -163,10 +163,10 @@ def bending(frequency, ratio=0.0):
 
 def deflection(made, times, start=0.0):
     """Deflection (n,) [m] of the rod of a mechanism nearly at rest."""
-    p = parameters(made, options(speed=1e-6))
-    y, x = start_state(p)
-    x[3] = start
-    return integrate_to_angles(p, (y, x), 1e-6 * times, 1e-15).auxiliary_states[:, 3]
+    model = model_of(made, options(speed=1e-6))
+    y, bend = start_state(model), model.positions - 1
+    y[bend] = start
+    return integrate_to_angles(model, y, 1e-6 * times, 1e-15).states[:, bend]
 
 
 @pytest.mark.parametrize("ratio", (0.0, 0.05))
@@ -194,7 +194,7 @@ def test_the_deflection_solves_the_modal_equation(worst):
     """q'' + 2 zeta w0 q' + (w0^2 - turn^2) q = -4/pi times the acceleration of midspan across the
     rod."""
     made = mechanism(bending(100.0, 0.02), loose=(), offset=0.05, gravity=True)
-    p, run = integrated(made, np.arange(0, 361), 1e-14)
+    model, run = integrated(made, np.arange(0, 361), 1e-14)
     angular_frequency = 2 * math.pi * 100.0
 
     def slope(time, z):
@@ -208,6 +208,6 @@ def test_the_deflection_solves_the_modal_equation(worst):
     found = solve_ivp(
         slope, (0, run.times[-1]), [0, 0], "DOP853", t_eval=run.times, rtol=1e-12, atol=1e-16
     ).y[0]
-    off = np.abs(found - run.observed(p)["rod_deflection"]).max()
+    off = np.abs(found - observed(model, run)["rod_deflection"]).max()
     worst("flexible rod: modal equation [m]", off, 1e-11)
     assert np.abs(found).max() > 1e-3

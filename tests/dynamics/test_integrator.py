@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from jointgap.dynamics.joints import CONTACT, FLIGHT
 from jointgap.dynamics.runge_kutta import (
     AFTER,
     BEFORE,
@@ -11,16 +10,15 @@ from jointgap.dynamics.runge_kutta import (
     ERROR_3,
     ERROR_5,
     INTERPOLANT,
-    KEPT,
     LINEAR,
     MORE_NODES,
     MORE_STAGES,
     NODES,
     STAGES,
-    instant,
 )
 from jointgap.dynamics.simulation import integrate_to_angles, start_state
-from tests.dynamics.cases import SPEED, integrated, mechanism, order
+from jointgap.dynamics.workspace import HERE, KEPT
+from tests.dynamics.cases import SPEED, in_contact, integrated, mechanism, order
 
 
 def test_the_tableau_fulfils_its_order_conditions():
@@ -58,34 +56,36 @@ def test_the_interpolant_fulfils_the_order_conditions_of_order_7(share):
 
 @pytest.fixture(scope="module")
 def impact():
-    """Parameters; instants of the first impact, a quarter and half through its contact; time of
+    """A model; integrations from the first impact, a quarter and half through its contact; time of
     separation [s]."""
-    p, run = integrated(mechanism(), [0, 8], tolerance=1e-15)
-    (begin, _, _, approach), (end, *_) = run.events[:2, :4]
+    model, run = integrated(mechanism(), [0, 8], tolerance=1e-15)
+    (begin, joint, _, approach), (end, *_) = run.events[:2, :4]
     times = np.array([0.0, begin, 0.75 * begin + 0.25 * end, 0.5 * (begin + end), end])
-    at = integrate_to_angles(p, start_state(p), SPEED * times, 1e-15)
-    contact = (CONTACT, FLIGHT, FLIGHT), (approach, np.inf, np.inf), (begin, np.inf, np.inf)
-    instants = [
-        instant(p, times[i], tuple(at.states[i]), tuple(at.auxiliary_states[i]), *contact)
-        for i in (1, 2, 3)
-    ]
-    return p, *instants, end
+    at = integrate_to_angles(model, start_state(model), SPEED * times, 1e-15)
+    name = model.loose[int(joint)]
+    starts = [in_contact(model, times[i], at.states[i], name, approach, begin) for i in (1, 2, 3)]
+    return model, *starts, end
+
+
+def time_of(start):
+    return start.k.time[HERE]
 
 
 def test_a_smooth_contact_converges_with_order_8(impact):
-    p, begin, quarter, _, end = impact
-    assert order(p, quarter, LINEAR, 0.0, 0.5 * (end - begin.time), (2, 3, 4)) > 7.5
+    model, begin, quarter, _, end = impact
+    length = 0.5 * (end - time_of(begin))
+    assert order(model, quarter, LINEAR, 0.0, length, (2, 3, 4)) > 7.5
 
 
 def test_after_an_impact_the_order_needs_the_root_of_time(impact):
-    p, begin, _, middle, _ = impact
-    length = middle.time - begin.time
-    assert order(p, begin, AFTER, 0.0, np.sqrt(length), (3, 4, 6)) > 7.5
-    assert order(p, begin, LINEAR, 0.0, length, (3, 4, 6)) < 4
+    model, begin, _, middle, _ = impact
+    length = time_of(middle) - time_of(begin)
+    assert order(model, begin, AFTER, 0.0, np.sqrt(length), (3, 4, 6)) > 7.5
+    assert order(model, begin, LINEAR, 0.0, length, (3, 4, 6)) < 4
 
 
 def test_before_a_separation_the_order_needs_the_root_of_time(impact):
-    p, _, _, middle, end = impact
-    length = end - middle.time
-    assert order(p, middle, BEFORE, np.sqrt(length), 0.0, (3, 4, 6)) > 7
-    assert order(p, middle, LINEAR, 0.0, length, (3, 4, 6)) < 4
+    model, _, _, middle, end = impact
+    length = end - time_of(middle)
+    assert order(model, middle, BEFORE, np.sqrt(length), 0.0, (3, 4, 6)) > 7
+    assert order(model, middle, LINEAR, 0.0, length, (3, 4, 6)) < 4

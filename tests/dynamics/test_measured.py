@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 
 from jointgap.core.errors import InputError
-from jointgap.dynamics.slider_crank import model_of
 from jointgap.dynamics.drive import smooth_angle, unwrapped
 from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
+from jointgap.dynamics.slider_crank import model_of
 from tests.dynamics.cases import SPEED, mechanism, options
 from tests.dynamics.closed import Closed
 
@@ -72,11 +72,11 @@ def test_angle_speed_and_acceleration_are_recovered(tmp_path, worst, name, angle
 
 def test_samples_beyond_a_record_are_refused(tmp_path):
     time = np.linspace(0.0, 10.0, 4001)
-    p = parameters(IDEAL, along(tmp_path, time, np.pi * time, 4, resolution=STEP))
+    model = model_of(IDEAL, along(tmp_path, time, np.pi * time, 4, resolution=STEP))
     with pytest.raises(
         InputError, match=r"ends at 1800.1 deg and 10.0005\d* s, the samples at 1980 deg"
     ):
-        integrate_to_angles(p, start_state(p), np.linspace(0.0, 11 * np.pi, 100), 1e-12)
+        integrate_to_angles(model, start_state(model), np.linspace(0.0, 11 * np.pi, 100), 1e-12)
 
 
 def test_noise_at_the_ends_costs_no_revolution(tmp_path):

@@ -3,13 +3,22 @@
 import numpy as np
 import pytest
 
-from jointgap.dynamics.slider_crank import model_of
 from jointgap.dynamics.contact import LAWS, damping_factor_at, elastic_duration
 from jointgap.dynamics.integrate import EVENT
-from jointgap.dynamics.joints import CONTACT, FLIGHT
-from jointgap.dynamics.runge_kutta import LINEAR, instant
+from jointgap.dynamics.joints import CONTACT
+from jointgap.dynamics.runge_kutta import LINEAR
 from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
-from tests.dynamics.cases import ALL, SPEED, free_impact, integrated, mechanism, options, order
+from jointgap.dynamics.slider_crank import model_of
+from tests.dynamics.cases import (
+    ALL,
+    SPEED,
+    free_impact,
+    in_contact,
+    integrated,
+    mechanism,
+    options,
+    order,
+)
 from tests.dynamics.laws import faded_damping, impact_duration, joint
 
 CHI, APPROACH = 0.8, 0.4
@@ -24,9 +33,9 @@ def test_the_duration_of_an_elastic_impact_is_exact(exponent, speed):
 
 
 def test_memory_and_fading_times_are_as_documented():
-    p = parameters(mechanism(loose=ALL), options())
+    model = model_of(mechanism(loose=ALL), options())
     for name, mass in {"crank_pin": 1.2212, "piston_pin": 1.2212, "crank_pivot": 1.5916}.items():
-        numbers = getattr(p, name)
+        numbers = model.bearings[name]
         duration = impact_duration(numbers.stiffness, 1.5, mass, 1e-3)
         assert numbers.memory_time == pytest.approx(2.5 * duration, rel=1e-9)
         assert numbers.fading_time == pytest.approx(2.5 * duration, rel=1e-9)
@@ -56,25 +65,27 @@ def test_a_free_impact_is_the_published_one(law, restitution):
 def test_the_slowest_impact_ends_before_its_memory_fades(law):
     """Also an impact 90 times slower than the slowest damped as such."""
     for speed in (1e-3, 1e-3 / 90):
-        p, (impact, separation) = free_impact(
+        model, (impact, separation) = free_impact(
             mechanism(law=law, restitution=0.1), mass=1.2212, speed=speed
         )
         assert impact[EVENT.index("approach_speed")] == pytest.approx(speed, rel=1e-9)
-        assert separation[EVENT.index("duration")] < p.crank_pin.memory_time
+        assert separation[EVENT.index("duration")] < model.bearings["crank_pin"].memory_time
 
 
 def test_the_order_is_kept_while_memory_fades_and_after():
     made = mechanism(friction=0.2, friction_speed=0.1, loose=("crank_pin",))
-    p, run = integrated(made, np.linspace(0.0, 90.0, 2), tolerance=1e-15)
-    begin, approach, length = run.begins[-1, 0], run.approaches[-1, 0], p.crank_pin.fading_time
+    model, run = integrated(made, np.linspace(0.0, 90.0, 2), tolerance=1e-15)
+    pin = model.bearings["crank_pin"]
+    begin, approach, length = run.begins[-1, 0], run.approaches[-1, 0], pin.fading_time
     # where fading begins and ends
-    knots = begin + p.crank_pin.memory_time + np.array([0.0, length])
+    knots = begin + pin.memory_time + np.array([0.0, length])
     assert run.modes[-1, 0] == CONTACT and knots[1] < run.times[-1]
-    at = integrate_to_angles(p, start_state(p), SPEED * np.concatenate(([0.0], knots)), 1e-15)
-    contact = (CONTACT, FLIGHT, FLIGHT), (approach, np.inf, np.inf), (begin, np.inf, np.inf)
+    at = integrate_to_angles(
+        model, start_state(model), SPEED * np.concatenate(([0.0], knots)), 1e-15
+    )
     for i in (1, 2):
-        here = instant(p, at.times[i], tuple(at.states[i]), tuple(at.auxiliary_states[i]), *contact)
-        assert order(p, here, LINEAR, 0.0, length, (12, 16, 24)) > 7.5
+        here = in_contact(model, at.times[i], at.states[i], "crank_pin", approach, begin)
+        assert order(model, here, LINEAR, 0.0, length, (12, 16, 24)) > 7.5
 
 
 STARTS, SAMPLES = 12, 360

@@ -4,10 +4,9 @@ import math
 
 import numpy as np
 
+from jointgap.dynamics.simulation import integrate_to_angles, observed, start_state
 from jointgap.dynamics.slider_crank import model_of
-from jointgap.dynamics.joints import clearances
-from jointgap.dynamics.simulation import integrate_to_angles, start_state
-from jointgap.dynamics.windows import Carried, loose_joints, resting, rows_of, simulate_windows
+from jointgap.dynamics.windows import Carried, resting, rows_of, simulate_windows
 from tests.config.mechanisms import mechanism
 from tests.dynamics.cases import ALL, options
 
@@ -17,21 +16,21 @@ SPEED, SETTLED, PER_TURN, TURNS, SAMPLES = 20.0, 6, 16, 2, 120
 
 def test_windows_reproduce_the_trajectory_of_a_loose_crank_pivot(worst):
     loose = {name: {"loose": name == "crank_pivot"} for name in ALL}
-    p = parameters(mechanism(joints=loose).applied(), options(speed=SPEED, tolerance=TOLERANCE))
+    model = model_of(mechanism(joints=loose).applied(), options(speed=SPEED, tolerance=TOLERANCE))
     edges = math.tau * (SETTLED + np.arange(TURNS * PER_TURN + 1) / PER_TURN)
     angles = math.tau * (SETTLED + np.arange(TURNS * SAMPLES) / SAMPLES)
     every, places = np.unique(np.concatenate([[0.0], edges, angles]), return_inverse=True)
-    motion = integrate_to_angles(p, start_state(p), every, TOLERANCE)
-    true = motion.part(places[edges.size + 1 :]).observed(p)
-    slow, carried = np.zeros((edges.size - 1, 2)), resting(p, edges.size - 1)
-    (joint,) = loose_joints(p)
+    motion = integrate_to_angles(model, start_state(model), every, TOLERANCE)
+    true = observed(model, motion.part(places[edges.size + 1 :]))
+    slow, carried = np.zeros((edges.size - 1, 2)), resting(model, edges.size - 1)
+    (joint,) = model.loose
     for k, row in enumerate(places[1 : edges.size]):
-        x, y, vx, vy = clearances(motion.states[row], motion.auxiliary_states[row])[joint]
+        (x, y), (vx, vy) = model.vector(motion.states[row], joint)
         slow[k] = math.atan2(y, x), (x * vy - y * vx) / (x * x + y * y) / SPEED
         carried.modes[k] = motion.modes[row]
     for _ in range(3):  # further initial values come from the window before
         found, ends, after, done = simulate_windows(
-            p, rows_of(p, edges, angles), slow, carried, TOLERANCE
+            model, rows_of(model, edges, angles), slow, carried, TOLERANCE
         )
         assert done.all()
         pairs = zip(carried, after, strict=True)

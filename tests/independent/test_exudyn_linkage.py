@@ -8,7 +8,8 @@ import pytest
 pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
 
 from jointgap.config import Simulate, load_mechanism
-from jointgap.dynamics.linkage_motion import linkage_model, simulate_linkage
+from jointgap.dynamics.model import linkage_model
+from jointgap.dynamics.simulation import simulate_linkage
 from jointgap.linkage.equations import Crank, Pose
 from validation.exudyn import LooseLinkage
 
@@ -35,7 +36,7 @@ def four_bar(clearance=1e-3, **contact):
 
 def start_of(model):
     """Places and rates of the bodies of the ideal linkage at the crank angle 0."""
-    still = {name: ((0.0, 0.0), (0.0, 0.0)) for name in model.bearings}
+    still = {name: ((0.0, 0.0), (0.0, 0.0)) for name in model.loose}
     pose = Pose(model.linkage, model.variant.signs, Crank(1.0, 0.0, SPEED), still)
     start = {"crank": (0.0, 0.0, 0.0, 0.0, 0.0, SPEED)}
     for body in ("coupler", "rocker"):

@@ -2,46 +2,93 @@
 
 import math
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from jointgap.linkage.compiled import build_variant, parameters_of, variant_of
+from jointgap.linkage.compiled import Kind, build_variant, channels_of, parameters_of, variant_of
 from jointgap.linkage.equations import Crank, Dynamics, JointForce, Pose
+from jointgap.linkage.topology import Bending, body_kinds
 from tests.linkage.cases import LINKAGES, loosened, with_values
 from tests.linkage.test_equations import sets_of_loose_joints, state, with_turning_slider
 
+PUSHED = {
+    "slider_crank": ("slider",),
+    "tilted_slide": ("slider",),
+    "quick_return": ("ram",),
+    "quick_return_beside": ("ram",),
+    "four_bar": (),
+    "six_bar": (),
+    "carried_slide": (),
+}
+"""Bodies on slides of the frame, by linkage."""
 
-def differences(linkage, is_free, generator, loaded=()):
-    """Largest relative difference of machine code and plain equations at random states."""
-    variant = variant_of(linkage, [1.0] * len(linkage.dyads), is_free, loaded)
+
+def drawn(linkage, kind, generator):
+    """A random state with the forces on it: plain `Dynamics`, and what a variant's memory holds."""
+    crank, clearances = state(linkage, generator, kind.is_free)
+    bends = {
+        body: (generator.normal(0, 2e-3), generator.normal(0, 0.5)) for body in linkage.bending
+    }
+    forces = {
+        joint.name: JointForce(*generator.normal(0, 100, 2), *generator.normal(0, 1, 2))
+        for joint in linkage.loose
+    }
+    torque, along = generator.normal(0, 5), {body: generator.normal(0, 30) for body in kind.pushed}
+    rubbing = linkage.rubbing if kind.rubs else ()
+    moments = {joint.name: generator.normal() for joint in rubbing}
+    pose = Pose(linkage, [1.0] * len(linkage.dyads), crank, clearances, bends=bends)
+    motion = Dynamics(pose, forces, torque, None, moments, along)
+    vectors, rates = ([x for pair in clearances.values() for x in pair[i]] for i in (0, 1))
+    angle = [math.atan2(crank.sine, crank.cosine)] * kind.is_free
+    places, speeds = ([pair[i] for pair in bends.values()] for i in (0, 1))
+    given = {
+        "state": [*vectors, *angle, *places, *rates, *[crank.speed] * kind.is_free, *speeds],
+        "crank": [crank.cosine, crank.sine, crank.speed, crank.acceleration or 0.0],
+        "forces": [*(x for force in forces.values() for x in force), torque],
+        "along": [*along.values()],
+        "moments": [*moments.values()],
+    }
+    return motion, forces, moments, given
+
+
+def relative(found, expected):
+    """Largest difference over the largest value."""
+    size = np.abs(expected).max(initial=1e-300)
+    return np.abs(np.subtract(found, expected)).max(initial=0.0) / size
+
+
+def differences(linkage, kind, generator):
+    """Largest relative differences of machine code and plain equations at random states: of rates,
+    of reactions."""
+    variant = variant_of(linkage, [1.0] * len(linkage.dyads), kind)
     memory = variant.memory(linkage)
-    fields, worst = variant.fields(memory), 0.0
+    fields, worst = variant.fields(memory), np.zeros(2)
     for _ in range(3):
-        crank, clearances = state(linkage, generator, is_free)
-        forces = {
-            joint.name: JointForce(*generator.normal(0, 100, 2), *generator.normal(0, 1, 2))
-            for joint in linkage.loose
-        }
-        loads = {body: (tuple(generator.normal(0, 9, 2)), generator.normal()) for body in loaded}
-        torque = generator.normal(0, 5)
-        pose = Pose(linkage, variant.signs, crank, clearances)
-        motion = Dynamics(pose, forces, torque, loads)
-        vectors, rates = ([x for pair in clearances.values() for x in pair[i]] for i in (0, 1))
-        angle = [math.atan2(crank.sine, crank.cosine)] * is_free
-        fields["state"][:] = [*vectors, *angle, *rates, *[crank.speed] * is_free]
-        fields["crank"][:] = [crank.cosine, crank.sine, crank.speed, crank.acceleration or 0.0]
-        fields["forces"][:] = [*(x for force in forces.values() for x in force), torque]
-        fields["loads"][:] = [x for (fx, fy), moment in loads.values() for x in (fx, fy, moment)]
+        motion, _, moments, given = drawn(linkage, kind, generator)
+        pose = motion.pose
+        for name, values in given.items():
+            fields[name][:] = values
         variant.run("pose", memory)
-        for n, joint in enumerate(linkage.loose):
-            turning = [pose.speeds[place.body] for place in (joint.body, joint.partner)]
-            assert fields["turning"][2 * n : 2 * n + 2] == pytest.approx(turning, rel=1e-12)
+        rubbing = [linkage.joints[name] for name in moments]
+        joints = [*linkage.loose, *rubbing]
+        turning = [pose.speeds[place.body] for j in joints for place in (j.body, j.partner)]
+        assert fields["turning"] == pytest.approx(turning, rel=1e-12)
+        slides = [linkage.joint_with_frame(body) for body in kind.pushed]
+        sites = [x for slide in slides for x in pose.travel(slide)]
+        assert fields["sites"] == pytest.approx(sites, rel=1e-12)
         variant.run("dynamics", memory)
         expected = [x for joint in linkage.loose for x in motion.rates[joint.name]]
-        expected += [motion.crank_acceleration] * is_free
-        size = np.abs(expected).max(initial=1e-300)
-        worst = max(worst, np.abs(np.subtract(fields["rates"], expected)).max(initial=0.0) / size)
+        expected += [motion.crank_acceleration] * kind.is_free
+        expected += [*motion.bend_accelerations.values()]
+        reactions = [x for joint in rubbing for x in motion.reactions[joint.name]]
+        reactions += [motion.guide_force(slide) for slide in slides if kind.rubs]
+        apart = [
+            relative(fields["rates"], expected),
+            relative(fields["reactions"], reactions),
+        ]
+        worst = np.maximum(worst, apart)
     return worst
 
 
@@ -51,16 +98,108 @@ def test_machine_code_agrees_with_the_plain_equations(name, is_free):
     generator = np.random.default_rng(6)
     for names in sets_of_loose_joints(LINKAGES[name])[1::7]:
         linkage = loosened(LINKAGES[name], names)
-        assert differences(linkage, is_free, generator, loaded=linkage.moving) < 1e-11
+        assert (differences(linkage, Kind(is_free), generator) < 1e-11).all()
     slide = loosened(with_turning_slider(), {"guide", "piston_pin"})
-    assert differences(slide, is_free, generator) < 1e-11
+    assert (differences(slide, Kind(is_free), generator) < 1e-11).all()
+    assert sampled_apart(slide, slide, Kind(is_free), generator) < 1e-11
+
+
+@pytest.mark.parametrize("is_free", [False, True])
+@pytest.mark.parametrize("name, pushed", PUSHED.items())
+def test_forces_along_slides_and_friction_of_pins_agree_with_the_plain_equations(
+    name, pushed, is_free
+):
+    """Also the reactions on which that friction depends."""
+    generator, kind = np.random.default_rng(8), Kind(is_free, pushed, True)
+    for names in sets_of_loose_joints(LINKAGES[name])[::5]:
+        linkage = loosened(LINKAGES[name], names)
+        assert (differences(linkage, kind, generator) < 1e-11).all()
+
+
+@pytest.mark.parametrize("is_free", [False, True])
+@pytest.mark.parametrize("loose", [(), ("crank_pin",), ("crank_pivot", "crank_pin", "piston_pin")])
+def test_machine_code_of_a_bending_rod_agrees_with_the_plain_equations(loose, is_free):
+    linkage, generator = bending_rod(loose), np.random.default_rng(9)
+    for kind in (Kind(is_free), Kind(is_free, ("slider",), True)):
+        assert (differences(linkage, kind, generator) < 1e-11).all()
+        assert sampled_apart(linkage, linkage, kind, generator) < 1e-11
+
+
+def bending_rod(loose, **values):
+    """A slider-crank whose rod bends."""
+    linkage = loosened(LINKAGES["slider_crank"], loose)
+    linkage = with_values(linkage, rod={"bending": Bending(1500.0, 0.02)} | values)
+    return replace(linkage, kinds=body_kinds(linkage))
+
+
+def sampled_apart(first, linkage, kind, generator):
+    """Largest difference of the quantities of a `linkage` by the machine code made for the `first`
+    of its form from the plain ones, relative to the largest of the unit."""
+    variant = build_variant(first, [1.0] * len(first.dyads), kind)
+    memory = variant.memory(linkage)
+    fields, worst = variant.fields(memory), 0.0
+    for _ in range(3):
+        motion, forces, moments, given = drawn(linkage, kind, generator)
+        for name, values in given.items():
+            fields[name][:] = values
+        for name in ("pose", "dynamics", "sample"):
+            variant.run(name, memory)
+        expected = channels_of(motion, forces, moments)
+        assert variant.channels == {name: unit for name, (_, unit) in expected.items()}
+        for unit in {*variant.channels.values()}:
+            own = [i for i, each in enumerate(variant.channels.values()) if each == unit]
+            values = [value for value, each in expected.values() if each == unit]
+            worst = max(worst, relative(fields["channels"][own], values))
+    return worst
+
+
+def rescaled(linkage, generator):
+    """The linkage with other masses, inertias, mass centres and, by up to 1 %, lengths."""
+
+    def near(vector, share):
+        factor = 1.0 + share * generator.uniform(-1.0, 1.0)
+        return tuple(None if each is None else factor * each for each in vector)
+
+    bodies = {
+        name: {
+            "mass": body.mass * generator.uniform(0.5, 2.0),
+            "inertia": body.inertia * generator.uniform(0.5, 2.0),
+            "centre": near(body.centre, 0.5),
+            "points": {point: near(place, 0.01) for point, place in body.points.items()},
+        }
+        for name, body in linkage.bodies.items()
+    }
+    other = with_values(linkage, **bodies)
+    return replace(other, gravity=near(linkage.gravity, 0.5))
+
+
+@pytest.mark.parametrize("is_free", [False, True])
+@pytest.mark.parametrize("name", LINKAGES)
+def test_sampled_quantities_agree_with_the_plain_ones_for_each_linkage_of_a_form(name, is_free):
+    """Numbers of the linkage for which machine code was made do not remain in it."""
+    generator = np.random.default_rng(10)
+    kind = Kind(is_free, PUSHED.get(name, ()), name in PUSHED)
+    for names in sets_of_loose_joints(LINKAGES[name])[::9]:
+        linkage = loosened(LINKAGES[name], names)
+        other = rescaled(linkage, generator)
+        assert other.form == linkage.form
+        assert sampled_apart(linkage, linkage, kind, generator) < 1e-11
+        assert sampled_apart(linkage, other, kind, generator) < 1e-11
+
+
+def test_sampled_quantities_of_another_bending_rod_agree_with_the_plain_ones():
+    generator, first = np.random.default_rng(11), bending_rod(("crank_pin",))
+    other = bending_rod(("crank_pin",), mass=1.1, inertia=4e-2, bending=Bending(900.0, 0.1))
+    assert sampled_apart(first, other, Kind(), generator) < 1e-11
 
 
 def test_without_machine_code_the_same_operations_run_in_python(monkeypatch):
     linkage = loosened(LINKAGES["quick_return_beside"], {"D", "O"})
-    machine = differences(linkage, True, np.random.default_rng(7))
+    kind = Kind(True, ("ram",), True)
+    machine = differences(linkage, kind, np.random.default_rng(7))
     monkeypatch.setitem(os.environ, "NUMBA_DISABLE_JIT", "1")
-    assert differences(linkage, True, np.random.default_rng(7)) < 1e-11 > machine
+    python = differences(linkage, kind, np.random.default_rng(7))
+    assert (python < 1e-11).all() and (machine < 1e-11).all()
 
 
 @pytest.mark.parametrize(
@@ -75,12 +214,12 @@ def test_without_machine_code_the_same_operations_run_in_python(monkeypatch):
 def test_no_value_changes_the_code(body, values):
     linkage = loosened(LINKAGES["tilted_slide"], {"crank_pin", "piston_pin"})
     other = with_values(linkage, **{body: values})
-    codes = [build_variant(each, (1.0,), True) for each in (linkage, other)]
+    codes = [build_variant(each, (1.0,), Kind(True)) for each in (linkage, other)]
     assert codes[0].names == codes[1].names and codes[0].sizes == codes[1].sizes
-    for name in ("pose", "dynamics"):
+    for name in ("pose", "dynamics", "sample"):
         one, two = (code.codes[name] for code in codes)
         assert one.graph.nodes == two.graph.nodes and one.stores == two.stores
-    assert variant_of(linkage, (1.0,), True) is variant_of(other, (1.0,), True)
+    assert variant_of(linkage, (1.0,), Kind(True)) is variant_of(other, (1.0,), Kind(True))
     assert parameters_of(codes[0], other) == pytest.approx(
         parameters_of(codes[1], other), rel=1e-15
     )

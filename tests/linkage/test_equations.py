@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from jointgap.linkage.equations import Crank, Dynamics, JointForce, Pose
+from jointgap.linkage.joint_forces import balance
 from jointgap.linkage.topology import linkage_of
 from tests.linkage.absolute import absolute_of
 from tests.linkage.cases import LINKAGES, loosened, slider_crank
@@ -87,6 +88,26 @@ def with_turning_slider():
     )
     bodies = [*(plain.bodies | {"slider": slider}).values()]
     return linkage_of(bodies, [*plain.joints.values()], plain.drive, plain.gravity)
+
+
+@pytest.mark.parametrize(
+    "name, body", [("slider_crank", "slider"), ("tilted_slide", "slider"), ("quick_return", "ram")]
+)
+def test_a_force_along_a_slide_is_a_load_and_the_force_across_it_balances_the_body(name, body):
+    generator = np.random.default_rng(12)
+    for names in sets_of_loose_joints(LINKAGES[name])[::3]:
+        linkage = loosened(LINKAGES[name], names)
+        crank, clearances = state(linkage, generator, is_free=True)
+        pose = Pose(linkage, [1.0] * len(linkage.dyads), crank, clearances)
+        slide = linkage.joint_with_frame(body)
+        forces = {j.name: JointForce(*generator.normal(0, 100, 2)) for j in linkage.loose}
+        size, (x, y) = generator.normal(0, 50), pose.line(slide)
+        pushed = Dynamics(pose, forces, 3.0, along={body: size})
+        loaded = Dynamics(pose, forces, 3.0, {body: ((size * x, size * y), 0.0)})
+        assert pushed.accelerations == pytest.approx(loaded.accelerations, rel=1e-12)
+        for one in (pushed, loaded):
+            across = np.dot((-y, x), balance(one, forces).forces[slide.name])
+            assert one.guide_force(slide) == pytest.approx(across, rel=1e-10)
 
 
 @pytest.mark.parametrize("name", LINKAGES)

@@ -8,8 +8,8 @@ from scipy.signal import butter, sosfilt, sosfiltfilt
 from jointgap.config import Simulate
 from jointgap.config.load import load_campaign
 from jointgap.core.errors import InputError
-from jointgap.dynamics.slider_crank import model_of
 from jointgap.dynamics.kinematics import ideal_channels
+from jointgap.dynamics.slider_crank import model_of
 from jointgap.rig.read_files import read_measurements
 from jointgap.rig.simulate_run import channels_at
 from tests.config.mechanisms import PAPER, mechanism
@@ -85,7 +85,7 @@ TORQUE_ALONE = ["crank_angle", "slider_position"]
 def test_the_ideal_channels_are_those_of_the_simulation_without_clearance(speed):
     ideal = mechanism(joints={name: {"loose": False} for name in ("crank_pin", "piston_pin")})
     angle = np.linspace(0.0, 6.0, 50)
-    simulated = channels_at(parameters(ideal, Simulate(speed=speed, tolerance=1e-9)), angle, 1e-9)
+    simulated = channels_at(model_of(ideal, Simulate(speed=speed, tolerance=1e-9)), angle, 1e-9)
     for name, exact in ideal_channels(paper(), angle, speed).items():
         assert np.abs(simulated[name] - exact).max() < 1e-9 * np.ptp(exact), name
 

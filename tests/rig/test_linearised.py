@@ -65,10 +65,9 @@ def cosines(model, keys, effects=(), steps=STEPS, small=1e-5) -> dict[str, float
 @pytest.mark.parametrize("loose", [PISTON, PINS], ids=["one", "two"])
 def test_nuisances_of_loose_joints(loose):
     model = rig(mechanism(loose), nuisance=NUISANCES)
-    found = cosines(model, ["slider_mass", "rod_mass", "joint_friction", "friction_speed"])
+    assert min(cosines(model, ["slider_mass", "rod_mass", "joint_friction"]).values()) > 0.97
     # differences by the speed of the regularisation are rough: small steps are numerical noise
-    assert found.pop("friction_speed") > 0.95
-    assert min(found.values()) > 0.97
+    assert cosines(model, ["friction_speed"], steps=(1.0, 0.3))["friction_speed"] > 0.98
     assert loose == PISTON or cosines(model, ["crank_pin_clearance"])["crank_pin_clearance"] > 0.99
 
 

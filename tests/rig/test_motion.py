@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from jointgap.dynamics.integrate import beginning
-from jointgap.dynamics.simulation import integrate_on, integrate_to_angles, start_state
+from jointgap.dynamics.model import beginning
+from jointgap.dynamics.simulation import integrate_on, integrate_to_angles, observed, start_state
 from jointgap.rig import simulate_run as motion
 from jointgap.rig.drives import constant_speed_run
 from jointgap.rig.model import build_model
@@ -26,14 +26,12 @@ def effect(name, site=None, **parameters):
     return {"name": name, "parameters": parameters} | ({"site": site} if site else {})
 
 
-def integrated(p, angles):
+def integrated(model, angles):
     """Every sample of the record simulated, one after the other."""
     result = integrate_to_angles(
-        p, start_state(p), np.append(p.drive.start_angle, angles), TOLERANCE
+        model, start_state(model), np.append(model.drive.start_angle, angles), TOLERANCE
     )
-    return {name: values[1:] for name, values in result.observed(p).items()} | {
-        "time": result.times[1:]
-    }
+    return {name: values[1:] for name, values in observed(model, result).items()}
 
 
 def apart(one, other):
@@ -59,13 +57,13 @@ def followed(monkeypatch):
     """
     ends = []
 
-    def counted(p, progress, angles, *settings):
-        ends.append((angles[-1] - p.drive.start_angle) / TURN)
-        return integrate_on(p, progress, angles, *settings)
+    def counted(model, workspace, angles, *settings):
+        ends.append((angles[-1] - model.drive.start_angle) / TURN)
+        return integrate_on(model, workspace, angles, *settings)
 
     def follow(run):
         ends.clear()
-        result = motion.channels_at(run.numbers, run.angles, TOLERANCE, change=over_noise)
+        result = motion.channels_at(run.model, run.angles, TOLERANCE, change=over_noise)
         assert result["crank_angle"] == pytest.approx(run.angles)
         return result, list(ends)
 
@@ -79,10 +77,10 @@ def test_one_settled_revolution_replaces_the_record(loose, length, followed):
     result, ends = followed(run)
     assert ends[-1] == pytest.approx(length, abs=0.1)
     # long after the start nothing else is seen
-    later = integrated(run.numbers, np.sort(run.angles) + 6 * TURN)
+    later = integrated(run.model, np.sort(run.angles) + 6 * TURN)
     assert apart(result, later) < 2e-3
     assert result["time"] == pytest.approx(
-        (run.angles - run.numbers.drive.start_angle) / run.numbers.drive.speed
+        (run.angles - run.model.drive.start_angle) / run.model.drive.speed
     )
 
 
@@ -99,32 +97,31 @@ def test_non_periodic_forces_and_records_from_the_start_are_simulated_in_full(
     run = driven(PISTON, *effects, run=keys)
     result, ends = followed(run)
     assert len(ends) == 1 and (keys or ends[0] > 6.5)
-    assert apart(result, integrated(run.numbers, run.angles)) < 1e-6
+    assert apart(result, integrated(run.model, run.angles)) < 1e-6
 
 
 def test_non_periodic_motion_is_simulated_in_full(followed):
     run = driven(PINS, friction=0.0, kept=2)
     result, ends = followed(run)
-    later = integrated(run.numbers, run.angles + 11 * TURN)  # it begins after two revolutions
+    later = integrated(run.model, run.angles + 11 * TURN)  # it begins after two revolutions
     assert ends[-2] == pytest.approx(13.0, abs=0.1)
     assert apart(result, later) < 1e-6
 
 
 def test_a_continued_integration_equals_an_uninterrupted_one():
-    p = driven(PINS).numbers
-    angles = p.drive.start_angle + np.sort(
+    model = driven(PINS).model
+    angles = model.drive.start_angle + np.sort(
         np.random.default_rng([3, 1]).uniform(0.0, 4 * TURN, 300)
     )
     complete = integrate_to_angles(
-        p, start_state(p), np.append(p.drive.start_angle, angles), TOLERANCE
+        model, start_state(model), np.append(model.drive.start_angle, angles), TOLERANCE
     )
-    progress, steps = beginning(p, *start_state(p), 0.0), 0
+    workspace, steps = beginning(model, start_state(model), 0.0), 0
     for begin, end in ((0, 1), (1, 2), (2, 100), (100, 300)):
-        part, progress = integrate_on(p, progress, angles[begin:end], TOLERANCE)
+        part, workspace = integrate_on(model, workspace, angles[begin:end], TOLERANCE)
         for name in (
             "times",
             "states",
-            "auxiliary_states",
             "modes",
             "approaches",
             "begins",
@@ -141,7 +138,7 @@ def test_a_weakly_damped_rod_settles_before_one_revolution_is_used(followed):
     """Some ten and a half times a revolution; seven time constants of its decay take eleven
     revolutions and more."""
     run = driven((), effect("rod_flexibility", frequency_Hz=10.5 * 30.0 / TURN, damping_ratio=0.01))
-    back = round((run.angles.min() - run.numbers.drive.start_angle) / TURN)
+    back = round((run.angles.min() - run.model.drive.start_angle) / TURN)
     result, ends = followed(run)
     assert back > 10 and ends[-1] == pytest.approx(back + 1.0, abs=0.1)
-    assert over_noise(result, integrated(run.numbers, np.sort(run.angles) + 40 * TURN)) < 1.0
+    assert over_noise(result, integrated(run.model, np.sort(run.angles) + 40 * TURN)) < 1.0

@@ -196,7 +196,7 @@ class SimulatedSamples:
         lengths = self.original.crank.length, self.original.rod.length
         ideal = transmission_angle(*lengths, angle, 0.0, self.original.slider.offset)
         error = measure(ideal - np.pi / 2 - rod).rms
-        return float(error), float(force), float(np.ptp(observed["slider_position"])), None
+        return float(error), float(force), float(np.ptp(columns["slider_position"])), None
 
     def frozen(self) -> Objective:
         """The error over lengths with the joint motion of the original lengths frozen, as in the

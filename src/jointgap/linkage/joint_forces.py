@@ -66,6 +66,8 @@ def balance(
         force = loose[joint.name]
         forces[joint.name] = force.fx, force.fy
         press(joint.body, joint.partner, forces[joint.name], (force.on_body, force.on_partner))
+        if joint.kind == "slide":
+            moments[joint.name] = force.on_body
     for name, reaction in dynamics.reactions.items():
         joint = linkage.joints[name]
         if joint.kind == "revolute":
