@@ -73,7 +73,8 @@ class LinkageMotion(Result):
     @property
     def figures(self) -> Mapping[str, str]:
         """Names for `plot`, with the titles of the figures; the first is the default."""
-        of_loose = {"orbits": "Paths of the journals in the last revolution"} if self.loose else {}
+        orbits = {"orbits": "Paths of the journals in the last revolution"}
+        of_loose = orbits if self.linkage.loose_pins else {}
         return {
             "joint_forces": "Forces in the joints in the last revolution",
             "bodies": "Motion of the bodies in the last revolution",
@@ -201,7 +202,7 @@ def _bodies(motion: LinkageMotion) -> Drawing:
 
 def _orbits(motion: LinkageMotion) -> Drawing:
     """Path of each clearance vector, in the circle in which there is no contact."""
-    names = [*motion.loose]
+    names = [*motion.linkage.loose_pins]
     columns = min(len(names), 3)
     rows = math.ceil(len(names) / columns)
     sheet = Sheet(3.0 * rows, rows, columns, width=max(2.9 * columns, 3.4))
@@ -219,7 +220,9 @@ def _orbits(motion: LinkageMotion) -> Drawing:
 
 
 def _vector(samples: pd.DataFrame, name: str) -> np.ndarray:
-    """Clearance vector [m] of a loose joint, (2, n)."""
+    """Clearance vector [m] of a loose joint, (2, n); of a slide offset [m] and tilt [rad]."""
+    if f"{name}_offset" in samples:
+        return samples[[f"{name}_offset", f"{name}_tilt"]].to_numpy().T
     length = samples[f"r_{name}"].to_numpy()
     angle = np.nan_to_num(samples[f"gamma_{name}"].to_numpy())
     return np.array([length * np.cos(angle), length * np.sin(angle)])

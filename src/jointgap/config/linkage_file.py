@@ -76,6 +76,31 @@ class Slide(ConfigModel):
     direction: Annotated[Angle, BeforeValidator(angle_of)] | None = Field(
         None, description="of the line in the carrier's axes; null: along x"
     )
+    length: PositiveLength | None = Field(None, description="of a loose slide's block, along it")
+    width: PositiveLength | None = Field(None, description="of a loose slide's block, across it")
+    clearance: PositiveLength | None = Field(
+        None, description="half the play of a loose slide, between block and wall; null: ideal"
+    )
+    contact: Contact | None = Field(
+        None, description="of a loose slide's corners with the walls: name of an entry or content"
+    )
+
+    @property
+    def loose(self) -> bool:
+        return self.clearance is not None
+
+    def errors(self) -> Iterator[str]:
+        given = [key for key in _OF_LOOSE_SLIDES if getattr(self, key) is not None]
+        missing = [key for key in _OF_LOOSE_SLIDES if key not in given]
+        if given and missing:
+            yield f"{joined(given)} without {joined(missing)}; a loose slide needs all of them"
+        elif self.loose and self.slide[0] != FRAME:
+            yield f"a loose slide needs the frame as carrier, not {self.slide[0]}"
+        elif self.loose and self.contact.stiffness is None:
+            yield "contact needs a stiffness; corners have no radii from which it would follow"
+
+
+_OF_LOOSE_SLIDES = ("length", "width", "clearance", "contact")
 
 
 class Pin(Joint):
@@ -182,19 +207,19 @@ class LinkageFile(ConfigModel):
 
     def _columns(self) -> Iterator[tuple[str, str]]:
         """Columns of a simulation that may exist, and what they are of."""
-        yield from ((f"crank_{end}", "the drive") for end in ("angle", "speed", "torque"))
+        yield from ((f"crank_{end}", "the drive") for end in _OF_CRANK)
         yield from ((f"shaking_force_{axis}", "the frame") for axis in "xy")
         for name, body in self.bodies.items():
             if self.drive not in body.names:
                 yield from ((f"{name}_{end}", f"body {name}") for end in _OF_BODIES)
         for name in self.shared_by_two:
             yield from ((f"{name}_force_{axis}", f"joint {name}") for axis in "xy")
-        for name in self.loose:
+        for name in self.loose_pins:
             yield from ((f"{name}_{end}", f"joint {name}") for end in _OF_JOINTS)
             for vector in ("r", "gamma"):
                 yield from ((f"{vector}_{name}{end}", f"joint {name}") for end in _RATES)
         for name in self.slides:
-            yield from ((f"{name}_{end}", f"slide {name}") for end in ("force", "moment"))
+            yield from ((f"{name}_{end}", f"slide {name}") for end in _OF_SLIDES)
 
     def _errors_of(self, name: str, joint: Pin | Slide) -> Iterator[str]:
         bodies = self.points
@@ -231,13 +256,14 @@ class LinkageFile(ConfigModel):
         return {name: joint for name, joint in self.joints.items() if isinstance(joint, Slide)}
 
     @property
-    def loose(self) -> dict[str, Pin]:
+    def loose(self) -> dict[str, Pin | Slide]:
+        """The loose joints by name."""
+        return {name: joint for name, joint in self.joints.items() if joint.loose}
+
+    @property
+    def loose_pins(self) -> dict[str, Pin]:
         """The loose revolute joints by name."""
-        return {
-            name: joint
-            for name, joint in self.joints.items()
-            if isinstance(joint, Pin) and joint.loose
-        }
+        return {name: joint for name, joint in self.loose.items() if isinstance(joint, Pin)}
 
     @property
     def shared_by_two(self) -> dict[str, tuple[str, str]]:
@@ -254,8 +280,17 @@ class LinkageFile(ConfigModel):
         return owners
 
 
-_OF_BODIES = ("angle", "angular_velocity", "acceleration_x", "acceleration_y")
-_OF_BODIES += ("position", "velocity", "acceleration")
+_OF_BODIES = ("angle", "angular_velocity", "angular_acceleration")
+_OF_BODIES += tuple(
+    f"{what}{axis}"
+    for what in ("position", "velocity", "acceleration")
+    for axis in ("", "_x", "_y")
+)
+_OF_SLIDES = ("force", "moment", "contacts", "friction_force")
+_OF_SLIDES += tuple(
+    f"{what}{rate}" for what in ("offset", "tilt") for rate in ("", "_dot", "_ddot")
+)
+_OF_CRANK = ("angle", "speed", "acceleration", "torque")
 _OF_JOINTS = ("normal_force", "friction_force", "mode")
 _RATES = ("", "_dot", "_ddot")
 """Ends of the columns of bodies and joints."""

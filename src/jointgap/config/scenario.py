@@ -47,12 +47,14 @@ _CLEARANCE_ROUNDING = 1e-9  # relative: a clearance is the difference of two rad
 class ConstantDrive(ConfigModel):
     """The crank turns at simulate.speed, whatever the torque."""
 
+    FREES_CRANK: ClassVar = False
     kind: Literal["constant"] = "constant"
 
 
 class MeasuredDrive(ConfigModel):
     """The crank follows a measured angle over time, smoothed."""
 
+    FREES_CRANK: ClassVar = False
     kind: Literal["measured"]
     file: str = Field(
         description=(
@@ -83,6 +85,7 @@ class MotorDrive(ConfigModel):
     """A motor on the crank with a falling torque-speed line: M = stall_torque (1 - w /
     no_load_speed)."""
 
+    FREES_CRANK: ClassVar = True
     kind: Literal["motor"] = "motor"
     stall_torque: quantity("N*m", ge=0) = Field(
         description=(
@@ -98,7 +101,17 @@ class MotorDrive(ConfigModel):
     )
 
 
-Drive = Annotated[ConstantDrive | MeasuredDrive | MotorDrive, Field(discriminator="kind")]
+class FreeDrive(ConfigModel):
+    """No drive: the crank starts with the stated speed, without torque."""
+
+    FREES_CRANK: ClassVar = True
+    kind: Literal["free"] = "free"
+    inertia: quantity("kg*m^2", ge=0) = Field(0.0, description="of a flywheel, on the crank's axis")
+
+
+Drive = Annotated[
+    ConstantDrive | MeasuredDrive | MotorDrive | FreeDrive, Field(discriminator="kind")
+]
 
 
 class Simulate(ConfigModel):
@@ -108,7 +121,8 @@ class Simulate(ConfigModel):
         20 * math.pi, description="of the crank, negative clockwise; a motor starts with it"
     )
     drive: Drive = Field(
-        ConstantDrive(), description="drive of the crank: constant speed, measured angle or a motor"
+        ConstantDrive(),
+        description="drive of the crank: constant speed, measured angle, motor, or free (none)",
     )
     start_angle: quantity("rad", ge=-1e4, le=1e4) = Field(
         0.0, description="first crank angle; 0: crank along +x"
@@ -130,7 +144,7 @@ class Simulate(ConfigModel):
         return max(abs(self.speed), no_load_speed)
 
     def errors(self) -> Iterator[str]:
-        if self.speed == 0 and self.drive.kind == "constant":
+        if self.speed == 0 and self.drive.kind in ("constant", "free"):
             yield (
                 "speed 0: the crank does not turn; give a speed, or a motor, which starts from rest"
             )

@@ -2,7 +2,8 @@
 
 Each mode has two conditions, which are positive while the mode lasts:
 
-    FLIGHT     c^2 - r^2 over 2c                 (impact; smooth at r = 0, unlike c - r)
+    FLIGHT     c^2 - r^2 over 2c                 (impact; smooth at r = 0, unlike c - r;
+                                                  of a corner -d)
     CONTACT    d                                 (separation)
                d' + d'_0 / chi                   (zero force: then FORCE_FREE; chi / v_ref once
                memory has faded)
@@ -16,7 +17,7 @@ import math
 import numpy as np
 
 from jointgap.dynamics.contact import force_free_speed, pushing_margin
-from jointgap.dynamics.joints import CONTACT, FLIGHT, FORCE_FREE
+from jointgap.dynamics.joints import CONTACT, FLIGHT, FORCE_FREE, corner_motion
 from jointgap.dynamics.numba_cache import compiled, inlined
 
 NOWHERE = 2.0
@@ -44,6 +45,24 @@ def conditions(joint, mode, approach, begin, time, relative) -> tuple:
     rate = vx * nx + vy * ny
     curvature = ax * nx + ay * ny + (vy * nx - vx * ny) ** 2 * inverse
     depth = r - joint.clearance
+    return contact_conditions(joint, mode, approach, begin, time, depth, rate, curvature)
+
+
+@inlined
+def corner_conditions(joint, mode, approach, begin, time, relative) -> tuple:
+    """`conditions` of a corner of a slide; `relative` contains offset and tilt, their rates and
+    second rates."""
+    offset, tilt, offset_rate, tilt_rate, acceleration, turning = relative
+    along, across, depth, rate, side = corner_motion(joint, offset, tilt, offset_rate, tilt_rate)
+    curvature = side * (acceleration + along * turning - across * tilt_rate**2)
+    if mode == FLIGHT:
+        return -depth, -rate, -curvature, 1.0, 0.0
+    return contact_conditions(joint, mode, approach, begin, time, depth, rate, curvature)
+
+
+@inlined
+def contact_conditions(joint, mode, approach, begin, time, depth, rate, curvature) -> tuple:
+    """`conditions` of a joint that is not in flight, from its penetration and rates."""
     free_speed, free_rate = force_free_speed(joint, approach, begin, time)
     margin, margin_rate = pushing_margin(joint, depth, rate, curvature, free_speed, free_rate)
     if mode == CONTACT:

@@ -46,14 +46,14 @@ MODES = ("ideal", "flight", "impact", "contact")
 
 
 class Samples(NamedTuple):
-    """Samples and events of one integration; n samples, c loose joints."""
+    """Samples and events of one integration; n samples, d loose joints with c contacts."""
 
     times: np.ndarray  # (n,) [s]
     states: np.ndarray  # (n, states)
     modes: np.ndarray  # (n, c)
     approaches: np.ndarray  # (n, c) [m/s]
     begins: np.ndarray  # (n, c) [s]
-    directions: np.ndarray  # (n, c) [rad]
+    directions: np.ndarray  # (n, d) [rad] Of clearance vectors
     events: np.ndarray  # (e, EVENT_WIDTH)
     steps: int
 
@@ -62,10 +62,10 @@ class Samples(NamedTuple):
         return Samples(*(values[chosen] for values in self[:-2]), *self[-2:])
 
 
-def room_for(times: np.ndarray, states: int, contacts: int) -> Samples:
+def room_for(times: np.ndarray, states: int, contacts: int, loose: int) -> Samples:
     """Samples at `times` (n,) [s], to be filled."""
     n = times.size
-    numbers = (np.empty((n, contacts)) for _ in range(3))
+    numbers = (np.empty((n, each)) for each in (contacts, contacts, loose))
     return Samples(
         times,
         np.empty((n, states)),
@@ -76,15 +76,15 @@ def room_for(times: np.ndarray, states: int, contacts: int) -> Samples:
     )
 
 
-def mode_numbers(found: Samples, joint: int) -> np.ndarray:
-    """Modes (n,) of a loose joint at samples, as indices in `MODES`: a contact with at most one
+def mode_numbers(found: Samples, contact: int) -> np.ndarray:
+    """Modes (n,) of a contact at samples, as indices in `MODES`: a contact with at most one
     maximum of its penetration is an impact."""
     column = {name: i for i, name in enumerate(EVENT)}
     events = found.events
-    ends = events[(events[:, column["joint"]] == joint) & (events[:, column["begins"]] == 0)]
+    ends = events[(events[:, column["joint"]] == contact) & (events[:, column["begins"]] == 0)]
     following = np.searchsorted(ends[:, column["time"]], found.times)  # the next separation, if any
     maxima = np.append(ends[:, column["maxima"]], np.inf)[following]
-    return np.where(found.modes[:, joint] != FLIGHT, np.where(maxima <= 1, 2, 3), 1)
+    return np.where(found.modes[:, contact] != FLIGHT, np.where(maxima <= 1, 2, 3), 1)
 
 
 DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, NOT_FINITE, STALLED = range(5)
@@ -124,7 +124,7 @@ def time_at_angle(p, k, row, time_map, s, ds, angle, smooth):
     time = low + (angle - k.angle[HERE]) / (k.angle[row] - k.angle[HERE]) * (high - low)
     for _ in range(50):
         state_inside(p, k, time_map, s, ds, time, smooth)
-        reached, speed = k.z[2 * k.contacts], k.z[k.half + 2 * k.contacts]
+        reached, speed = k.z[2 * k.loose], k.z[k.half + 2 * k.loose]
         following = time - (reached - angle) / speed
         if reached < angle:
             low = time
@@ -148,7 +148,7 @@ def _begin_episode(episodes, joint, time):
 def _follow(k, time) -> None:
     """Count the turns of the clearance vectors up to the state z."""
     h = k.half
-    for j in range(k.contacts):
+    for j in range(k.loose):
         seen = (k.seen[j, 0], k.seen[j, 1], k.seen[j, 2], k.seen[j, 3])
         now = (k.z[2 * j], k.z[2 * j + 1], k.z[h + 2 * j], k.z[h + 2 * j + 1])
         k.turns[j] = turns_after(k.turns[j], seen, now, time - k.seen_time)
@@ -172,15 +172,8 @@ def _update_episodes(k, row, time_map, s, ds) -> None:
             peak = max(peak, normal)
         k.episodes[j, 0] += ds * impulse
         k.episodes[j, 1] = peak
-        if _opening(k, HERE, j) > 0.0 >= _opening(k, row, j):
+        if k.conditions[HERE, j, 1] > 0.0 >= k.conditions[row, j, 1]:
             k.episodes[j, 2] += 1.0
-
-
-@inlined
-def _opening(k, row, j) -> float:
-    """Length of a clearance vector times its rate."""
-    x, v = 2 * j, k.half + 2 * j
-    return k.y[row, x] * k.y[row, v] + k.y[row, x + 1] * k.y[row, v + 1]
 
 
 @inlined
@@ -209,10 +202,12 @@ def _take(k, row) -> None:
 
 @inlined
 def longest_step(p, k) -> float:
-    """[s]"""
+    """[s] From the state in the first row."""
     fastest = abs(p.drive.speed)
-    if k.is_free and p.drive.stall_torque > 0.0:
-        fastest = max(fastest, p.drive.no_load_speed)
+    if k.is_free:
+        fastest = max(fastest, k.y[HERE, k.half + 2 * k.loose])
+        if p.drive.stall_torque > 0.0:
+            fastest = max(fastest, p.drive.no_load_speed)
     return _LONGEST_TURN / fastest
 
 
@@ -224,9 +219,10 @@ def begin(p, k, share):
         k.assumed[i] = 0.0
     evaluate(p, k, HERE)
     for j in range(k.contacts):
-        k.turns[j] = 0.0
         for i in range(EPISODE):
             k.episodes[j, i] = 0.0
+    for j in range(k.loose):
+        k.turns[j] = 0.0
         x, v = 2 * j, k.half + 2 * j
         k.seen[j, 0], k.seen[j, 1] = k.z[x], k.z[x + 1]
         k.seen[j, 2], k.seen[j, 3] = k.z[v], k.z[v + 1]
@@ -255,12 +251,12 @@ def integrate(p, k, found, angles, tolerance, step_limit):
     events and steps.
     """
     events, event_count, steps, sample = np.empty((64, EVENT_WIDTH)), 0, 0, 0
-    longest = longest_step(p, k)
     proposal, time_map, s = k.proposal, k.time_map, k.s
     times, states = found.times, found.states
     while True:
         if steps >= step_limit:
             return TOO_MANY_STEPS, events[:event_count], steps
+        longest = longest_step(p, k)
         proposal = unhindered = min(proposal, longest)
         resolution = 1e-15 * (abs(k.time[HERE]) + longest)
         for j in range(k.contacts):
@@ -287,7 +283,7 @@ def integrate(p, k, found, angles, tolerance, step_limit):
                 status = STEP_TOO_SMALL if error < math.inf else NOT_FINITE
                 return status, events[:event_count], steps
             continue
-        if k.is_free and k.y[row, k.half + 2 * k.contacts] <= 0.0:
+        if k.is_free and k.y[row, k.half + 2 * k.loose] <= 0.0:
             if row != HERE:
                 _take(k, row)
             return STALLED, events[:event_count], steps
@@ -318,10 +314,11 @@ def integrate(p, k, found, angles, tolerance, step_limit):
             _follow(k, times[sample])
             for i in range(k.states):
                 states[sample, i] = k.z[i]
-            for j in range(k.contacts):
+            for j in range(k.loose):
                 vector = (k.z[2 * j], k.z[2 * j + 1])
-                found.modes[sample, j] = k.modes[j]
                 found.directions[sample, j] = direction(k.turns[j], vector)
+            for j in range(k.contacts):
+                found.modes[sample, j] = k.modes[j]
                 found.approaches[sample, j] = k.approaches[j]
                 found.begins[sample, j] = k.begins[j]
             sample += 1

@@ -1,4 +1,4 @@
-"""Relative motion and forces in revolute joints."""
+"""Relative motion and forces in revolute joints and at the corners of slides."""
 
 import math
 
@@ -131,3 +131,41 @@ def bristle_motion(joint, mode, ex, ey, vx, vy, body_rate, partner_rate, bristle
         joint, penetration, (vy * ex - vx * ey) / r, body_rate, partner_rate
     )
     return bristle_rate(joint, sliding, bristle)
+
+
+@inlined
+def corner_motion(joint, offset, tilt, offset_rate, tilt_rate) -> tuple:
+    """A corner of a slide: place along and across the slide from the body's point [m], penetration
+    of its wall [m], its rate [m/s], and the sign of its side."""
+    c, s = math.cos(tilt), math.sin(tilt)
+    along = c * joint.corner_x - s * joint.corner_y
+    across = s * joint.corner_x + c * joint.corner_y
+    side = math.copysign(1.0, joint.corner_y)
+    depth = side * (offset + across) - joint.clearance
+    return along, across, depth, side * (offset_rate + along * tilt_rate), side
+
+
+@inlined
+def corner_force(
+    joint, mode, damping_factor, offset, tilt, offset_rate, tilt_rate, speed, bristle
+) -> tuple:
+    """Normal force of a wall on a corner, and force along and across the slide and moment about the
+    body's point; `speed` is that along the slide."""
+    if mode != CONTACT:
+        return 0.0, 0.0, 0.0, 0.0
+    along, across, depth, rate, side = corner_motion(joint, offset, tilt, offset_rate, tilt_rate)
+    if depth <= 0.0:
+        return 0.0, 0.0, 0.0, 0.0
+    normal = normal_force(joint, depth, rate, damping_factor)
+    rubbing = -normal * friction_coefficient(joint, speed - across * tilt_rate, bristle)
+    pushing = -side * normal
+    return normal, rubbing, pushing, along * pushing - across * rubbing
+
+
+@inlined
+def corner_bristle_motion(joint, mode, tilt, tilt_rate, speed, bristle) -> float:
+    """Rate [m/s] of the deflection [m] of a corner's bristles; arguments as in `corner_force`."""
+    if joint.friction_law != LUGRE or mode == FLIGHT:
+        return 0.0
+    across = math.sin(tilt) * joint.corner_x + math.cos(tilt) * joint.corner_y
+    return bristle_rate(joint, speed - across * tilt_rate, bristle)

@@ -9,14 +9,15 @@ import numpy as np
 
 from jointgap.config import Simulate
 from jointgap.config.friction_laws import FRICTION_LAWS
-from jointgap.config.linkage_file import LinkageFile, Pin
-from jointgap.config.scenario import MeasuredDrive, MotorDrive, check_clearance_tolerance
+from jointgap.config.linkage_file import LinkageFile, Pin, Slide
+from jointgap.config.scenario import FreeDrive, MeasuredDrive, MotorDrive, check_clearance_tolerance
 from jointgap.core.errors import InputError
-from jointgap.dynamics.bearings import bearing_parameters
+from jointgap.dynamics.bearings import bearing_parameters, corner_parameters
 from jointgap.dynamics.drive import angle_pieces
-from jointgap.dynamics.integrate import begin
+from jointgap.dynamics.integrate import Samples, begin, room_for
 from jointgap.dynamics.parameters import (
     DRIVE_KINDS,
+    MOTOR,
     NO_KNOTS,
     NO_PROGRAM,
     NO_TABLE,
@@ -31,8 +32,10 @@ from jointgap.dynamics.parameters import (
 from jointgap.dynamics.runge_kutta import VELOCITY_TIME
 from jointgap.dynamics.workspace import (
     BLOCK,
+    CORNERS,
     HERE,
     MOST_CHANNELS,
+    MOST_CONTACTS,
     MOST_KEPT,
     MOST_PARAMETERS,
     MOST_STATES,
@@ -59,7 +62,7 @@ _FIELDS = (
     "channels",
 )
 
-_OF_LOOSE = {
+_OF_PIN = {
     "{}_normal_force": "N",
     "{}_friction_force": "N",
     "r_{}": "m",
@@ -69,7 +72,19 @@ _OF_LOOSE = {
     "gamma_{}_dot": "rad/s",
     "gamma_{}_ddot": "rad/s^2",
 }
-"""Quantities of a loose joint."""
+"""Quantities of a loose revolute joint."""
+
+_OF_SLIDE = {
+    "{}_contacts": "",
+    "{}_friction_force": "N",
+    "{}_offset": "m",
+    "{}_offset_dot": "m/s",
+    "{}_offset_ddot": "m/s^2",
+    "{}_tilt": "rad",
+    "{}_tilt_dot": "rad/s",
+    "{}_tilt_ddot": "rad/s^2",
+}
+"""Quantities of a loose slide."""
 
 
 @dataclass(frozen=True)
@@ -121,16 +136,34 @@ class Model:
     @cached_property
     def has_bristles(self) -> bool:
         code = FRICTION_LAWS["lugre"].code
-        return any(self.bearings[name].friction_law == code for name in self.loose)
+        return any(self.bearings[name].friction_law == code for name in self.contacts)
 
     @property
     def states(self) -> int:
         """Number of states: positions, their rates, bristles."""
-        return 2 * self.positions + len(self.loose) * self.has_bristles
+        return 2 * self.positions + len(self.contacts) * self.has_bristles
+
+    @cached_property
+    def pins(self) -> tuple[str, ...]:
+        """Those of them that are revolute."""
+        return tuple(joint.name for joint in self.linkage.loose if joint.kind == "revolute")
+
+    @cached_property
+    def contacts(self) -> tuple[str, ...]:
+        """Names of the contacts: of a revolute joint its own, of a slide those of its corners."""
+        return tuple(
+            name
+            for joint in self.linkage.loose
+            for name in (corner_names(joint.name) if joint.kind == "slide" else (joint.name,))
+        )
+
+    def room_for(self, times: np.ndarray) -> Samples:
+        """Samples at `times` (n,) [s], to be filled."""
+        return room_for(times, self.states, len(self.contacts), len(self.loose))
 
     def vector(self, states: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Clearance vector of a joint and its rate, (..., 2) each, in `states` (..., states);
-        zeros of an ideal one."""
+        """Clearance vector of a joint (of a slide offset and tilt) and its rate, (..., 2) each, in
+        `states` (..., states); zeros of an ideal one."""
         if name not in self.loose:
             nothing = np.zeros((*states.shape[:-1], 2))
             return nothing, nothing
@@ -160,7 +193,11 @@ class Model:
             "crank_speed": "rad/s",
             **{f"{body}_angle": "rad" for body in bodies},
             **dict(channels[2 * self.bodies :]),
-            **{each.format(name): unit for name in self.loose for each, unit in _OF_LOOSE.items()},
+            **{
+                each.format(name): unit
+                for name in self.loose
+                for each, unit in (_OF_PIN if name in self.pins else _OF_SLIDE).items()
+            },
             **{f"{body}_deflection": "m" for body in self.linkage.bending},
         }
 
@@ -181,7 +218,7 @@ class Model:
     def workspace(self) -> "Workspace":
         """What an integration works on."""
         workspace = Workspace(self._template)
-        for i, name in enumerate(self.loose):
+        for i, name in enumerate(self.contacts):
             workspace.k.joints[i] = self.bearings[name]
         return workspace
 
@@ -204,7 +241,7 @@ class Model:
         code = variant.machine_code(tuple(first.items()))
         for name, address in code.addresses.items():
             k[name] = address
-        k.states, k.half, k.contacts = self.states, half, len(loose)
+        k.states, k.half, k.loose, k.pins = self.states, half, len(loose), len(self.pins)
         k.blocks, k.is_free, k.bristles = -(-k.states // BLOCK), self.is_free, self.has_bristles
         k.rubs, k.pushed = variant.kind.rubs, len(variant.kind.pushed)
         k.weights[:half], k.weights[half : 2 * half] = 1.0, VELOCITY_TIME
@@ -214,8 +251,11 @@ class Model:
             k.weights[at], k.weights[half + at] = 1.0 * self.reach, VELOCITY_TIME * self.reach
         k.approaches[:], k.begins[:] = math.inf, math.inf
         bodies = self.linkage.bodies
-        for i, joint in enumerate(loose):
-            k.masses[i] = 0.5 * min(bodies[name].mass for name in joint.bodies if name != FRAME)
+        for joint in loose:
+            mass = 0.5 * min(bodies[name].mass for name in joint.bodies if name != FRAME)
+            count = CORNERS if joint.kind == "slide" else 1
+            k.masses[k.contacts : k.contacts + count] = mass
+            k.contacts += count
         if variant.kind.rubs:
             rubbing = self.linkage.rubbing
             k.rubbing = len(rubbing)
@@ -233,6 +273,11 @@ class Model:
             raise InputError(
                 f"{len(self.loose)} joints are loose; here the simulation holds {most}: make the"
                 " others ideal"
+            )
+        if len(self.contacts) > MOST_CONTACTS:
+            raise InputError(
+                f"the loose joints have {len(self.contacts)} contacts (a slide has {CORNERS}); the"
+                f" simulation holds {MOST_CONTACTS}: make some of them ideal"
             )
         room = {"kept": MOST_KEPT, "parameters": MOST_PARAMETERS, "channels": MOST_CHANNELS}
         if any(sizes[name] > most for name, most in room.items()):
@@ -288,15 +333,16 @@ def linkage_model(file: LinkageFile, options: Simulate) -> Model:
     """
     linkage = linkage_of_file(file)
     signs = signs_of(linkage, options.start_angle)
-    pins = file.loose
-    clearances = {name: pin.clearance for name, pin in pins.items()}
+    clearances = {name: joint.clearance for name, joint in file.loose.items()}
     check_turning(linkage, signs, sum(clearances.values()))
     check_clearance_tolerance(clearances, options)
     drive, knots = drive_records(options)
-    is_free = isinstance(options.drive, MotorDrive)
+    is_free = options.drive.FREES_CRANK
     if is_free:
         linkage = linkage.with_inertia(linkage.crank, drive.rotor_inertia)
-    bearings = {joint.name: _bearing(linkage, joint, pins[joint.name]) for joint in linkage.loose}
+    bearings: dict[str, Record] = {}
+    for joint in linkage.loose:
+        bearings |= _bearings(linkage, joint, file.joints[joint.name])
     effects = record(EffectParameters())
     p = Parameters(record(drive), knots, effects, NO_PROGRAM, NO_PROGRAM, NO_TABLE)
     return Model(linkage, bearings, p, variant_of(linkage, signs, Kind(is_free)))
@@ -305,18 +351,31 @@ def linkage_model(file: LinkageFile, options: Simulate) -> Model:
 def linkage_remarks(file: LinkageFile, options: Simulate) -> tuple[str, ...]:
     """Remarks on dead points."""
     linkage = linkage_of_file(file)
-    clearances = sum(pin.clearance for pin in file.loose.values())
+    clearances = sum(joint.clearance for joint in file.loose.values())
     return tuple(check_turning(linkage, signs_of(linkage, options.start_angle), clearances))
 
 
-def _bearing(linkage: Linkage, joint: Joint, pin: Pin) -> Record:
-    """Parameters of a loose joint; the largest mass that can rebound there is that of all moving
-    bodies, without the crank unless it is the crank's own pivot."""
+def _bearings(linkage: Linkage, joint: Joint, given: Pin | Slide) -> dict[str, Record]:
+    """Parameters of the contacts of a loose joint; the largest mass that can rebound there is that
+    of all moving bodies, without the crank unless it is the crank's own pivot."""
     beyond = [
         body for body in linkage.moving if joint.name == linkage.drive or body != linkage.crank
     ]
     mass = sum(linkage.bodies[body].mass for body in beyond)
-    return record(bearing_parameters(pin, joint.body.body == pin.journal, mass))
+    if isinstance(given, Pin):
+        has_journal = joint.body.body == given.journal
+        return {joint.name: record(bearing_parameters(given, has_journal, mass))}
+    corners = zip(corner_names(joint.name), _CORNERS, strict=True)
+    return {name: record(corner_parameters(given, corner, mass)) for name, corner in corners}
+
+
+_CORNERS = ((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0))
+"""Sides of the corners along and across a slide: counter-clockwise from the front."""
+
+
+def corner_names(slide: str) -> tuple[str, ...]:
+    """Names of the corners of a loose slide."""
+    return tuple(f"{slide} corner {number}" for number in range(1, CORNERS + 1))
 
 
 def drive_records(options: Simulate) -> tuple[DriveParameters, Record]:
@@ -328,10 +387,12 @@ def drive_records(options: Simulate) -> tuple[DriveParameters, Record]:
         steady = len(pieces) == 1
         turned = pieces[-1] - pieces[0]
         speed = pieces[0, 5] if steady else turned[6] / turned[0]
+    elif isinstance(drive, FreeDrive):
+        motor = {"rotor_inertia": drive.inertia}
     elif isinstance(drive, MotorDrive):
         motor = {"stall_torque": drive.stall_torque, "no_load_speed": drive.no_load_speed}
         motor["rotor_inertia"] = drive.inertia
-    kind = DRIVE_KINDS.index(drive.kind)
+    kind = MOTOR if drive.FREES_CRANK else DRIVE_KINDS.index(drive.kind)
     return DriveParameters(kind, float(speed), options.start_angle, **motor), knots
 
 

@@ -22,7 +22,7 @@ LONGEST_PROGRAM, MOST_KNOTS = 1024, 16384
 
 
 class JointParameters(NamedTuple):
-    """A revolute joint of a body with its partner."""
+    """A contact: a revolute joint of a body with its partner, or a corner of a slide."""
 
     loose: bool = False
     clearance: float = 1.0  # Distance of the centres [m] at which dry contact begins
@@ -53,6 +53,8 @@ class JointParameters(NamedTuple):
     film_least: float = 0.0  # Smallest film thickness [m]
     pin_friction: float = 0.0  # Coefficient of friction and radius [m] of an ideal joint
     pin_radius: float = 0.0
+    corner_x: float = 0.0  # [m] Of a corner of a loose slide, along it and across it; `clearance`
+    corner_y: float = 0.0  # is then the distance of its line from the wall
 
 
 class DriveParameters(NamedTuple):

@@ -119,7 +119,8 @@ def periodic_orbit(
 ) -> Orbit | None:
     """The revolution from the crank angle `begin` [rad]; None if a contact begins or ends in it.
 
-    `coarse` is the periodic motion at `coarse_angles` of the revolution before, `workspace` its end.
+    `coarse` is the periodic motion at `coarse_angles` of the revolution before, `workspace` its
+    end.
     """
     if not _has_vectors_only(model) or not _lasts(model, coarse):
         return None

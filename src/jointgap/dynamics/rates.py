@@ -11,13 +11,18 @@ from numba.extending import intrinsic
 
 from jointgap.dynamics.contact import damping_factor_at
 from jointgap.dynamics.drive import crank_motion
-from jointgap.dynamics.events import conditions
+from jointgap.dynamics.events import conditions, corner_conditions
 from jointgap.dynamics.friction import smooth_sign
-from jointgap.dynamics.joints import bristle_motion, joint_force
+from jointgap.dynamics.joints import (
+    bristle_motion,
+    corner_bristle_motion,
+    corner_force,
+    joint_force,
+)
 from jointgap.dynamics.laws import crank_losses, motor_torque, slider_force
 from jointgap.dynamics.numba_cache import compiled, inlined
 from jointgap.dynamics.parameters import MOTOR
-from jointgap.dynamics.workspace import CONDITIONS
+from jointgap.dynamics.workspace import CONDITIONS, CORNERS
 
 
 def _call():
@@ -58,7 +63,7 @@ def set_damping(k, time) -> None:
 def set_crank_at(p, k) -> None:
     """Set the crank's motion at the state z and the time `k.now`."""
     if k.is_free:
-        angle, speed, acceleration = k.z[2 * k.contacts], k.z[k.half + 2 * k.contacts], 0.0
+        angle, speed, acceleration = k.z[2 * k.loose], k.z[k.half + 2 * k.loose], 0.0
     else:
         angle, speed, acceleration = crank_motion(p, k.now)
     set_crank(k, angle, math.cos(angle), math.sin(angle), speed, acceleration)
@@ -68,10 +73,10 @@ def set_crank_at(p, k) -> None:
 def slopes(p, k) -> None:
     """Rates and normal forces at the state z, with the crank's motion and the damping set."""
     # local names: compiled code would load the numbers of a record again after each store
-    h, contacts, bristles, z, slope = k.half, k.contacts, k.bristles, k.z, k.slope
+    h, bristles, z, slope = k.half, k.bristles, k.z, k.slope
     turning, forces, place = k.turning, k.forces, k.place
     run(k.pose, place)
-    for j in range(contacts):
+    for j in range(k.pins):
         x, v, at = 2 * j, h + 2 * j, 4 * j
         body, partner = turning[x], turning[x + 1]
         bristle = z[2 * h + j] if bristles else 0.0
@@ -93,8 +98,10 @@ def slopes(p, k) -> None:
             slope[2 * h + j] = bristle_motion(
                 k.joints[j], k.modes[j], z[x], z[x + 1], z[v], z[v + 1], body, partner, bristle
             )
+    if k.contacts > k.pins:
+        _push_corners(k)
     if p.drive.kind == MOTOR:
-        forces[4 * contacts] = motor_torque(p.drive, k.crank[2]) + crank_losses(
+        forces[4 * k.loose] = motor_torque(p.drive, k.crank[2]) + crank_losses(
             p, k.sites[0], k.sites[1], k.crank[2], k.turned, k.now
         )
     if k.pushed:
@@ -105,6 +112,36 @@ def slopes(p, k) -> None:
         run(k.dynamics, place)
     for i in range(h):
         slope[i] = z[h + i]
+
+
+@compiled
+def _push_corners(k):
+    """Forces and bristles of the loose slides."""
+    for n in range(k.pins, k.loose):
+        first = k.pins + CORNERS * (n - k.pins)
+        x, v, at, speed = 2 * n, k.half + 2 * n, 4 * n, k.turning[2 * n + 1]
+        offset, tilt, offset_rate, tilt_rate = k.z[x], k.z[x + 1], k.z[v], k.z[v + 1]
+        along = across = moment = 0.0
+        for j in range(first, first + CORNERS):
+            bristle = k.z[2 * k.half + j] if k.bristles else 0.0
+            joint, mode = k.joints[j], k.modes[j]
+            k.force[j], rubbing, pushing, turning = corner_force(
+                joint,
+                mode,
+                k.damping[j],
+                offset,
+                tilt,
+                offset_rate,
+                tilt_rate,
+                speed,
+                bristle,
+            )
+            along, across, moment = along + rubbing, across + pushing, moment + turning
+            if k.bristles:
+                k.slope[2 * k.half + j] = corner_bristle_motion(
+                    joint, mode, tilt, tilt_rate, speed, bristle
+                )
+        k.forces[at], k.forces[at + 1], k.forces[at + 2] = along, across, moment
 
 
 _ROUNDS, _SETTLED = 200, 1e-13  # iterations; tolerance relative to reactions and inertia forces
@@ -119,7 +156,7 @@ def _rub(p, k):
     free, loaded = k.along[0], p.effects.load_friction
     loaded *= smooth_sign(k.sites[1] / p.effects.slider_sign_speed)
     for j in range(k.rubbing):
-        at = 2 * (k.contacts + j)
+        at = 2 * (k.loose + j)
         k.grips[j] = k.levers[j] * smooth_sign((k.turning[at] - k.turning[at + 1]) / width)
     for i in range(count):
         if not abs(found[i]) < math.inf:
@@ -169,8 +206,13 @@ def evaluate(p, k, row):
         k.dy[row, i] = k.slope[i]
     for j in range(k.contacts):
         k.normal[row, j] = k.force[j]
-        x, v = 2 * j, h + 2 * j
+        n = j if j < k.pins else k.pins + (j - k.pins) // CORNERS
+        x, v = 2 * n, h + 2 * n
         relative = (k.z[x], k.z[x + 1], k.z[v], k.z[v + 1], k.slope[v], k.slope[v + 1])
-        c = conditions(k.joints[j], k.modes[j], k.approaches[j], k.begins[j], time, relative)
+        joint, mode, approach, begin = k.joints[j], k.modes[j], k.approaches[j], k.begins[j]
+        if j >= k.pins:
+            c = corner_conditions(joint, mode, approach, begin, time, relative)
+        else:
+            c = conditions(joint, mode, approach, begin, time, relative)
         for i in range(CONDITIONS):
             k.conditions[row, j, i] = c[i]

@@ -5,10 +5,11 @@ import math
 import numpy as np
 
 from jointgap.dynamics.integrate import EVENT
-from jointgap.dynamics.joints import joint_force
+from jointgap.dynamics.joints import FLIGHT, joint_force
 from jointgap.dynamics.laws import crank_losses
 from jointgap.dynamics.numba_cache import compiled
 from jointgap.dynamics.rates import run, set_crank_at, set_damping, slopes
+from jointgap.dynamics.workspace import CORNERS
 
 
 @compiled
@@ -49,25 +50,24 @@ def _take_row(p, k, found, n):
 
 
 @compiled
-def _force_in(k, j):
-    """Normal and friction force of a loose joint, not attractive by rounding."""
-    x, v = 2 * j, k.half + 2 * j
-    joint = k.joints[j]
+def _force_in(k, n):
+    """Normal and friction force of a loose revolute joint, not attractive by rounding."""
+    x, v, joint = 2 * n, k.half + 2 * n, k.joints[n]
     normal, tangential, _, _, _, _ = joint_force(
         joint,
-        k.modes[j],
-        k.damping[j],
+        k.modes[n],
+        k.damping[n],
         k.z[x],
         k.z[x + 1],
         k.z[v],
         k.z[v + 1],
         k.turning[x],
         k.turning[x + 1],
-        k.z[2 * k.half + j] if k.bristles else 0.0,
+        k.z[2 * k.half + n] if k.bristles else 0.0,
     )
     if joint.film_viscosity == 0.0 and normal <= 0.0:
         for i in range(4):
-            k.forces[4 * j + i] = 0.0
+            k.forces[4 * n + i] = 0.0
         return 0.0, 0.0
     return normal, tangential
 
@@ -75,26 +75,37 @@ def _force_in(k, j):
 @compiled
 def fill_samples(p, k, found, bodies, numbers, accelerations):
     """Compute all quantities of the samples `found`, into `numbers` (n, columns): see
-    `jointgap.dynamics.model.Model.columns`; `bodies` is the number of those with a direction. Second rates of the positions go into
-    `accelerations` (n, a), as many as it has room for."""
-    h, contacts = k.half, k.contacts
-    others = numbers.shape[1] - 3 - bodies - 8 * contacts - (h - 2 * contacts - k.is_free)
+    `jointgap.dynamics.model.Model.columns`; `bodies` is the number of those with a direction.
+
+    Second rates of the positions go into `accelerations` (n, a), as many as it has room for.
+    """
+    h, loose = k.half, k.loose
+    bends = h - 2 * loose - k.is_free
+    others = numbers.shape[1] - 3 - bodies - 8 * loose - bends
     for n in range(found.times.size):
         _take_row(p, k, found, n)
         for i in range(accelerations.shape[1]):
             accelerations[n, i] = k.slope[h + i]
         numbers[n, 0], numbers[n, 1], numbers[n, 2] = k.now, k.turned, k.crank[2]
         at = 3 + bodies + others
-        for j in range(contacts):
-            numbers[n, at], numbers[n, at + 1] = _force_in(k, j)
+        for j in range(loose):
             x, v = 2 * j, h + 2 * j
-            vector = (k.z[x], k.z[x + 1], k.z[v], k.z[v + 1], k.slope[v], k.slope[v + 1])
-            polar = polar_rates(vector, found.directions[n, j])
+            ex, ey, vx, vy = k.z[x], k.z[x + 1], k.z[v], k.z[v + 1]
+            ax, ay = k.slope[v], k.slope[v + 1]
+            if j >= k.pins:
+                touching, first = 0.0, k.pins + CORNERS * (j - k.pins)
+                for corner in range(first, first + CORNERS):
+                    touching += 1.0 if k.modes[corner] != FLIGHT else 0.0
+                numbers[n, at], numbers[n, at + 1] = touching, k.forces[4 * j]
+                values = (ex, vx, ax, ey, vy, ay)
+            else:
+                numbers[n, at], numbers[n, at + 1] = _force_in(k, j)
+                values = polar_rates((ex, ey, vx, vy, ax, ay), found.directions[n, j])
             for i in range(6):
-                numbers[n, at + 2 + i] = polar[i]
+                numbers[n, at + 2 + i] = values[i]
             at += 8
-        for i in range(h - 2 * contacts - k.is_free):
-            numbers[n, at + i] = k.z[2 * contacts + k.is_free + i]
+        for i in range(bends):
+            numbers[n, at + i] = k.z[2 * loose + k.is_free + i]
         run(k.sample, k.place)
         for i in range(bodies):
             numbers[n, 3 + i] = math.atan2(k.channels[2 * i + 1], k.channels[2 * i])

@@ -25,7 +25,6 @@ from jointgap.dynamics.integrate import (
     Samples,
     integrate,
     mode_numbers,
-    room_for,
 )
 from jointgap.dynamics.joints import FLIGHT
 from jointgap.dynamics.model import Columns, Model, Workspace, beginning, linkage_model
@@ -158,7 +157,7 @@ def modes_of(model: Model, found: Samples, joints: Collection[str]) -> Columns:
     """Modes by words at the samples: columns ``crank_pin_mode``, ..."""
     ideal = np.zeros(found.times.size, np.int64)
     by_joint = {
-        name: mode_numbers(found, model.loose.index(name)) if name in model.loose else ideal
+        name: mode_numbers(found, model.contacts.index(name)) if name in model.contacts else ideal
         for name in joints
     }
     words = np.array(MODES, dtype=object)
@@ -230,7 +229,7 @@ def integrate_on(
     times = crank_times(p, angles)
     if p.drive.kind == MEASURED:
         _check_reached(model, times, angles)
-    samples = room_for(times, model.states, len(model.loose))
+    samples = model.room_for(times)
     revolutions = max((angles[-1] - earlier.crank_angle) / (2 * math.pi), 1.0)
     limit = math.ceil((steps_per_revolution or STEPS_PER_REVOLUTION) * revolutions)
     fine, k = _fine_enough(model, tolerance), workspace.k
@@ -273,7 +272,7 @@ def _check_reached(model: Model, times: np.ndarray, angles: np.ndarray) -> None:
 
 
 def _fine_enough(model: Model, tolerance: float) -> float:
-    joints = [model.bearings[name] for name in model.loose]
+    joints = [model.bearings[name] for name in model.contacts]
     published = any(joint.damping > 0 and math.isinf(joint.memory_time) for joint in joints)
     return min(tolerance, COARSEST_PUBLISHED) if published else tolerance
 
@@ -297,7 +296,8 @@ def _format_state(model: Model, k: Record) -> str:
 def _format_contacts(model: Model, k: Record, events: np.ndarray) -> str:
     """Contacts of each loose joint, to find the one that requires the steps."""
     begun, texts = events[events[:, EVENT.index("begins")] == 1], []
-    for j, name in enumerate(model.loose):
+    for name in model.pins:
+        j = model.contacts.index(name)
         (x, y), (vx, vy) = model.vector(k.y[HERE], name)
         count = int((begun[:, EVENT.index("joint")] == j).sum())
         doing = f"{JOINT[name].words if name in JOINT else name}: {count} contacts"
@@ -329,7 +329,7 @@ def _check_finite(columns: dict[str, np.ndarray], times: np.ndarray) -> None:
 def event_frame(model: Model, found: Samples) -> pd.DataFrame:
     """The table ``events``."""
     rows = dict(zip(EVENT, found.events.T, strict=True))
-    rows["joint"] = np.array([*model.loose, ""], dtype=object)[rows["joint"].astype(int)]
+    rows["joint"] = np.array([*model.contacts, ""], dtype=object)[rows["joint"].astype(int)]
     rows["event"] = EVENT_NAMES[rows.pop("begins").astype(int)]
     return pd.DataFrame({column.name: rows[column.name] for column in EVENTS.columns})
 
@@ -366,7 +366,7 @@ def simulate_linkage(file: LinkageFile, options: Simulate) -> Trajectory:
     model = linkage_model(file, options)
     angles = crank_angles(options)
     run = integrate_to_angles(model, model.start(), angles, options.tolerance)
-    columns = published(model, observed(model, run)) | modes_of(model, run, model.loose)
+    columns = published(model, observed(model, run)) | modes_of(model, run, model.pins)
     columns["crank_angle"] = angles  # exact; a motor's simulated crank angle has rounding errors
     samples = pd.DataFrame(columns)
     samples.attrs["units"] = {name: model.units.get(name, "") for name in columns}
@@ -402,7 +402,8 @@ def _linkage_clockwise(file: LinkageFile, options: Simulate) -> Trajectory:
     samples, units = seen.samples.copy(), seen.samples.attrs["units"]
     across = {f"{name}_force" for name in file.slides}
     across |= {f"{name}_force_y" for name in (*file.shared_by_two, "shaking")}
-    across |= {f"{name}_friction_force" for name in file.loose}
+    across |= {f"{name}_friction_force" for name in file.loose_pins}
+    across |= {f"{name}_offset{rate}" for name in file.slides for rate in ("", "_dot", "_ddot")}
     across |= {
         f"{name}_{what}_y"
         for name in file.bodies

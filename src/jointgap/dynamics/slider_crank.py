@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from jointgap.config import Mechanism, Simulate, check_drive, check_tolerance
-from jointgap.config.scenario import MotorDrive
 from jointgap.core.errors import InputError
 from jointgap.core.formula import NOTHING
 from jointgap.core.joints import JOINT, JOINTS
@@ -67,7 +66,7 @@ def model_of(mechanism: Mechanism, options: Simulate) -> Model:
     effects, bodies = EffectParameters(**fields["effects"]), fields["bodies"]
     bearings = {name: record(JointParameters(**fields[name])) for name in JOINTS}
     linkage = _with_effects(linkage_of_slider_crank(made), bodies)
-    is_free = isinstance(options.drive, MotorDrive)
+    is_free = options.drive.FREES_CRANK
     if is_free:
         linkage = linkage.with_inertia(linkage.crank, drive.rotor_inertia)
     formulas = {name: program_record(program) for name, program in fields["formulas"].items()}

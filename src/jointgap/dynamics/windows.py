@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jointgap.dynamics.drive import crank_times
-from jointgap.dynamics.integrate import DONE, Samples, begin, integrate, room_for
+from jointgap.dynamics.integrate import DONE, Samples, begin, integrate
 from jointgap.dynamics.joints import CONTACT, FLIGHT
 from jointgap.dynamics.model import Columns, Model
 from jointgap.dynamics.numba_cache import compiled
@@ -296,7 +296,7 @@ def rows_of(model: Model, edges: np.ndarray, angles: np.ndarray) -> Rows:
     order = np.argsort(of, kind="stable")
     sample = np.concatenate([np.full(count, -1), np.arange(angles.size), np.full(count, -1)])[order]
     all_angles = np.concatenate([edges[:-1], turned, edges[1:]])[order]
-    found = room_for(crank_times(model.p, all_angles), model.states, len(model.loose))
+    found = model.room_for(crank_times(model.p, all_angles))
     limits = np.ceil(STEPS_PER_REVOLUTION * np.maximum(np.diff(edges) / math.tau, 0.02)).astype(
         np.int64
     )

@@ -1,7 +1,8 @@
 """What the integration of one motion works on: a record with room for any linkage.
 
-Numbers of states and of contacts are values in it. Compiled code reads and writes its fields
-directly; so does the machine code of the equations of motion.
+Numbers of states, of loose joints and of their contacts are values in it: a loose revolute joint
+has one contact, a loose slide four, its corners, after those of all revolute ones. Compiled code
+and the machine code of the equations of motion read and write its fields directly.
 """
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.integrate import DOP853
 from jointgap.dynamics.parameters import JointParameters, Record, record
 
 MOST_STATES, MOST_CONTACTS, MOST_RUBBING, MOST_SITES = 48, 16, 16, 4
-"""Largest numbers of states, of loose joints, of ideal joints with friction, and of pushed
+"""Largest numbers of states, of contacts, of ideal joints with friction, and of pushed
 bodies."""
 
 MOST_PARAMETERS, MOST_KEPT, MOST_CHANNELS = 512, 1024, 256
@@ -31,6 +32,9 @@ TERMS = 4 + len(DOP853.D)
 EPISODE = 4
 """Quantities of a contact: impulse [N s], largest normal force [N], maxima of the penetration,
 begin [s]."""
+
+CORNERS = 4
+"""Contacts of a loose slide."""
 
 CONDITIONS = 5
 """Numbers of `jointgap.dynamics.events.conditions`."""
@@ -95,6 +99,8 @@ WORKSPACE = np.dtype(
             ("states", "i8"),
             ("half", "i8"),  # Positions, and velocities
             ("blocks", "i8"),
+            ("loose", "i8"),
+            ("pins", "i8"),  # Those of them that are revolute, the first ones
             ("contacts", "i8"),
             ("rubbing", "i8"),
             ("pushed", "i8"),

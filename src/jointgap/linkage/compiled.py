@@ -24,12 +24,14 @@ from jointgap.linkage.equations import (
     Pair,
     Pose,
     across,
+    add,
     dot,
     negative,
+    times,
 )
 from jointgap.linkage.joint_forces import balance
 from jointgap.linkage.machine_code import Code, Graph, MachineCode, Store, kept
-from jointgap.linkage.topology import Linkage
+from jointgap.linkage.topology import Joint, Linkage
 
 
 class Kind(NamedTuple):
@@ -54,10 +56,10 @@ class Variant:
       deflections of bending bodies; their rates;
     - `crank`: cosine, sine, speed, acceleration (unused where it is free);
     - `turning`: angular velocity of body and partner of each loose joint, then of each rubbing one,
-      written by `pose`;
+      of a slide that of the body and the speed along it, written by `pose`;
     - `sites`: place and speed along their slides of the pushed bodies, written by `pose`;
-    - `forces`: fx, fy, moment on body and partner of each loose joint, and the torque on the crank,
-      read by `dynamics`;
+    - `forces`: fx, fy, moment on body and partner of each loose joint (of a slide along, across,
+      moment, nothing), and the torque on the crank, read by `dynamics`;
     - `along`: forces on the pushed bodies, read by `dynamics`;
     - `moments`: friction moment on the body of each rubbing joint, read by `dynamics`;
     - `rates`: second rates of the state, written by `dynamics`;
@@ -159,7 +161,7 @@ def build_variant(linkage: Linkage, signs: Sequence[float], kind: Kind = PLAIN) 
     arithmetic = Arithmetic(parameter, graph.root, graph.cos_sin)
     pose = Pose(linkage, signs, crank, clearances, arithmetic, bends)
     forces = {
-        joint.name: JointForce(*(graph.load("forces", 4 * n + i) for i in range(4)))
+        joint.name: _force(pose, joint, [graph.load("forces", 4 * n + i) for i in range(4)])
         for n, joint in enumerate(loose)
     }
     torque = graph.load("forces", 4 * len(loose))
@@ -168,9 +170,7 @@ def build_variant(linkage: Linkage, signs: Sequence[float], kind: Kind = PLAIN) 
     motion = Dynamics(pose, forces, torque, None, moments, along)
     slides = [linkage.joint_with_frame(body) for body in kind.pushed]
     written = {
-        "turning": [
-            pose.speeds[place.body] for j in (*loose, *rubbing) for place in (j.body, j.partner)
-        ],
+        "turning": [each for joint in (*loose, *rubbing) for each in _turning(pose, joint)],
         "sites": [number for slide in slides for number in pose.travel(slide)],
     }
     rates = {
@@ -217,6 +217,24 @@ def build_variant(linkage: Linkage, signs: Sequence[float], kind: Kind = PLAIN) 
     }
     units = {name: unit for name, (_, unit) in channels.items()}
     return Variant(tuple(signs), kind, tuple(places), sizes, codes, units)
+
+
+def _force(pose: Pose, joint: Joint, numbers: Sequence[Number]) -> JointForce:
+    """The force in a loose joint; in a slide from components along and across it."""
+    x, y, on_body, on_partner = numbers
+    if joint.kind == "revolute":
+        return JointForce(x, y, on_body, on_partner)
+    line = pose.line(joint)
+    return JointForce(*add(times(x, line), times(y, across(line))), on_body)
+
+
+def _turning(pose: Pose, joint: Joint) -> tuple[Number, Number]:
+    """Angular velocities of body and partner; in a slide of the frame that of the body, and the
+    speed along it."""
+    body = pose.speeds[joint.body.body]
+    if joint.kind == "slide":
+        return body, pose.slips[joint.name]
+    return body, pose.speeds[joint.partner.body]
 
 
 def positions(linkage: Linkage, is_free: bool) -> int:

@@ -38,7 +38,7 @@ def linkage_of_file(file: LinkageFile) -> Linkage:
             carrier, body = joint.slide
             places[carrier][name], places[body][name] = joint.at or ZERO, ZERO
             ends = Place(carrier, name), Place(body, name)
-            joints.append(Joint(name, "slide", *ends, joint.direction))
+            joints.append(Joint(name, "slide", *ends, joint.direction, joint.loose))
     bodies = [Body(b.name, places[b.name], b.mass, b.inertia, b.centre, b.angle) for b in bodies]
     linkage = linkage_of(bodies, joints, file.drive, _gravity(file))
     for body, one, other in _levers(linkage):

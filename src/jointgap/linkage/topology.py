@@ -107,8 +107,9 @@ class Linkage:
 
     @property
     def loose(self) -> tuple[Joint, ...]:
-        """The loose joints, in the order of the states."""
-        return tuple(joint for joint in self.joints.values() if joint.loose)
+        """The loose joints, in the order of the states: slides last."""
+        loose = (joint for joint in self.joints.values() if joint.loose)
+        return tuple(sorted(loose, key=lambda joint: joint.kind == "slide"))
 
     @property
     def rubbing(self) -> tuple[Joint, ...]:

@@ -18,7 +18,7 @@ from jointgap.core.costs import count_revolutions, count_run
 from jointgap.core.errors import InputError
 from jointgap.core.joints import PINS
 from jointgap.dynamics.drive import crank_times
-from jointgap.dynamics.integrate import Samples, room_for
+from jointgap.dynamics.integrate import Samples
 from jointgap.dynamics.model import Model, Workspace, beginning
 from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING
 from jointgap.dynamics.periodic import COARSE_ANGLES, coarse_angles
@@ -573,4 +573,4 @@ def _may_repeat(model: Model) -> bool:
 
 def _kinematic_motion(model: Model, angles: np.ndarray) -> Samples:
     start_state(model)  # raises for a rod that does not reach the slide
-    return room_for(crank_times(model.p, angles), 0, 0)
+    return model.room_for(crank_times(model.p, angles))
