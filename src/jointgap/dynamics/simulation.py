@@ -27,7 +27,14 @@ from jointgap.dynamics.integrate import (
     mode_numbers,
 )
 from jointgap.dynamics.joints import FLIGHT
-from jointgap.dynamics.model import Columns, Model, Workspace, beginning, linkage_model
+from jointgap.dynamics.model import (
+    Columns,
+    Model,
+    Workspace,
+    beginning,
+    corner_names,
+    linkage_model,
+)
 from jointgap.dynamics.parameters import MEASURED, Record
 from jointgap.dynamics.sampling import fill_samples
 from jointgap.dynamics.slider_crank import lengths_of, model_of
@@ -412,5 +419,11 @@ def _linkage_clockwise(file: LinkageFile, options: Simulate) -> Trajectory:
     for name, unit in units.items():
         if name in across or unit.startswith(("rad", "N*m")):
             samples[name] = -samples[name]
+    other_side = {
+        name: mirrored
+        for slide in file.slides
+        for name, mirrored in zip(corner_names(slide), corner_names(slide)[::-1], strict=True)
+    }
     events = seen.events.assign(crank_angle=-seen.events["crank_angle"])
+    events["joint"] = events["joint"].replace(other_side)
     return Trajectory(samples, events, seen.steps)
