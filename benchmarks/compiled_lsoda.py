@@ -18,14 +18,16 @@ FIRST_STRETCH, LONGEST_STRETCH, GROWTH = 1e-4, 4e-4, 2.0  # s
 MOST_STEPS = 100_000
 
 
-def compiled_lsoda(slope, gap):
-    """A compiled function `(z, end, tolerance) -> z` from a scaled state (8,) in flight at time 0
+def compiled_lsoda(slope, gap, count=2):
+    """A compiled function `(z, end, tolerance) -> z` from a scaled state (4 n,) in flight at time 0
     to the one at `end` [s].
 
     Parameters
     ----------
     slope, gap
         See `benchmarks.right_hand_side`.
+    count : int
+        Number of loose joints, n.
 
     Raises
     ------
@@ -34,17 +36,19 @@ def compiled_lsoda(slope, gap):
     """
     from numbalsoda import lsoda, lsoda_sig
 
+    size, way_to = 4 * count, 2 * count  # places of the time, and of the joint whose event is next
+
     @numba.cfunc(lsoda_sig)
     def over(variable, z_at, out_at, frozen_at):
-        """Rates of state and time over the time or, with frozen[4] = 1 or 2, over the way to that
-        joint's event [m]."""
-        z, out, frozen = numba.carray(z_at, 9), numba.carray(out_at, 9), numba.carray(frozen_at, 5)
-        modes = (np.int64(frozen[0]), np.int64(frozen[1]))
-        slope(z[8], z, out, modes, (frozen[2], frozen[3]))
-        out[8] = 1.0
-        if frozen[4] > 0:
-            rate = abs(gap(z, int(frozen[4]) - 1)[1])
-            for i in range(9):
+        """Rates of state and time over the time or, with frozen[2 n] = 1 + joint, over the way to
+        that joint's event [m]. Before it stand modes and approach speeds."""
+        z, out = numba.carray(z_at, size + 1), numba.carray(out_at, size + 1)
+        frozen = numba.carray(frozen_at, way_to + 1)
+        slope(z[size], z, out, frozen[:count], frozen[count:way_to])
+        out[size] = 1.0
+        if frozen[way_to] > 0:
+            rate = abs(gap(z, int(frozen[way_to]) - 1)[1])
+            for i in range(size + 1):
                 out[i] /= rate
 
     address = over.address
@@ -54,7 +58,7 @@ def compiled_lsoda(slope, gap):
         """First point of the grid beyond a change of sign, and the joint (-1: none)."""
         for i in range(1, len(seen)):
             found, first = -1, 2.0
-            for joint in range(2):
+            for joint in range(count):
                 before, after = gap(seen[i - 1], joint)[0], gap(seen[i], joint)[0]
                 crossed = after > 0 if frozen[joint] == FLIGHT else after < 0
                 share = before / (before - after) if before != after else 0.0
@@ -66,33 +70,33 @@ def compiled_lsoda(slope, gap):
 
     @numba.njit
     def run(start, end, tolerance):
-        z = np.zeros(9)
-        z[:8] = start
-        frozen = np.array([FLIGHT, FLIGHT, np.inf, np.inf, 0.0])
+        z, frozen = np.zeros(size + 1), np.zeros(way_to + 1)
+        z[:size] = start
+        frozen[:count], frozen[count:way_to] = FLIGHT, np.inf
         stretch = FIRST_STRETCH
-        while z[8] < end:
-            times = np.linspace(z[8], min(z[8] + stretch, end), POINTS)
+        while z[size] < end:
+            times = np.linspace(z[size], min(z[size] + stretch, end), POINTS)
             seen, good = lsoda(address, z, times, frozen, 0.0, tolerance, MOST_STEPS)
             if not good:
                 raise RuntimeError("LSODA cannot go on")
             place, joint = crossing(seen, frozen)
             if joint < 0:
                 z = seen[-1].copy()
-                z[8] = times[-1]
+                z[size] = times[-1]
                 stretch = min(GROWTH * stretch, LONGEST_STRETCH)
                 continue
             z, way = seen[place - 1].copy(), abs(gap(seen[place - 1], joint)[0])
             if way > 0.0:
-                frozen[4] = joint + 1
+                frozen[way_to] = joint + 1
                 seen, good = lsoda(
                     address, z, np.array([-way, 0.0]), frozen, 0.0, tolerance, MOST_STEPS
                 )
-                z, frozen[4] = seen[-1].copy(), 0.0
+                z, frozen[way_to] = seen[-1].copy(), 0.0
             if frozen[joint] == FLIGHT:
-                frozen[joint], frozen[2 + joint] = CONTACT, gap(z, joint)[1]
+                frozen[joint], frozen[count + joint] = CONTACT, gap(z, joint)[1]
             else:
-                frozen[joint], frozen[2 + joint] = FLIGHT, np.inf
+                frozen[joint], frozen[count + joint] = FLIGHT, np.inf
             stretch = FIRST_STRETCH
-        return z[:8]
+        return z[:size]
 
     return run

@@ -1,43 +1,46 @@
-"""General linkages: time of a revolution at a tolerance of 1e-9 m, beside the short form of a
-slider-crank and Exudyn, and the set-up of a further mechanism.
+"""Linkages: time of a revolution at a tolerance of 1e-9 m, beside the hand-written slider-crank of
+the tag `before-linkage`, compiled LSODA and Exudyn, and the set-up of a further mechanism.
 
-All are timed alternately in one process; values are least processor times.
+All are timed alternately, those of the tag in a process of their own; values are least processor
+times.
 """
 
 import math
 import time
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
 
+from benchmarks import former
+from benchmarks.compiled_lsoda import compiled_lsoda
 from benchmarks.project import row
+from benchmarks.right_hand_side import right_hand_side
 from jointgap.config import Simulate, load_mechanism
-from jointgap.core.joints import JOINTS
+from jointgap.config.linkage_file import LinkageFile, Pin
 from jointgap.dynamics.model import Model, linkage_model
-from jointgap.dynamics.simulation import crank_angles, integrate_to_angles, simulate_linkage
+from jointgap.dynamics.simulation import crank_angles, integrate_to_angles
 from jointgap.dynamics.slider_crank import model_of
 from jointgap.linkage import compiled
+from jointgap.linkage.equations import Crank, Pose
 from tests.dynamics.cases import mechanism
-from tests.dynamics.test_linkage_motion import as_linkage
 from tests.independent.test_exudyn_linkage import four_bar, start_of
 from validation.exudyn import LooseLinkage
 
 REVOLUTIONS, ROUNDS = 4, 20
 SPEED = 20 * math.pi
-MIXES = (
-    ("crank_pin", "piston_pin"),
-    ("crank_pin",),
-    ("piston_pin",),
-    ("crank_pivot", "crank_pin"),
-    JOINTS,
-)
-"""Loose joints of a slider-crank."""
-GENERAL = 1.1
-"""Time of a slider-crank in the general form over that in the short form."""
-OTHERS = {"four_bar": 3.0, "six_bar": 1.2}
+BEFORE = {
+    ("crank_pin", "piston_pin"): 0.8,
+    ("crank_pin",): 0.65,
+    ("crank_pivot", "crank_pin"): 0.7,
+    ("crank_pivot", "crank_pin", "piston_pin"): 0.9,
+}
+"""Loose joints of a slider-crank, and the time over that of the tag."""
+OTHERS = {"four_bar": 3.0, "six_bar, five loose": 8.0, "six_bar": 1.2}
 """Linkages, and their time over that of the slider-crank with both pins loose."""
 SETUP_S = 0.2
-EXUDYN = 1 / 40
+EXUDYN, LSODA = 1 / 40, 1 / 3
 
 
 def measure() -> list[dict]:
@@ -45,72 +48,134 @@ def measure() -> list[dict]:
         speed=SPEED, revolutions=REVOLUTIONS, samples_per_revolution=36, tolerance=1e-9
     )
     angles, tasks = crank_angles(chosen), {}
-    for loose in MIXES:
-        made = mechanism(loose=loose, friction=0.05).applied()
-        tasks[loose, "general"] = _task(linkage_model(as_linkage(made), chosen), angles)
-        tasks[loose, "short"] = _task(model_of(made, chosen), angles)
-    for name in OTHERS:
-        tasks[name, "general"] = _task(linkage_model(load_mechanism(name), chosen), angles)
-    least = _least(tasks)
+    with former.Revolutions([*BEFORE]) as before:
+        for loose in BEFORE:
+            model = model_of(mechanism(loose=loose, friction=0.05), chosen)
+            tasks[loose] = _timed(_task(model, angles))
+            if before.runs:
+                tasks[loose, "before"] = partial(before.seconds, loose)
+        for name in OTHERS:
+            tasks[name] = _timed(_task(linkage_model(_linkage(name), chosen), angles))
+        least = _least(tasks)
     rows = [
         row(
-            f"slider-crank, loose: {', '.join(loose)}: general form over short form",
-            GENERAL,
-            least[loose, "general"] / least[loose, "short"],
+            f"slider-crank, loose: {', '.join(loose)}: over the tag before-linkage",
+            reach,
+            least[loose] / least[loose, "before"] if (loose, "before") in least else None,
             "",
+            ms_per_revolution=1e3 * least[loose] / REVOLUTIONS,
         )
-        for loose in MIXES
+        for loose, reach in BEFORE.items()
     ]
-    both = least[("crank_pin", "piston_pin"), "general"]
+    both = least["crank_pin", "piston_pin"]
     rows += [
         row(
             f"{name}: over the slider-crank with both pins loose",
             reach,
-            least[name, "general"] / both,
+            least[name] / both,
             "",
+            ms_per_revolution=1e3 * least[name] / REVOLUTIONS,
         )
         for name, reach in OTHERS.items()
     ]
-    return [*rows, _exudyn(), _setup(chosen)]
+    return [*rows, *_peers(), _setup(chosen)]
+
+
+def _linkage(name: str) -> LinkageFile:
+    """A shipped linkage; five loose: those of a six-bar but two of the frame."""
+    file = load_mechanism(name.partition(",")[0])
+    if "five" not in name:
+        return file
+    contact = next(joint.contact for joint in file.joints.values())
+    radii = {"journal_radius": 9.95e-3, "bearing_radius": 10e-3, "contact": contact}
+    pins = {
+        point: Pin(journal=bodies[0], **radii)
+        for point, bodies in file.shared_by_two.items()
+        if point not in ("O", "E")
+    }
+    return file.model_copy(update={"joints": file.joints | pins})
 
 
 def _task(model: Model, angles: np.ndarray, tolerance: float = 1e-9) -> Callable:
     return lambda: integrate_to_angles(model, model.start(), angles, tolerance)
 
 
-def _least(tasks: dict[tuple, Callable]) -> dict[tuple, float]:
+def _timed(task: Callable) -> Callable[[], float]:
+    """The task's processor time [s]."""
+
+    def seconds() -> float:
+        begin = time.process_time()
+        task()
+        return time.process_time() - begin
+
+    return seconds
+
+
+def _least(tasks: dict[Any, Callable[[], float]], rounds: int = ROUNDS) -> dict[Any, float]:
     found = dict.fromkeys(tasks, math.inf)
-    for _ in range(ROUNDS):
-        for name, task in tasks.items():
-            begin = time.process_time()
-            task()
-            found[name] = min(found[name], time.process_time() - begin)
+    for _ in range(rounds):
+        for name, seconds in tasks.items():
+            found[name] = min(found[name], seconds())
     return found
 
 
-def _exudyn() -> dict:
-    """A four-bar for 30 deg, 60 events: least time of all tolerances whose error is at most that of
-    ours at 1e-10 m."""
-    file = four_bar(restitution=0.9)
+def _peers() -> list[dict]:
+    """A four-bar for 30 deg, 60 events: least times of all tolerances whose error is at most that
+    of ours at 1e-10 m."""
+    file, end = four_bar(restitution=0.9), math.radians(30.0) / SPEED
     chosen = Simulate(speed=SPEED, revolutions=1, samples_per_revolution=12, tolerance=1e-14)
-    model, columns = linkage_model(file, chosen), ["coupler_angle", "rocker_angle"]
-    exact = simulate_linkage(file, chosen).samples[columns].to_numpy()[1]
-    coarse = chosen.model_copy(update={"tolerance": 1e-10})
-    ours = np.abs(simulate_linkage(file, coarse).samples[columns].to_numpy()[1] - exact).max()
+    model = linkage_model(file, chosen)
     angles = crank_angles(chosen)[:2]
-    seconds = _least({("ours",): _task(model, angles, 1e-10)})["ours",]
-    theirs = math.inf
-    for tolerance in 10.0 ** np.arange(-12, -5):
-        peer = LooseLinkage(file, SPEED, start_of(model))
-        begin = time.process_time()
-        peer.advance(math.radians(30.0) / SPEED, tolerance)
-        spent = time.process_time() - begin
-        found = np.array([peer.coordinates(body)[2] for body in ("coupler", "rocker")])
-        error = np.abs((found - exact + math.pi) % (2 * math.pi) - math.pi).max()
-        if error <= ours:
-            theirs = min(theirs, spent)
-    name = f"four-bar, 30 deg, error {ours:.1g} rad: time over Exudyn's"
-    return row(name, EXUDYN, seconds / theirs, "", Exudyn_s=theirs)
+
+    def ours(tolerance: float) -> np.ndarray:
+        return integrate_to_angles(model, model.start(), angles, tolerance).states[1]
+
+    exact = _directions(model, ours(1e-14), angles[1])
+    error = _error(_directions(model, ours(1e-10), angles[1]), exact)
+    seconds = _least({"ours": _timed(lambda: ours(1e-10))})["ours"]
+    slope, gap = right_hand_side(model, model.workspace())
+    peers: dict[str, Callable[[float], np.ndarray]] = {"Exudyn": partial(_exudyn, file, model, end)}
+    try:
+        march = compiled_lsoda(slope, gap, len(model.loose))
+        peers["compiled LSODA"] = lambda tolerance: _directions(
+            model, march(model.start(), end, tolerance), angles[1]
+        )
+        peers["compiled LSODA"](1e-9)  # compiled
+    except ImportError:
+        pass
+    rows = []
+    for name, reach in (("compiled LSODA", LSODA), ("Exudyn", EXUDYN)):
+        least = math.inf
+        for tolerance in 10.0 ** np.arange(-14, -5) if name in peers else ():
+            begin = time.process_time()
+            try:
+                found = peers[name](tolerance)
+            except RuntimeError:
+                continue
+            if _error(found, exact) <= error:
+                least = min(least, time.process_time() - begin)
+        what = f"four-bar, 30 deg, error {error:.1g} rad: time over that of {name}"
+        measured = seconds / least if least < math.inf else None
+        rows.append(row(what, reach, measured, "", ours_s=seconds, theirs_s=least))
+    return rows
+
+
+def _exudyn(file: LinkageFile, model: Model, end: float, tolerance: float) -> np.ndarray:
+    peer = LooseLinkage(file, SPEED, start_of(model))
+    peer.advance(end, tolerance)
+    return np.array([peer.coordinates(body)[2] for body in ("coupler", "rocker")])
+
+
+def _directions(model: Model, state: np.ndarray, crank_angle: float) -> np.ndarray:
+    """Angles [rad] of coupler and rocker in a state."""
+    vectors = {name: model.vector(state, name) for name in model.loose}
+    crank = Crank(math.cos(crank_angle), math.sin(crank_angle), SPEED)
+    pose = Pose(model.linkage, model.variant.signs, crank, vectors)
+    return np.array([math.atan2(*pose.directions[body][::-1]) for body in ("coupler", "rocker")])
+
+
+def _error(found: np.ndarray, exact: np.ndarray) -> float:
+    return float(np.abs((found - exact + math.pi) % (2 * math.pi) - math.pi).max())
 
 
 def _setup(chosen: Simulate) -> dict:

@@ -1,8 +1,8 @@
-"""The package's equations of motion as general-purpose integrators call them, for a mechanism whose
-pins are loose.
+"""The package's equations of motion as general-purpose integrators call them, for a mechanism with
+loose revolute joints under a prescribed drive.
 
-State: clearance vectors of crank pin and piston pin and their rates, the latter times
-`VELOCITY_TIME`, so that one absolute tolerance [m] fits all. Compiled code reads the records where
+State: clearance vectors and their rates, the latter times `VELOCITY_TIME`, so that one absolute
+tolerance [m] fits all. Compiled code reads the records where
 they lie: compiled in as constants they would be copied at every call, which takes longer than the
 equations.
 """
@@ -47,35 +47,36 @@ def _reader(record: Record):
 def right_hand_side(model: Model, workspace: Workspace):
     """Two compiled functions: `slope(t, z, out, modes, approaches)` and `gap(z, joint)`.
 
-    The first writes the rates of the scaled state `z` (8,) into `out`; the second gives the
-    penetration [m] of crank pin (0) or piston pin (1) and its rate [m/s]. Both work on `workspace`.
-    A contact's damping does not depend on when it began: the published form.
+    The first writes the rates of the scaled state `z` (4 n,) into `out`, for n loose joints; the
+    second gives the penetration [m] of a joint and its rate [m/s]. Both work on `workspace`. A
+    contact's damping does not depend on when it began: the published form.
     """
     _ALIVE.append((model, workspace))
     drive, knots, effects, slider, crank, table = map(_reader, model.p)
     here = _reader(workspace.k)
-    clearances = tuple(float(joint.clearance) for joint in workspace.k.joints[:2])
+    count = len(model.loose)
+    half = 2 * count
+    clearances = tuple(float(joint.clearance) for joint in workspace.k.joints[:count])
 
     @numba.njit(error_model="numpy")
     def slope(t, z, out, modes, approaches):
         k, p = here(), Parameters(drive(), knots(), effects(), slider(), crank(), table())
-        for j in range(2):
+        for j in range(count):
             k.modes[j], k.approaches[j] = modes[j], approaches[j]
-        for i in range(4):
-            k.z[i], k.z[4 + i] = z[i], z[4 + i] / VELOCITY_TIME
+        for i in range(half):
+            k.z[i], k.z[half + i] = z[i], z[half + i] / VELOCITY_TIME
         k.now = t
         set_crank_at(p, k)
         set_damping(k, t)
         slopes(p, k)
-        for i in range(4):
-            out[i], out[4 + i] = k.slope[i], VELOCITY_TIME * k.slope[4 + i]
+        for i in range(half):
+            out[i], out[half + i] = k.slope[i], VELOCITY_TIME * k.slope[half + i]
 
     @numba.njit(error_model="numpy")
     def gap(z, joint):
         x, y = z[2 * joint], z[2 * joint + 1]
         r = math.sqrt(x * x + y * y)
-        return r - clearances[joint], (x * z[4 + 2 * joint] + y * z[5 + 2 * joint]) / (
-            r * VELOCITY_TIME
-        )
+        vx, vy = z[half + 2 * joint], z[half + 2 * joint + 1]
+        return r - clearances[joint], (x * vx + y * vy) / (r * VELOCITY_TIME)
 
     return slope, gap
