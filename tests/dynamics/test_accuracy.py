@@ -63,7 +63,7 @@ def test_independent_code_gives_the_same_motion(
 @pytest.mark.slow
 def test_independent_code_agrees_with_force_free_contacts(worst):
     degrees = np.arange(0.0, 221.0)
-    made = mechanism(law="exact_restitution", restitution=0.1)
+    made = mechanism(law="exact_restitution", restitution=0.1, memory="published")
     model, run = integrated(made, degrees, tolerance=1e-14)
     assert (run.modes == FORCE_FREE).any()
     states, impacts = plain.simulate(
