@@ -15,7 +15,7 @@ from jointgap.core import parquet
 from jointgap.core.facts import Fact
 from jointgap.core.plot import COLOURS, CRANK_ANGLE, INK, Drawing, Quantity, Sheet
 from jointgap.core.words import format_name
-from jointgap.dynamics.model import linkage_remarks
+from jointgap.dynamics.model import corner_names, linkage_remarks
 from jointgap.dynamics.simulation import simulate_linkage
 from jointgap.linkage.assembly import signs_of
 from jointgap.linkage.equations import Arithmetic, Crank, Pose
@@ -133,7 +133,8 @@ class LinkageMotion(Result):
         for name, force in self.joints.items():
             words = format_name(name)
             if name in self.loose:
-                impacts = int((begun["joint"] == name).sum())
+                of_joint = begun["joint"].isin([name, *corner_names(name)])
+                impacts = int(of_joint.sum())
                 clearance = 1e3 * self.loose[name]
                 facts.append(Fact(f"{name}/clearance", clearance, "mm", f"{words}: clearance"))
                 label = f"{words}: impacts (beginnings of contact)"
