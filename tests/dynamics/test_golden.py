@@ -13,7 +13,8 @@ BOUNDS = 1e-12, 1e-8
 
 STIFF = {"friction lugre": (3e-11, 1e-8), "all at once": (1e-12, 3e-7), "film": (1e-12, 5e-8)}
 """`BOUNDS` with stiff bristles and films: there the stored trajectories, at a tolerance of 1e-13 m,
-are no more accurate. At 3e-15 m the hand-written equations agree with any others to 8e-13 m and 3e-8."""
+are no more accurate. With bristles at 3e-15 m the hand-written equations agree with any others to
+8e-13 m and 3e-8."""
 
 
 @pytest.mark.parametrize("name", CASES)

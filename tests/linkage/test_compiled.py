@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jointgap.linkage.compiled import Kind, build_variant, channels_of, parameters_of, variant_of
-from jointgap.linkage.equations import Crank, Dynamics, JointForce, Pose
+from jointgap.linkage.equations import Crank, Dynamics, JointForce, Pose, across, dot
 from jointgap.linkage.topology import Bending, body_kinds
 from tests.linkage.cases import LINKAGES, loosened, with_values
 from tests.linkage.test_equations import sets_of_loose_joints, state, with_turning_slider
@@ -46,17 +46,33 @@ def drawn(linkage, kind, generator):
     given = {
         "state": [*vectors, *angle, *places, *rates, *[crank.speed] * kind.is_free, *speeds],
         "crank": [crank.cosine, crank.sine, crank.speed, crank.acceleration or 0.0],
-        "forces": [*(x for force in forces.values() for x in force), torque],
+        "forces": [*(x for j in linkage.loose for x in in_memory(pose, j, forces[j.name])), torque],
         "along": [*along.values()],
         "moments": [*moments.values()],
     }
     return motion, forces, moments, given
 
 
+def in_memory(pose, joint, force):
+    """A force as machine code reads it: in a slide along and across it."""
+    if joint.kind == "revolute":
+        return force
+    line = pose.line(joint)
+    vector = force.fx, force.fy
+    return dot(line, vector), dot(across(line), vector), force.on_body, 0.0
+
+
 def relative(found, expected):
     """Largest difference over the largest value."""
     size = np.abs(expected).max(initial=1e-300)
     return np.abs(np.subtract(found, expected)).max(initial=0.0) / size
+
+
+def turning_in(pose, joint):
+    """Angular velocities of body and partner; in a slide of the frame its speed in place of the
+    latter."""
+    speeds = [pose.speeds[place.body] for place in (joint.body, joint.partner)]
+    return speeds if joint.kind == "revolute" else [speeds[0], pose.slips[joint.name]]
 
 
 def differences(linkage, kind, generator):
@@ -73,7 +89,7 @@ def differences(linkage, kind, generator):
         variant.run("pose", memory)
         rubbing = [linkage.joints[name] for name in moments]
         joints = [*linkage.loose, *rubbing]
-        turning = [pose.speeds[place.body] for j in joints for place in (j.body, j.partner)]
+        turning = [x for joint in joints for x in turning_in(pose, joint)]
         assert fields["turning"] == pytest.approx(turning, rel=1e-12)
         slides = [linkage.joint_with_frame(body) for body in kind.pushed]
         sites = [x for slide in slides for x in pose.travel(slide)]

@@ -12,7 +12,7 @@ class RevoluteJoint(NamedTuple):
     # The paper's number: its clearance vector has the length r<number> and the direction
     # gamma<number>
     number: int
-    index: int  # In everything compiled, and in the clearance vectors of a start
+    index: int  # In the clearance vectors of a start
     partner: str  # Body at the beginning of its clearance vector
     body: str  # Body at the end of its clearance vector
 
@@ -35,10 +35,10 @@ JOINT = {
         RevoluteJoint("crank_pivot", 1, 2, "frame", "crank"),
     )
 }
-"""The joints by name, in compiled order."""
+"""The joints by name, in the order of a start."""
 
 JOINTS = tuple(JOINT)
-"""Names in compiled order: first the pins, whose clearances are always states."""
+"""Their names in this order: first the pins."""
 
 FROM_FRAME = tuple(sorted(JOINTS, key=lambda name: JOINT[name].number))
 """Names by the paper's numbers, from the frame to the slider."""

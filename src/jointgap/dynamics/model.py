@@ -23,7 +23,6 @@ from jointgap.dynamics.parameters import (
     NO_TABLE,
     DriveParameters,
     EffectParameters,
-    JointParameters,
     Parameters,
     Record,
     knots_record,
@@ -394,7 +393,3 @@ def drive_records(options: Simulate) -> tuple[DriveParameters, Record]:
         motor["rotor_inertia"] = drive.inertia
     kind = MOTOR if drive.FREES_CRANK else DRIVE_KINDS.index(drive.kind)
     return DriveParameters(kind, float(speed), options.start_angle, **motor), knots
-
-
-NO_BEARING = record(JointParameters())
-"""A joint of which nothing is known but that it is ideal."""
