@@ -11,7 +11,7 @@ Their lengths here are those with which a revolution took least time.
 import numba
 import numpy as np
 
-from jointgap.dynamics.joints import CONTACT, FLIGHT
+from jointgap.contact.joints import CONTACT, FLIGHT
 
 POINTS = 33
 FIRST_STRETCH, LONGEST_STRETCH, GROWTH = 1e-4, 4e-4, 2.0  # s

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jointgap.dynamics.runge_kutta import COUNT, ERROR_3, ERROR_5, NODES, STAGES
+from jointgap.motion.runge_kutta import COUNT, ERROR_3, ERROR_5, NODES, STAGES
 
 REAL = np.longdouble
 WEIGHTS = np.array([1, 1, 0.564, 1, 1e-5, 1e-5, 0.564e-5, 1e-5])

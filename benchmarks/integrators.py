@@ -19,10 +19,10 @@ from scipy.integrate import solve_ivp
 from benchmarks.compiled_lsoda import compiled_lsoda
 from benchmarks.right_hand_side import right_hand_side
 from jointgap.config import Mechanism, Simulate
-from jointgap.dynamics.joints import CONTACT, FLIGHT
-from jointgap.dynamics.model import Model
-from jointgap.dynamics.simulation import integrate_to_angles, start_state
-from jointgap.dynamics.slider_crank import lengths_of, model_of, rod_and_slider
+from jointgap.contact.joints import CONTACT, FLIGHT
+from jointgap.motion.model import Model
+from jointgap.motion.simulation import integrate_to_angles, start_state
+from jointgap.motion.slider_crank import lengths_of, model_of, rod_and_slider
 from validation.exudyn import SliderCrank
 
 Code = Callable[[float, float], tuple[np.ndarray, float]]

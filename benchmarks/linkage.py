@@ -19,13 +19,13 @@ from benchmarks.project import row
 from benchmarks.right_hand_side import right_hand_side
 from jointgap.config import Simulate, load_mechanism
 from jointgap.config.linkage_file import LinkageFile, Pin
-from jointgap.dynamics.model import Model, linkage_model
-from jointgap.dynamics.simulation import crank_angles, integrate_to_angles
-from jointgap.dynamics.slider_crank import model_of
 from jointgap.linkage import compiled
 from jointgap.linkage.equations import Crank, Pose
-from tests.dynamics.cases import mechanism
+from jointgap.motion.model import Model, linkage_model
+from jointgap.motion.simulation import crank_angles, integrate_to_angles
+from jointgap.motion.slider_crank import model_of
 from tests.independent.test_exudyn_linkage import four_bar, start_of
+from tests.motion.cases import mechanism
 from validation.exudyn import LooseLinkage
 
 REVOLUTIONS, ROUNDS = 4, 20

@@ -14,10 +14,11 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from jointgap.dynamics.model import Model, Workspace
-from jointgap.dynamics.parameters import Parameters, Record
-from jointgap.dynamics.rates import set_crank_at, set_damping, slopes
-from jointgap.dynamics.runge_kutta import VELOCITY_TIME
+from jointgap.core.records import Record
+from jointgap.linkage.parameters import Parameters
+from jointgap.motion.model import Model, Workspace
+from jointgap.motion.rates import set_crank_at, set_damping, slopes
+from jointgap.motion.runge_kutta import VELOCITY_TIME
 
 _ALIVE: list[tuple[Model, Workspace]] = []  # compiled functions point into them
 

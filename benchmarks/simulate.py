@@ -22,7 +22,7 @@ from benchmarks.extended import Extended
 from benchmarks.integrators import Code, codes
 from benchmarks.project import ROOT, row
 from jointgap.config import Mechanism, Simulate, load_mechanism
-from jointgap.dynamics.slider_crank import model_of
+from jointgap.motion.slider_crank import model_of
 
 SPEED = 20 * np.pi
 REVOLUTION, QUARTER = 2 * np.pi / SPEED, 0.5 * np.pi / SPEED
@@ -111,7 +111,7 @@ def first_and_later_call() -> tuple[float, float]:
     full one."""
     code = (
         "import time; from benchmarks.simulate import case; from jointgap.config import Simulate;"
-        "from jointgap.dynamics import simulate; mechanism = case(); begin = time.perf_counter();"
+        "from jointgap.motion import simulate; mechanism = case(); begin = time.perf_counter();"
         "simulate(mechanism, Simulate(revolutions=1)); print(time.perf_counter() - begin)"
     )
     with tempfile.TemporaryDirectory() as folder:

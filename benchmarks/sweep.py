@@ -74,7 +74,7 @@ def swept(designs: int, cores: int, folder: str) -> dict[str, float]:
     [MiB]."""
     from jointgap.config import resolve
     from jointgap.designs.stages import write_sweep
-    from jointgap.dynamics import parallel
+    from jointgap.motion import parallel
 
     alone: dict[int, float] = {}
     simulated = parallel.integrate_to_angles

@@ -14,7 +14,7 @@ import pandas as pd
 
 from jointgap.config import Mechanism, Simulate
 from jointgap.config.load import load_campaign
-from jointgap.dynamics.simulation import simulate
+from jointgap.motion.simulation import simulate
 
 CAMPAIGNS = Path("config/campaigns")
 

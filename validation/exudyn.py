@@ -1,6 +1,6 @@
 """Mechanisms in Exudyn (https://exudyn.readthedocs.io), a second model for trials and tests.
 
-It imports nothing of `jointgap.dynamics`. Bodies are open chains; the crank is so heavy that its
+It imports nothing of `jointgap.motion`. Bodies are open chains; the crank is so heavy that its
 speed is constant. Loose joints are Exudyn's spheres in hollow spheres: its Hunt-Crossley law with
 the restitution (1 + e^2) / 2 is the law of Lankarani and Nikravesh with the restitution e (J. Mech.
 Des. 112 (1990) 369-376); its friction is "ambrosio" without a dead band. Contacts close the loop

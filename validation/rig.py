@@ -19,10 +19,11 @@ from jointgap.config.campaign import NUISANCES
 from jointgap.config.load import validate
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.joints import PINS
-from jointgap.dynamics.model import Model
-from jointgap.dynamics.parameters import MEASURED, DriveParameters, knots_record, record
-from jointgap.dynamics.slider_crank import model_of
+from jointgap.core.records import record
 from jointgap.effects.base import FitContext, MotionScale
+from jointgap.linkage.parameters import MEASURED, DriveParameters, knots_record
+from jointgap.motion.model import Model
+from jointgap.motion.slider_crank import model_of
 from jointgap.rig.drives import options_of, prescribed_angles
 from jointgap.rig.model import physical_candidates
 from jointgap.rig.sensors import (

@@ -20,8 +20,8 @@ from jointgap.config.campaign import CHANNELS, UNITS
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.formula import compile_formula
 from jointgap.core.units import unit_factor
-from jointgap.dynamics.laws import evaluate
 from jointgap.identification.problem import Noise, whiten
+from jointgap.linkage.laws import evaluate
 from jointgap.rig.model import STEADY_CONTACT_DAMPING_FACTOR
 from jointgap.rig.sensors import ENCODER_ECCENTRICITY, FAULTS
 from jointgap.rig.simulate_run import with_nuisances

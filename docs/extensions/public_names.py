@@ -9,7 +9,7 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util import logging
 
-PUBLIC = ("jointgap", "jointgap.config", "jointgap.dynamics", "jointgap.dynamics.kinematics")
+PUBLIC = ("jointgap", "jointgap.config", "jointgap.motion", "jointgap.motion.kinematics")
 """Packages whose `__all__` is a promise. Others are for the stages."""
 
 log = logging.getLogger(__name__)
@@ -41,8 +41,8 @@ def _check(app: Sphinx, environment) -> None:
 
 
 def _lead(app: Sphinx, environment, node, shown):
-    """Resolve a name by what it means: `jointgap.dynamics.simulation.Trajectory` is
-    `jointgap.dynamics.Trajectory`."""
+    """Resolve a name by what it means: `jointgap.motion.simulation.Trajectory` is
+    `jointgap.motion.Trajectory`."""
     if node.get("refdomain") != "py" or not node["reftarget"].startswith("jointgap."):
         return None
     try:

@@ -11,7 +11,7 @@ from jointgap.app.cli import cli
 from jointgap.config import load_mechanism
 from jointgap.config.yaml_files import plain_speeds
 from jointgap.core.errors import InputError
-from jointgap.dynamics.mechanism_warnings import odd_data, odd_speed, remarks, sentences
+from jointgap.motion.mechanism_warnings import odd_data, odd_speed, remarks, sentences
 from tests.config.mechanisms import mechanism, paper
 
 PENALTY = {"law": "penalty", "restitution": None, "penalty_depth": "1 um"}

@@ -5,7 +5,7 @@ import pytest
 from jointgap.config import DrivenMechanism
 from jointgap.config.variations import with_values
 from jointgap.core.errors import InputError
-from tests.dynamics.cases import effect, mechanism, options
+from tests.motion.cases import effect, mechanism, options
 
 COARSE = options(samples_per_revolution=90, tolerance=1e-9)
 

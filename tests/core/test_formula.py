@@ -8,7 +8,7 @@ import pytest
 
 from jointgap.core.errors import InputError
 from jointgap.core.formula import NOTHING, VARIABLES, compile_formula
-from jointgap.dynamics.laws import evaluate
+from jointgap.linkage.laws import evaluate
 
 AT = {"v": -1.3, "x": 0.6, "w": 62.8, "theta": 2.1, "t": 0.05}
 FUNCTIONS = ("sin", "cos", "tan", "tanh", "exp", "log", "sqrt", "abs")

@@ -2,9 +2,9 @@
 
 from jointgap.config import Joints
 from jointgap.core.joints import FROM_FRAME, JOINT, JOINTS, PINS
-from jointgap.dynamics.simulation import start_state
-from jointgap.dynamics.slider_crank import model_of
-from tests.dynamics.cases import mechanism, options
+from jointgap.motion.simulation import start_state
+from jointgap.motion.slider_crank import model_of
+from tests.motion.cases import mechanism, options
 
 
 def test_the_vectors_of_a_start_are_in_the_order_of_the_list():

@@ -10,11 +10,11 @@ from jointgap.core.errors import InputError
 from jointgap.designs.dataset import simulate_designs
 from jointgap.designs.measures import best_crank_length
 from jointgap.designs.sampling import designs_of
-from jointgap.dynamics.kinematics import clearance_lift
-from jointgap.dynamics.simulation import simulate
 from jointgap.lengths.objective import frozen_objective, objective_of_motion
+from jointgap.motion.kinematics import clearance_lift
+from jointgap.motion.simulation import simulate
 from jointgap.paper.printed import OPTIMA
-from tests.dynamics.cases import mechanism, options
+from tests.motion.cases import mechanism, options
 
 MADE = mechanism(friction=0.1)
 CRANK, ROD = MADE.crank.length, MADE.rod.length

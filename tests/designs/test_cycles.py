@@ -18,8 +18,8 @@ from jointgap.designs.statistics import (
     poincare_section,
     time_shares,
 )
-from jointgap.dynamics.simulation import simulate
-from tests.dynamics.cases import ALL, SPEED, mechanism, options
+from jointgap.motion.simulation import simulate
+from tests.motion.cases import ALL, SPEED, mechanism, options
 
 
 def events(*rows) -> pd.DataFrame:

@@ -21,10 +21,10 @@ from jointgap.designs.optimise_robust import (
     uncertain_of,
 )
 from jointgap.designs.robust_study import robust_study
-from jointgap.dynamics.simulation import simulate
 from jointgap.lengths.region import Region, geometric
+from jointgap.motion.simulation import simulate
 from tests.designs.standin import BOX, NOMINAL, ROD, STEADY, Formula, problem, standard_samples
-from tests.dynamics.cases import mechanism, options
+from tests.motion.cases import mechanism, options
 
 MADE = mechanism(friction=0.1)
 COARSE = options(revolutions=2, samples_per_revolution=360, tolerance=1e-8)

@@ -15,7 +15,7 @@ from jointgap.designs.dataset import DIGEST, table_of
 from jointgap.designs.sampling import Designs, designs_of
 from jointgap.designs.sensitivity import SensitivityResult, compute_indices
 from jointgap.designs.stages import sensitivity
-from tests.dynamics.cases import mechanism, options
+from tests.motion.cases import mechanism, options
 
 MADE = mechanism(friction=0.1)
 COARSE = options(revolutions=2, samples_per_revolution=360, tolerance=1e-8)

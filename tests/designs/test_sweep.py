@@ -21,8 +21,8 @@ from jointgap.designs.measures import high_order_rms
 from jointgap.designs.sampling import designs_of
 from jointgap.designs.stages import write_sweep
 from jointgap.designs.statistics import clearance_vectors
-from jointgap.dynamics.simulation import simulate
-from tests.dynamics.cases import mechanism, options
+from jointgap.motion.simulation import simulate
+from tests.motion.cases import mechanism, options
 
 MADE = mechanism(friction=0.1)
 COARSE = options(revolutions=2, samples_per_revolution=360, tolerance=1e-8)

@@ -11,7 +11,7 @@ from jointgap.config import Scenario
 from jointgap.config.scenario_results import ScenarioResults
 from jointgap.core.errors import InputError
 from jointgap.designs.stages import sweep_record, track_sweep, write_sweep
-from tests.dynamics.cases import mechanism, options
+from tests.motion.cases import mechanism, options
 
 SWEPT = {
     "clearance": {"from": "0.2 mm", "to": "0.4 mm"},

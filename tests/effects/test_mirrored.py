@@ -6,11 +6,11 @@ import pytest
 from jointgap.config.channels import MIRRORED
 from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINTS
-from jointgap.dynamics.simulation import integrate_to_angles, observed, simulate, start_state
-from jointgap.dynamics.slider_crank import model_of
 from jointgap.effects import EFFECTS
 from jointgap.effects.base import example
-from tests.dynamics.cases import SPEED, effect, mechanism, options
+from jointgap.motion.simulation import integrate_to_angles, observed, simulate, start_state
+from jointgap.motion.slider_crank import model_of
+from tests.motion.cases import SPEED, effect, mechanism, options
 
 ACROSS = {"mass_centre_across": 0.01}
 ANGLES = 0.7 + np.linspace(0.0, 1.5, 91)

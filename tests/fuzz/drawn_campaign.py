@@ -14,8 +14,8 @@ from jointgap.config.campaign import UNITS
 from jointgap.config.channels import CHANNELS, MIRRORED
 from jointgap.config.scenario import MotorDrive
 from jointgap.core.units import unit_factor
-from jointgap.dynamics.simulation import simulate
-from tests.dynamics.cases import BODIES, effect, joint
+from jointgap.motion.simulation import simulate
+from tests.motion.cases import BODIES, effect, joint
 
 COMPARED = [name for name in CHANNELS if name not in ("time", "crank_angle")]
 DRIVES = ("constant_speed", "measured_angle", "motor")

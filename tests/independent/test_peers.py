@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from benchmarks.right_hand_side import right_hand_side
-from jointgap.dynamics.joints import CONTACT, FLIGHT
-from jointgap.dynamics.rates import evaluate
-from jointgap.dynamics.runge_kutta import VELOCITY_TIME
-from jointgap.dynamics.slider_crank import model_of
-from jointgap.dynamics.workspace import HERE
-from tests.dynamics.cases import mechanism, options
+from jointgap.contact.joints import CONTACT, FLIGHT
+from jointgap.motion.rates import evaluate
+from jointgap.motion.runge_kutta import VELOCITY_TIME
+from jointgap.motion.slider_crank import model_of
+from jointgap.motion.workspace import HERE
+from tests.motion.cases import mechanism, options
 
 SCALES = np.repeat([1.0, VELOCITY_TIME], 4)
 

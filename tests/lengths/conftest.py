@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from jointgap.config import Box, load_mechanism, read_yaml, resolve
-from jointgap.dynamics.kinematics import clearance_lift
 from jointgap.lengths.objective import frozen_objective
 from jointgap.lengths.region import Region
+from jointgap.motion.kinematics import clearance_lift
 
 
 @pytest.fixture(scope="session")

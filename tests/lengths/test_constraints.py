@@ -6,11 +6,11 @@ from scipy.interpolate import RectBivariateSpline
 
 from jointgap.config import Box, Constraints, Genetic, load_mechanism, resolve
 from jointgap.core.errors import InputError
-from jointgap.dynamics.kinematics import clearance_lift
 from jointgap.lengths.objective import frozen_objective
 from jointgap.lengths.region import Region, check_constraints, geometric
 from jointgap.lengths.search import evolve, search_from_all
 from jointgap.lengths.surface import Surface
+from jointgap.motion.kinematics import clearance_lift
 
 BOX = Box(crank_length=("147 mm", "153 mm"), rod_length=("555 mm", "575 mm"))
 OFFSET = 0.02

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from jointgap.config import Optimise, Simulate
-from jointgap.dynamics.kinematics import clearance_lift
 from jointgap.lengths.objective import evaluation_samples, frozen_objective, measure
+from jointgap.motion.kinematics import clearance_lift
 
 LENGTHS = np.array([0.1492, 0.5611])
 

@@ -5,11 +5,11 @@ import pytest
 
 from jointgap.config import Ensemble, Optimise, Simulate, load_mechanism
 from jointgap.core.joints import PINS
-from jointgap.dynamics.simulation import simulate
 from jointgap.lengths.objective import MEASURES, measure
 from jointgap.lengths.resimulate import Resimulation, perturbations, resimulate
 from jointgap.lengths.search import Point
 from jointgap.lengths.tables import resimulated
+from jointgap.motion.simulation import simulate
 
 SIMULATE = Simulate(revolutions=2, samples_per_revolution=720)
 ENSEMBLE = Ensemble(members=4, settled_revolution=2)

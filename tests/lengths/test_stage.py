@@ -11,14 +11,14 @@ from jointgap.config import Ensemble, Genetic, Optimise, Scenario, Simulate
 from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.core.schema import TABLES
-from jointgap.dynamics.kinematics import ideal_cycle
-from jointgap.dynamics.simulation import simulate
 from jointgap.lengths import force_limit
 from jointgap.lengths.objective import evaluation_samples
 from jointgap.lengths.optimise import frozen_objectives, optimise
 from jointgap.lengths.region import Region
 from jointgap.lengths.search import Point
 from jointgap.lengths.surface import Surface
+from jointgap.motion.kinematics import ideal_cycle
+from jointgap.motion.simulation import simulate
 from jointgap.scenario.chosen_lengths import choose_lengths, headline
 from jointgap.scenario.figures import draw
 

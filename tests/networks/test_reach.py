@@ -7,7 +7,7 @@ import pytest
 from jointgap.config import Simulate, Surrogate, read_yaml, resolve
 from jointgap.config.yaml_files import merge
 from jointgap.core.joints import OUTPUTS
-from jointgap.dynamics.simulation import simulate
+from jointgap.motion.simulation import simulate
 from jointgap.networks.train import SAMPLING, train, train_regularised
 
 pytestmark = pytest.mark.slow

@@ -20,7 +20,7 @@ from jointgap.designs.infer_settings import (
 from jointgap.designs.sampling import designs_of
 from jointgap.designs.stages import infer_settings, write_sweep
 from tests.draws import check_rate
-from tests.dynamics.cases import mechanism, options
+from tests.motion.cases import mechanism, options
 
 PAPER = mechanism(friction=0.1)
 COARSE = options(revolutions=1, samples_per_revolution=1800, tolerance=1e-7)

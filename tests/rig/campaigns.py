@@ -9,10 +9,10 @@ import yaml
 from jointgap.config import Mechanism, Simulate
 from jointgap.config.campaign import CHANNELS as UNITS
 from jointgap.config.load import load_campaign
-from jointgap.dynamics.simulation import simulate
+from jointgap.motion.simulation import simulate
 from jointgap.rig.model import SliderCrankModel, build_model
 from jointgap.rig.read_files import read_measurements
-from tests.dynamics.cases import BODIES
+from tests.motion.cases import BODIES
 
 MECHANISM = BODIES | {"joints": {"crank_pin": "ideal", "piston_pin": "ideal"}}
 

@@ -11,7 +11,7 @@ import yaml
 
 from jointgap.config.load import load_campaign
 from jointgap.config.yaml_files import merge
-from jointgap.dynamics.kinematics import Motion, linkage_motion
+from jointgap.motion.kinematics import Motion, linkage_motion
 from jointgap.rig.read_files import read_measurements
 from tests.config.mechanisms import PAPER
 from tests.config.mechanisms import paper as load_paper

@@ -10,10 +10,10 @@ from jointgap.config import Simulate
 from jointgap.config.campaign import CHANNELS as UNITS
 from jointgap.config.campaign import Campaign
 from jointgap.core.candidates import Candidate
-from jointgap.dynamics.simulation import simulate
+from jointgap.motion.simulation import simulate
 from jointgap.rig.model import SliderCrankModel, build_model
 from jointgap.rig.recording import Measurements, Recording
-from tests.dynamics.cases import BODIES, joint
+from tests.motion.cases import BODIES, joint
 
 CHANNELS = (
     "time crank_angle crank_speed slider_position slider_acceleration rod_acceleration_y"

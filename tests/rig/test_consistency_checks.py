@@ -8,8 +8,8 @@ from scipy.signal import butter, sosfilt, sosfiltfilt
 from jointgap.config import Simulate
 from jointgap.config.load import load_campaign
 from jointgap.core.errors import InputError
-from jointgap.dynamics.kinematics import ideal_channels
-from jointgap.dynamics.slider_crank import model_of
+from jointgap.motion.kinematics import ideal_channels
+from jointgap.motion.slider_crank import model_of
 from jointgap.rig.read_files import read_measurements
 from jointgap.rig.simulate_run import channels_at
 from tests.config.mechanisms import PAPER, mechanism

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import PPoly
 
-from jointgap.dynamics.drive import SlowRotation
 from jointgap.identification.noise import numerics_noise
 from jointgap.identification.problem import Noise, Problem
+from jointgap.linkage.drive import SlowRotation
 from jointgap.rig.drives import measured_drive
 from jointgap.rig.model import build_model
 from jointgap.rig.recording import Measurements

@@ -9,9 +9,9 @@ from scipy.signal import lfilter
 
 from jointgap.config import Simulate
 from jointgap.core.candidates import Series
-from jointgap.dynamics.simulation import simulate
 from jointgap.identification.noise import estimate_noise, noise_of_model
 from jointgap.identification.problem import Problem
+from jointgap.motion.simulation import simulate
 from jointgap.rig.model import build_model
 from tests.identification.toy import toy
 from tests.rig.rigs import campaign, mechanism, recorded

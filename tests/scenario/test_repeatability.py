@@ -8,7 +8,7 @@ import pytest
 from jointgap.core.errors import InputError
 from jointgap.scenario import repeatability
 from jointgap.scenario.repeatability import perturbation_growth, samples_repeat_until
-from tests.dynamics.cases import mechanism, options
+from tests.motion.cases import mechanism, options
 
 COARSE = options(revolutions=3, samples_per_revolution=180)
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from jointgap.config import Mechanism, Simulate
-from jointgap.dynamics.simulation import simulate as package_motion
+from jointgap.motion.simulation import simulate as package_motion
 from jointgap.rig.sensors import FAULTS
-from tests.dynamics.cases import effect
 from tests.independent.cases import friction, mechanism
+from tests.motion.cases import effect
 from validation import exudyn
 from validation.rig import RECIPE, UNLISTED_FAULTS, Hidden, Numerics, Run, read, simulate
 
@@ -76,11 +76,11 @@ def test_exudyn_gives_the_same_readings_with_every_effect(loose, effects, bound)
 def test_the_second_models_share_no_code_with_the_dynamics():
     for path, shared in (
         ("validation/exudyn.py", []),
-        ("tests/dynamics/laws.py", ["jointgap.dynamics.parameters"]),
+        ("tests/linkage/laws.py", ["jointgap.linkage.parameters"]),
     ):
         text = (ROOT / path).read_text(encoding="utf-8")
         imported = re.findall(r"^\s*(?:from|import) (\S+)", text, re.M)
-        own = ("jointgap.dynamics", "validation")
+        own = ("jointgap.motion", "validation")
         assert [name for name in imported if name.startswith(own)] == shared
 
 

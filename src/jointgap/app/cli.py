@@ -493,8 +493,8 @@ def config(files: tuple[Path, ...], scenario: str | None) -> None:
     from jointgap.config import load, read_yaml
     from jointgap.config.yaml_files import merge, plain_speeds
     from jointgap.core.errors import InputError, did_you_mean
-    from jointgap.dynamics.mechanism_warnings import remarks
     from jointgap.lengths.region import check_constraints
+    from jointgap.motion.mechanism_warnings import remarks
 
     content, folders, warnings = {}, [], []
     for file in files:

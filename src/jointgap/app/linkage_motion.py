@@ -15,12 +15,12 @@ from jointgap.core import parquet
 from jointgap.core.facts import Fact
 from jointgap.core.plot import COLOURS, CRANK_ANGLE, INK, Drawing, Quantity, Sheet
 from jointgap.core.words import format_name
-from jointgap.dynamics.model import corner_names, linkage_remarks
-from jointgap.dynamics.simulation import simulate_linkage
 from jointgap.linkage.assembly import signs_of
 from jointgap.linkage.equations import Arithmetic, Crank, Pose
 from jointgap.linkage.from_file import linkage_of_file
 from jointgap.linkage.topology import FRAME
+from jointgap.motion.model import corner_names, linkage_remarks
+from jointgap.motion.simulation import simulate_linkage
 from jointgap.scenario.animation import FRAME_DURATION, film
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ from jointgap.core.joints import FROM_FRAME
 from jointgap.core.parquet import with_units
 from jointgap.core.words import format_name
 from jointgap.designs.statistics import contacts, time_shares
-from jointgap.dynamics.mechanism_warnings import sentences
-from jointgap.dynamics.simulation import simulate as simulated
+from jointgap.motion.mechanism_warnings import sentences
+from jointgap.motion.simulation import simulate as simulated
 from jointgap.scenario.figures import FIGURES
 
 if TYPE_CHECKING:

@@ -21,7 +21,6 @@ from jointgap.axis.motion import (
 )
 from jointgap.core.candidates import Candidate, Effects, Parameter, Series
 from jointgap.core.errors import InputError, SimulationError, did_you_mean
-from jointgap.dynamics.parameters import EffectParameters
 from jointgap.effects.axis_laws import (
     AXIS_LAWS,
     BACKLASH,
@@ -32,6 +31,7 @@ from jointgap.effects.axis_laws import (
 from jointgap.effects.base import DETECTABLE_SHARE, MotionScale
 from jointgap.identification.noise import scatter_between_samples
 from jointgap.identification.settings import DEFAULT_SETTINGS
+from jointgap.linkage.parameters import EffectParameters
 from jointgap.rig.checks import MIN_SAMPLES
 from jointgap.rig.sensors import Faults, Reading, channel_faults
 

@@ -7,21 +7,16 @@ import numba
 import numpy as np
 
 from jointgap.core.formula import NOTHING
-from jointgap.dynamics.laws import slider_force
-from jointgap.dynamics.parameters import (
-    NO_TABLE,
-    EffectParameters,
-    Record,
-    program_record,
-    record,
-)
+from jointgap.core.records import Record, record
+from jointgap.linkage.laws import slider_force
+from jointgap.linkage.parameters import NO_TABLE, EffectParameters, program_record
 
 _CLOSED = 1e-9  # [1] Rounding, of half a play
 NEAR = 0.05  # [1] Share of a range over which derivatives of forces are differences
 
 
 class Laws(NamedTuple):
-    """The force laws of effects, as `jointgap.dynamics.laws.slider_force` reads them."""
+    """The force laws of effects, as `jointgap.linkage.laws.slider_force` reads them."""
 
     effects: Record
     slider_table: Record

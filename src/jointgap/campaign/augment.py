@@ -18,10 +18,10 @@ from jointgap.config.load import validate
 from jointgap.core.errors import InputError
 from jointgap.core.schema import MISSING_FORCE
 from jointgap.core.units import split_quantity
-from jointgap.dynamics.laws import crank_losses, slider_force
-from jointgap.dynamics.simulation import simulate
-from jointgap.dynamics.slider_crank import model_of
 from jointgap.identification.fit import determined_values
+from jointgap.linkage.laws import crank_losses, slider_force
+from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import model_of
 from jointgap.rig.cylinder_pressure import with_loads
 from jointgap.rig.simulate_run import augmented_mechanism, tolerance_for
 

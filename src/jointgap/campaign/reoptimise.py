@@ -19,8 +19,8 @@ from jointgap.config import (
 from jointgap.config.campaign import Campaign
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.schema import CAMPAIGN_OPTIMUM
-from jointgap.dynamics.simulation import simulate
 from jointgap.lengths.optimise import optimise
+from jointgap.motion.simulation import simulate
 from jointgap.rig.cylinder_pressure import with_loads
 from jointgap.rig.simulate_run import tolerance_for
 

@@ -83,7 +83,7 @@ def measure(state: "CampaignState", pictures: bool = True) -> str:
 
     from jointgap.campaign.campaign_files import check_same_file, config_snapshot, write_origin
     from jointgap.config.yaml_files import plain_speeds
-    from jointgap.dynamics.mechanism_warnings import odd_data
+    from jointgap.motion.mechanism_warnings import odd_data
     from jointgap.rig.read_files import read_measurements
     from jointgap.rig.recording import to_frame
 

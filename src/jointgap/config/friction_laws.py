@@ -1,5 +1,5 @@
 """Parameters of the friction laws by name; the laws themselves are in
-`jointgap.dynamics.friction`."""
+`jointgap.contact.friction`."""
 
 from typing import NamedTuple
 

@@ -1,7 +1,7 @@
 """Formulas such as ``-a*v*|v| + b*sin(theta)``, compiled to programs for a stack machine.
 
 They are Python expressions of numbers, names and functions, with ``^`` for powers and bars for
-absolute values. The machine is in `jointgap.dynamics.equations`; each row of `Program.codes` is an
+absolute values. The machine is in `jointgap.motion.equations`; each row of `Program.codes` is an
 operation and an index, used by NUMBER and VARIABLE.
 """
 

@@ -9,16 +9,16 @@ from jointgap.config import Simulate
 from jointgap.core.joints import JOINTS
 from jointgap.core.schema import BEST_LENGTHS
 from jointgap.designs.sampling import ErrorDefinition
-from jointgap.dynamics.parallel import Outcome
-from jointgap.dynamics.sampling import ROUNDING, angle_errors, contact_sums, largest_change
-from jointgap.dynamics.simulation import crank_angles, observed
-from jointgap.dynamics.slider_crank import (
+from jointgap.lengths.objective import Objective, objective_of_motion
+from jointgap.motion.parallel import Outcome
+from jointgap.motion.sampling import ROUNDING, angle_errors, contact_sums, largest_change
+from jointgap.motion.simulation import crank_angles, observed
+from jointgap.motion.slider_crank import (
     clearance_vectors,
     lengths_of,
     rod_and_slider,
     rod_sine,
 )
-from jointgap.lengths.objective import Objective, objective_of_motion
 from jointgap.paper.printed import OPTIMA
 
 NOISE_ORDER = 10  # order of the crank above which acceleration counts as noise

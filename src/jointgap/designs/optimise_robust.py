@@ -19,10 +19,6 @@ from jointgap.core import schema
 from jointgap.core.errors import InputError, needs
 from jointgap.core.progress import report_progress
 from jointgap.designs.sampling import Designs, axes_of, values_at
-from jointgap.dynamics.kinematics import transmission_angle
-from jointgap.dynamics.parallel import Outcome, Run, simulate_runs
-from jointgap.dynamics.simulation import observed
-from jointgap.dynamics.slider_crank import rod_and_slider
 from jointgap.lengths.objective import (
     Objective,
     largest_pin_force,
@@ -32,6 +28,10 @@ from jointgap.lengths.objective import (
 )
 from jointgap.lengths.region import FEASIBLE, Constraint, Region, depends_on_offset, regions
 from jointgap.lengths.search import search_from_all
+from jointgap.motion.kinematics import transmission_angle
+from jointgap.motion.parallel import Outcome, Run, simulate_runs
+from jointgap.motion.simulation import observed
+from jointgap.motion.slider_crank import rod_and_slider
 
 with needs("optimising link lengths", "learn"):
     from pymoo.algorithms.soo.nonconvex.de import DE

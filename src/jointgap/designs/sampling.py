@@ -19,8 +19,8 @@ from jointgap.config.variations import si_number, unit_of, with_values
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import JOINTS
 from jointgap.core.schema import Column
-from jointgap.dynamics.simulation import perturbed_start
 from jointgap.lengths.objective import MEASURES
+from jointgap.motion.simulation import perturbed_start
 from jointgap.paper.printed import departures
 
 SOURCE = "sweep.parameters"

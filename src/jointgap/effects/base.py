@@ -46,7 +46,7 @@ Values = Mapping[str, float]
 #: Candidates of an effect, one for each site.
 Candidates = Iterable[Candidate]
 
-#: Fields by record of `jointgap.dynamics.parameters.Parameters`; and programs under ``formulas``.
+#: Fields by record of `jointgap.linkage.parameters.Parameters`; and programs under ``formulas``.
 Records = dict[str, dict[str, Any]]
 
 
@@ -129,7 +129,7 @@ class EffectParameter:
     example, default : float
         A typical value; the value of an entry without the parameter (default: required).
     compiled : str
-        Field of `jointgap.dynamics.parameters.EffectParameters` with the same value.
+        Field of `jointgap.linkage.parameters.EffectParameters` with the same value.
     odd : bool
         Whether mirroring changes its sign; see `Effect.mirrored`.
     step : function

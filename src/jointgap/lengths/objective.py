@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from jointgap.config import Mechanism, Optimise, Simulate
 from jointgap.core.joints import PINS
-from jointgap.dynamics.kinematics import transmission_angle
+from jointgap.motion.kinematics import transmission_angle
 
 
 class Measures(NamedTuple):

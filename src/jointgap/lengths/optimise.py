@@ -7,7 +7,6 @@ import pandas as pd
 
 from jointgap.config import Mechanism, Optimise, Simulate
 from jointgap.core.joints import JOINT_NUMBERS
-from jointgap.dynamics.kinematics import Fit, clearance_lift
 from jointgap.lengths import tables
 from jointgap.lengths.force_limit import search_under_force_limit
 from jointgap.lengths.objective import GOALS, Objective, evaluation_samples, frozen_objective
@@ -15,6 +14,7 @@ from jointgap.lengths.region import regions
 from jointgap.lengths.resimulate import Resimulation, resimulate
 from jointgap.lengths.search import Point, search_all
 from jointgap.lengths.surface import simulated_objectives
+from jointgap.motion.kinematics import Fit, clearance_lift
 from jointgap.paper.printed import OPTIMA, departures
 
 DIGITS = 6  # lengths are simulated again to the micrometre; equal points once

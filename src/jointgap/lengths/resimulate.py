@@ -13,11 +13,11 @@ import numpy as np
 
 from jointgap.config import Ensemble, Mechanism, Optimise, Simulate
 from jointgap.core.joints import FROM_FRAME, PINS
-from jointgap.dynamics.kinematics import transmission_angle
-from jointgap.dynamics.parallel import Ensemble as Motions
-from jointgap.dynamics.parallel import simulate_ensemble
-from jointgap.dynamics.simulation import perturbed_start
 from jointgap.lengths.objective import GOALS, evaluation_samples, measure
+from jointgap.motion.kinematics import transmission_angle
+from jointgap.motion.parallel import Ensemble as Motions
+from jointgap.motion.parallel import simulate_ensemble
+from jointgap.motion.simulation import perturbed_start
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from scipy.interpolate import RectBivariateSpline
 
 from jointgap.config import Mechanism, Optimise, Simulate
 from jointgap.core.errors import InputError
-from jointgap.dynamics.parallel import Run, simulate_runs
-from jointgap.dynamics.simulation import observed
 from jointgap.lengths.objective import GOALS, Objective, evaluation_samples, pin_forces
 from jointgap.lengths.region import Constraint, Region, regions
+from jointgap.motion.parallel import Run, simulate_runs
+from jointgap.motion.simulation import observed
 
 GRID = 21, 41  # points of crank and rod length
 

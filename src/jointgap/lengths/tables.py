@@ -9,12 +9,12 @@ from scipy.optimize import brentq, minimize_scalar
 
 from jointgap.config import Optimise
 from jointgap.core.schema import TABLES
-from jointgap.dynamics.kinematics import ideal_cycle
 from jointgap.lengths.objective import MEASURES, Objective
 from jointgap.lengths.region import Region
 from jointgap.lengths.resimulate import Resimulation
 from jointgap.lengths.search import Point, Search, search_from_all
 from jointgap.lengths.surface import SimulatedObjective
+from jointgap.motion.kinematics import ideal_cycle
 
 CRANK_LENGTHS, ROD_LENGTHS = 61, 37  # grid points: every 0.1 mm by 0.25 mm in the paper's box
 _LARGEST_DEVIATION = 0.01  # examined, as a share of the rod's length

@@ -16,7 +16,7 @@ from jointgap.config.campaign import FILTER_ORDER, UNITS, Campaign, CampaignRun,
 from jointgap.config.channels import CHANNEL_KINDS, CHANNELS, FORCES
 from jointgap.core.units import counts_near, split_share, unit_factor
 from jointgap.core.words import joined, number
-from jointgap.dynamics.kinematics import ideal_orders
+from jointgap.motion.kinematics import ideal_orders
 from jointgap.rig.recording import Contradiction, Recording
 from jointgap.rig.sampling import aperiodic_share, speed_from_periodicity
 

@@ -14,7 +14,11 @@ from scipy.sparse.linalg import LinearOperator, aslinearoperator
 from jointgap.config import Effect, Mechanism, MotorDrive, Simulate
 from jointgap.config.campaign import MOTOR_LINE, CampaignRun, Start
 from jointgap.core.errors import InputError
-from jointgap.dynamics.drive import (
+from jointgap.core.numba_cache import compiled
+from jointgap.core.records import record
+from jointgap.identification.noise import scatter_between_samples
+from jointgap.identification.settings import DEFAULT_SETTINGS as IDENTIFICATION
+from jointgap.linkage.drive import (
     LONG_TURNS,
     AngleErrors,
     SlowRotation,
@@ -23,19 +27,10 @@ from jointgap.dynamics.drive import (
     smooth_angle,
     standstill_time,
 )
-from jointgap.dynamics.model import Model
-from jointgap.dynamics.numba_cache import compiled
-from jointgap.dynamics.parameters import (
-    MEASURED,
-    MOST_KNOTS,
-    DriveParameters,
-    knots_record,
-    record,
-)
-from jointgap.dynamics.simulation import integrate_to_angles, start_state
-from jointgap.dynamics.slider_crank import model_of
-from jointgap.identification.noise import scatter_between_samples
-from jointgap.identification.settings import DEFAULT_SETTINGS as IDENTIFICATION
+from jointgap.linkage.parameters import MEASURED, MOST_KNOTS, DriveParameters, knots_record
+from jointgap.motion.model import Model
+from jointgap.motion.simulation import integrate_to_angles, start_state
+from jointgap.motion.slider_crank import model_of
 from jointgap.rig.sampling import SampleGrid
 
 Values = Mapping[str, float]  # Of nuisances, by name
@@ -224,7 +219,7 @@ def _led_in_and_out(
 class MeasuredDrive:
     """A smoothed measured angle."""
 
-    table: np.ndarray  # Pieces: see `jointgap.dynamics.parameters.knots_record`
+    table: np.ndarray  # Pieces: see `jointgap.linkage.parameters.knots_record`
     begin: float  # Time [s] of the record's first sample
     made_tables: Callable[[], np.ndarray]
 

@@ -10,8 +10,8 @@ from jointgap.config.campaign import Campaign
 from jointgap.core.candidates import Effects, Variation
 from jointgap.core.costs import count_revolutions
 from jointgap.core.errors import InputError, SimulationError
-from jointgap.dynamics.model import Model
-from jointgap.dynamics.periodic import Evaluation, LinearMotion, Orbit, periodic_orbit
+from jointgap.motion.model import Model
+from jointgap.motion.periodic import Evaluation, LinearMotion, Orbit, periodic_orbit
 from jointgap.rig.drives import RunPlan, Values
 from jointgap.rig.simulate_run import (
     Columns,

@@ -19,7 +19,6 @@ from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.formula import compile_formula
 from jointgap.core.joints import PINS
 from jointgap.core.words import joined
-from jointgap.dynamics.laws import evaluate
 from jointgap.effects import EFFECTS
 from jointgap.effects.base import (
     DETECTABLE_SHARE,
@@ -31,6 +30,7 @@ from jointgap.effects.base import (
 from jointgap.effects.own_law import FORMULA_EFFECTS
 from jointgap.identification.fit import Fit
 from jointgap.identification.problem import values_in_run
+from jointgap.linkage.laws import evaluate
 from jointgap.rig.checks import is_computed
 from jointgap.rig.consistency_checks import consistency_checks
 from jointgap.rig.cylinder_pressure import loads_of_run, perturbed

@@ -17,14 +17,14 @@ from jointgap.core.candidates import Candidate, Effects
 from jointgap.core.costs import count_revolutions, count_run
 from jointgap.core.errors import InputError
 from jointgap.core.joints import PINS
-from jointgap.dynamics.drive import crank_times
-from jointgap.dynamics.integrate import Samples
-from jointgap.dynamics.model import Model, Workspace, beginning
-from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING
-from jointgap.dynamics.periodic import COARSE_ANGLES, coarse_angles
-from jointgap.dynamics.simulation import integrate_on, observed, start_state
 from jointgap.effects.own_law import FORMULA_EFFECTS
 from jointgap.effects.slider_force_table import with_pressure_sensor
+from jointgap.linkage.drive import crank_times
+from jointgap.linkage.parameters import CONSTANT, FLUCTUATING
+from jointgap.motion.integrate import Samples
+from jointgap.motion.model import Model, Workspace, beginning
+from jointgap.motion.periodic import COARSE_ANGLES, coarse_angles
+from jointgap.motion.simulation import integrate_on, observed, start_state
 from jointgap.rig import drives, sensors
 from jointgap.rig.cylinder_pressure import with_loads
 from jointgap.rig.drives import TOLERANCE, RunPlan, Values

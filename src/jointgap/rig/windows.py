@@ -9,8 +9,8 @@ import numpy as np
 from jointgap.config.campaign import Campaign
 from jointgap.core.candidates import Effects, StateEstimate
 from jointgap.core.costs import count_run
-from jointgap.dynamics import windows
-from jointgap.dynamics.model import Model
+from jointgap.motion import windows
+from jointgap.motion.model import Model
 from jointgap.rig import sensors
 from jointgap.rig.drives import RunPlan, Values
 from jointgap.rig.simulate_run import Columns, Prepared, prepared, read, simulated_effects

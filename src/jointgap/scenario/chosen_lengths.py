@@ -14,9 +14,9 @@ from jointgap.core.facts import document as facts_document
 from jointgap.core.joints import FROM_FRAME, PINS
 from jointgap.core.schema import FIT_ERRORS
 from jointgap.core.words import format_name, format_range, format_size, number
-from jointgap.dynamics import mechanism_warnings
 from jointgap.lengths.objective import GOALS, Goal
 from jointgap.lengths.region import FEASIBLE, FORCE_TOLERANCE, LEAST_FORCE, Constraint, geometric
+from jointgap.motion import mechanism_warnings
 
 NEEDED = tuple(f"optimise_{name}" for name in ("optima", "floor", "resimulated", "worth", "loads"))
 """Tables required, besides `fit_errors` where networks were trained."""

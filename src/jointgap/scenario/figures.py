@@ -457,7 +457,7 @@ _APART = 0.07  # vertical offset between frozen and simulated again, which may c
 @figure
 def transmission_errors(tables: Tables, scenario: Scenario) -> Drawing:
     """Error of the angle at the original and at the optimised lengths."""
-    from jointgap.dynamics.kinematics import clearance_lift, transmission_angle
+    from jointgap.motion.kinematics import clearance_lift, transmission_angle
 
     optima = tables["optimise_optima"]
     if (message := _without_optimum("figure_16", optima, scenario)) is not None:

@@ -23,7 +23,7 @@ from scipy.integrate import cumulative_simpson
 from jointgap.config import Mechanism, Simulate
 from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.core.schema import KINEMATICS_CONTRADICTIONS, KINEMATICS_QUANTITIES
-from jointgap.dynamics.kinematics import ClearanceMotion, Fit, LinkageMotion, Motion, linkage_motion
+from jointgap.motion.kinematics import ClearanceMotion, Fit, LinkageMotion, Motion, linkage_motion
 
 UNITS = {column.name: column.unit for column in KINEMATICS_QUANTITIES.columns}
 TRANSIENT = np.radians(60.0)  # end of the paper's transient

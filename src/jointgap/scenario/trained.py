@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import pandas as pd
 
 from jointgap.config.scenario_results import ScenarioResults
-from jointgap.dynamics.kinematics import Fit
+from jointgap.motion.kinematics import Fit
 from jointgap.networks.network import Network
 
 

@@ -1,0 +1,1 @@
+"""Contact, friction and films in revolute joints; no mechanism."""

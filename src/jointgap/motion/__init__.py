@@ -1,0 +1,12 @@
+"""Motion of a slider-crank with clearance joints: contact, friction, equations of motion, events,
+integration.
+
+`simulate` returns one motion with all quantities; `simulate_ensemble` many motions from different
+starts.
+"""
+
+from jointgap.contact.normal_force import LAWS, delivered_restitution
+from jointgap.motion.parallel import simulate_ensemble
+from jointgap.motion.simulation import Trajectory, simulate
+
+__all__ = ["LAWS", "Trajectory", "delivered_restitution", "simulate", "simulate_ensemble"]
