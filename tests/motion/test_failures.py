@@ -76,7 +76,7 @@ def test_too_many_steps_are_reported_with_the_joint(monkeypatch):
 
 
 def test_every_source_of_compiled_code_invalidates_the_cache():
-    package = Path(numba_cache.__file__).parent
+    package = Path(numba_cache.__file__).parent.parent
     sources = {
         path
         for path in package.rglob("*.py")

@@ -76,11 +76,11 @@ def test_exudyn_gives_the_same_readings_with_every_effect(loose, effects, bound)
 def test_the_second_models_share_no_code_with_the_dynamics():
     for path, shared in (
         ("validation/exudyn.py", []),
-        ("tests/linkage/laws.py", ["jointgap.linkage.parameters"]),
+        ("tests/motion/laws.py", ["jointgap.contact.parameters"]),
     ):
         text = (ROOT / path).read_text(encoding="utf-8")
         imported = re.findall(r"^\s*(?:from|import) (\S+)", text, re.M)
-        own = ("jointgap.motion", "validation")
+        own = ("jointgap.contact", "jointgap.linkage", "jointgap.motion", "validation")
         assert [name for name in imported if name.startswith(own)] == shared
 
 

@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike
 from jointgap.config import Mechanism, Simulate
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.joints import JOINTS, PINS
-from jointgap.core.numba_cache import compiled
 from jointgap.core.progress import with_progress
-from jointgap.linkage.drive import crank_motion
+from jointgap.linkage.drive import prescribed_speeds
 from jointgap.motion.integrate import Samples
 from jointgap.motion.model import Model
 from jointgap.motion.simulation import (
@@ -164,15 +163,6 @@ def simulate_run(run: Run, model: Model | InputError) -> Outcome:
     except (InputError, SimulationError) as error:
         return Outcome(run, model, angles, None, error)
     return Outcome(run, model, angles, result)
-
-
-@compiled
-def prescribed_speeds(p, times):
-    """Speeds [rad/s] of a prescribed crank at `times` (n,) [s]."""
-    speeds = np.empty(times.size)
-    for i in range(times.size):
-        speeds[i] = crank_motion(p, times[i])[1]
-    return speeds
 
 
 def crank_speeds(model: Model, times: np.ndarray, states: np.ndarray) -> np.ndarray:

@@ -14,7 +14,6 @@ from scipy.sparse.linalg import LinearOperator, aslinearoperator
 from jointgap.config import Effect, Mechanism, MotorDrive, Simulate
 from jointgap.config.campaign import MOTOR_LINE, CampaignRun, Start
 from jointgap.core.errors import InputError
-from jointgap.core.numba_cache import compiled
 from jointgap.core.records import record
 from jointgap.identification.noise import scatter_between_samples
 from jointgap.identification.settings import DEFAULT_SETTINGS as IDENTIFICATION
@@ -22,8 +21,8 @@ from jointgap.linkage.drive import (
     LONG_TURNS,
     AngleErrors,
     SlowRotation,
-    crank_motion,
     crank_times,
+    prescribed_angles,
     smooth_angle,
     standstill_time,
 )
@@ -58,15 +57,6 @@ def options_of(speed: float, start_angle: float, tolerance: float, **drive) -> S
     return Simulate.model_construct(
         speed=speed, start_angle=start_angle, tolerance=tolerance, **drive
     )
-
-
-@compiled
-def prescribed_angles(p, times):
-    """Angles (n,) [rad] of a prescribed crank with the parameters `p` at `times` (n,) [s]."""
-    angles = np.empty(times.size)
-    for i in range(times.size):
-        angles[i] = crank_motion(p, times[i])[0]
-    return angles
 
 
 @dataclass(frozen=True)
