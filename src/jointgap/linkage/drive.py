@@ -111,15 +111,6 @@ def prescribed_angles(p, times):
     return angles
 
 
-@compiled
-def prescribed_speeds(p, times):
-    """Speeds [rad/s] of a prescribed crank at `times` (n,) [s]."""
-    speeds = np.empty(times.size)
-    for i in range(times.size):
-        speeds[i] = crank_motion(p, times[i])[1]
-    return speeds
-
-
 _MIN_SAMPLES = 12  # samples required for a smooth angle
 _TURN = 2 * math.pi
 # Orders that repeat every two turns, as in four-stroke engines; others (gears, joints) are left to

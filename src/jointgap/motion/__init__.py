@@ -1,5 +1,4 @@
-"""Motion of a slider-crank with clearance joints: contact, friction, equations of motion, events,
-integration.
+"""Motion of linkages with clearance joints: events, integration, samples.
 
 `simulate` returns one motion with all quantities; `simulate_ensemble` many motions from different
 starts.

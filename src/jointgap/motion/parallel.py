@@ -15,7 +15,6 @@ from jointgap.config import Mechanism, Simulate
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.joints import JOINTS, PINS
 from jointgap.core.progress import with_progress
-from jointgap.linkage.drive import prescribed_speeds
 from jointgap.motion.integrate import Samples
 from jointgap.motion.model import Model
 from jointgap.motion.simulation import (
@@ -163,11 +162,6 @@ def simulate_run(run: Run, model: Model | InputError) -> Outcome:
     except (InputError, SimulationError) as error:
         return Outcome(run, model, angles, None, error)
     return Outcome(run, model, angles, result)
-
-
-def crank_speeds(model: Model, times: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """Crank speeds [rad/s] at samples, (n,)."""
-    return model.crank_state(states)[1] if model.is_free else prescribed_speeds(model.p, times)
 
 
 def simulate_ensemble(

@@ -185,12 +185,6 @@ def _rub(p, k):
         k.slope[k.half + i] = math.nan
 
 
-@inlined
-def never_pulling(joint, normal) -> bool:
-    """Whether rounding makes a dry joint's force attractive at the end of a contact."""
-    return joint.film_viscosity == 0.0 and normal <= 0.0
-
-
 @compiled
 def evaluate(p, k, row):
     """Rates, normal forces and conditions at the state of a row."""
