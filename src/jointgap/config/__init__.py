@@ -24,6 +24,7 @@ from jointgap.config.scenario import (
     DrivenMechanism,
     Ensemble,
     Figures,
+    FreeDrive,
     Genetic,
     MeasuredDrive,
     MotorDrive,
