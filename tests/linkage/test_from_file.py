@@ -134,6 +134,27 @@ REFUSED = {
         "joints__guide": None,
         "joints__D_normal": QUICK_RETURN["joints"]["guide"],
     },
+    "bodies.rod.mass_centre = '200 kg': has the unit 'kilogram' and requires m": {
+        "bodies__rod__mass_centre": "200 kg"
+    },
+    "must be a distance, or a point [x, y]": {"bodies__rod__mass_centre": ["1 mm"]},
+    "length, clearance and contact without width; a loose slide needs all": {
+        "joints__guide__length": "0.1 m",
+        "joints__guide__clearance": "1 mm",
+        "joints__guide__contact": "steel",
+    },
+    "a loose slide needs the frame as carrier, not rocker": {
+        "joints__track__length": "0.1 m",
+        "joints__track__width": "0.05 m",
+        "joints__track__clearance": "1 mm",
+        "joints__track__contact": "steel",
+    },
+    "contact needs a stiffness; corners have no radii": {
+        "joints__guide__length": "0.1 m",
+        "joints__guide__width": "0.05 m",
+        "joints__guide__clearance": "1 mm",
+        "joints__guide__contact": "steel",
+    },
     "unknown key 'bodies.rod.angel'; did you mean 'angle'": {"bodies__rod__angel": "10 deg"},
 }
 

@@ -167,20 +167,6 @@ def test_a_clockwise_crank_gives_the_mirror_image():
     assert list(behind.events["joint"]) == expected
 
 
-@pytest.mark.parametrize(
-    "changes, words",
-    [
-        ({"width": None}, "length, clearance and contact without width"),
-        ({"slide": ["crank", "slider"]}, "a loose slide needs the frame as carrier, not crank"),
-    ],
-)
-def test_an_incomplete_loose_slide_is_refused(changes, words):
-    content = published().model_dump()
-    content["joints"]["guide"] |= changes
-    with pytest.raises(InputError, match=words):
-        validate(LinkageFile, content, "flores.yaml")
-
-
 def test_a_block_without_inertia_is_refused():
     content = published().model_dump()
     content["bodies"]["slider"]["inertia"] = None

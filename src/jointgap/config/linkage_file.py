@@ -4,11 +4,11 @@ import math
 from collections.abc import Iterator
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, TypeAdapter, ValidationInfo, field_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from jointgap.config.mechanism import Contact, Joint, angle_of, with_contacts
 from jointgap.core.errors import did_you_mean
-from jointgap.core.section import ConfigModel, Word
+from jointgap.core.section import ConfigModel, Word, checked
 from jointgap.core.units import Angle, Length, PositiveLength, PositiveMass, quantity
 from jointgap.core.words import joined
 from jointgap.effects import AnyEffect
@@ -17,12 +17,12 @@ FRAME = "frame"
 
 Point = tuple[Length, Length]
 
-_POINT = TypeAdapter(Point)
-
 
 def _centre(value: Any) -> Any:
     """A distance along the body, or a point."""
-    return _POINT.validate_python(value) if isinstance(value, list | tuple) else value
+    if isinstance(value, list | tuple) and len(value) != 2:
+        raise ValueError("must be a distance, or a point [x, y]")
+    return checked(Point if isinstance(value, list | tuple) else Length, value)
 
 
 class Frame(ConfigModel):
