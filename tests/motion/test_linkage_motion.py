@@ -351,23 +351,35 @@ FREE = {"kind": "motor", "stall_torque": 0.0, "no_load_speed": 4 * SPEED, "inert
 
 
 @st.composite
-def free_four_bars(draw):
-    """A crank-rocker of any lengths, with one to three loose joints without losses."""
+def free_linkages(draw):
+    """A four-bar, quick return or six-bar of other lengths and masses, with any loose joints
+    without losses."""
     number_in = lambda low, high: draw(st.floats(low, high))  # noqa: E731
-    crank, ground = number_in(0.05, 0.12), number_in(0.28, 0.4)
-    rocker, coupler = number_in(0.22, 0.3), number_in(0.34, 0.42)
-    loose = draw(st.sets(st.sampled_from("ABC"), min_size=1))
-    content = read_yaml(shipped_mechanisms()["four_bar"])
-    content["frame"]["points"]["C"] = [ground, number_in(-0.02, 0.02)]
-    for name, length in (("crank", crank), ("coupler", coupler), ("rocker", rocker)):
-        content["bodies"][name] |= {"length": length, "mass_centre": number_in(0.2, 0.8) * length}
-    content["contacts"]["steel"] = {"youngs_modulus": 2e10, "poisson_ratio": 0.3} | ELASTIC
-    content["joints"] = {name: content["joints"][name] for name in sorted(loose)}
-    return content
+    content = read_yaml(shipped_mechanisms()[draw(st.sampled_from(SHIPPED))])
+    points = content["frame"]["points"]
+    for name in sorted({*points} - {"O"}):
+        points[name] = [f"{_mm(each) + number_in(-8, 8)} mm" for each in points[name]]
+    for body in content["bodies"].values():
+        body["mass"] = number_in(0.3, 2.0)
+        if "length" in body:
+            length = _mm(body["length"]) * number_in(0.95, 1.05)
+            body |= {"length": f"{length} mm", "mass_centre": f"{length * number_in(0.2, 0.8)} mm"}
+    content["contacts"] = {"steel": {"youngs_modulus": 2e10, "poisson_ratio": 0.3} | ELASTIC}
+    slides = {name: each for name, each in content["joints"].items() if "slide" in each}
+    shared = validate(LinkageFile, content | {"joints": slides}, "drawn").shared_by_two
+    loose = draw(st.sets(st.sampled_from(sorted(shared)), min_size=1, max_size=4))
+    bearing = {"journal_radius": "9.95 mm", "bearing_radius": "10 mm", "contact": "steel"}
+    pins = {name: bearing | {"journal": shared[name][0]} for name in sorted(loose)}
+    return content | {"joints": slides | pins}
+
+
+def _mm(text):
+    """A length of a shipped file in mm."""
+    return float(text.removesuffix("mm"))
 
 
 @settings(max_examples=15, deadline=None, derandomize=True)
-@given(free_four_bars())
+@given(free_linkages())
 def test_energy_is_conserved_without_losses(content):
     """Kinetic energy and that of the contacts, of a free crank with a flywheel."""
     file = validate(LinkageFile, content, "drawn")
