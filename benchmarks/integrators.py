@@ -21,8 +21,8 @@ from benchmarks.right_hand_side import right_hand_side
 from jointgap.config import Mechanism, Simulate
 from jointgap.contact.joints import CONTACT, FLIGHT
 from jointgap.motion.model import Model
-from jointgap.motion.simulation import integrate_to_angles, start_state
-from jointgap.motion.slider_crank import lengths_of, model_of, rod_and_slider
+from jointgap.motion.simulation import integrate_to_angles
+from jointgap.motion.slider_crank import lengths_of, model_of, rod_and_slider, start_state
 from validation.exudyn import SliderCrank
 
 Code = Callable[[float, float], tuple[np.ndarray, float]]

@@ -21,7 +21,8 @@ from jointgap.config import Simulate, load_mechanism
 from jointgap.config.linkage_file import LinkageFile, Pin
 from jointgap.linkage import compiled
 from jointgap.linkage.equations import Crank, Pose
-from jointgap.motion.model import Model, linkage_model
+from jointgap.motion.linkage import linkage_model
+from jointgap.motion.model import Model
 from jointgap.motion.simulation import crank_angles, integrate_to_angles
 from jointgap.motion.slider_crank import model_of
 from tests.independent.test_exudyn_linkage import four_bar, start_of

@@ -14,7 +14,7 @@ import pandas as pd
 
 from jointgap.config import Mechanism, Simulate
 from jointgap.config.load import load_campaign
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 
 CAMPAIGNS = Path("config/campaigns")
 

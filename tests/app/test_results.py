@@ -10,7 +10,7 @@ from PIL import Image
 
 import jointgap as jg
 from jointgap.core import parquet, schema
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from tests.campaign.verdicts import VERDICTS
 
 OPTIONS = jg.Simulate(revolutions=1, samples_per_revolution=360, tolerance="1e-10 m")

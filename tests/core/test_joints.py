@@ -2,8 +2,7 @@
 
 from jointgap.config import Joints
 from jointgap.core.joints import FROM_FRAME, JOINT, JOINTS, PINS
-from jointgap.motion.simulation import start_state
-from jointgap.motion.slider_crank import model_of
+from jointgap.motion.slider_crank import model_of, start_state
 from tests.motion.cases import mechanism, options
 
 

@@ -12,7 +12,7 @@ from jointgap.designs.measures import best_crank_length
 from jointgap.designs.sampling import designs_of
 from jointgap.lengths.objective import frozen_objective, objective_of_motion
 from jointgap.motion.kinematics import clearance_lift
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from jointgap.paper.printed import OPTIMA
 from tests.motion.cases import mechanism, options
 

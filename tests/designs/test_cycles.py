@@ -18,7 +18,7 @@ from jointgap.designs.statistics import (
     poincare_section,
     time_shares,
 )
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from tests.motion.cases import ALL, SPEED, mechanism, options
 
 

@@ -22,7 +22,7 @@ from jointgap.designs.optimise_robust import (
 )
 from jointgap.designs.robust_study import robust_study
 from jointgap.lengths.region import Region, geometric
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from tests.designs.standin import BOX, NOMINAL, ROD, STEADY, Formula, problem, standard_samples
 from tests.motion.cases import mechanism, options
 

@@ -21,7 +21,7 @@ from jointgap.designs.measures import high_order_rms
 from jointgap.designs.sampling import designs_of
 from jointgap.designs.stages import write_sweep
 from jointgap.designs.statistics import clearance_vectors
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from tests.motion.cases import mechanism, options
 
 MADE = mechanism(friction=0.1)

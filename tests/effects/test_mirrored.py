@@ -8,8 +8,8 @@ from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINTS
 from jointgap.effects import EFFECTS
 from jointgap.effects.base import example
-from jointgap.motion.simulation import integrate_to_angles, observed, simulate, start_state
-from jointgap.motion.slider_crank import model_of
+from jointgap.motion.simulation import integrate_to_angles, observed
+from jointgap.motion.slider_crank import model_of, simulate, start_state
 from tests.motion.cases import SPEED, effect, mechanism, options
 
 ACROSS = {"mass_centre_across": 0.01}

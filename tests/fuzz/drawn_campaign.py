@@ -14,7 +14,7 @@ from jointgap.config.campaign import UNITS
 from jointgap.config.channels import CHANNELS, MIRRORED
 from jointgap.config.scenario import MotorDrive
 from jointgap.core.units import unit_factor
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from tests.motion.cases import BODIES, effect, joint
 
 COMPARED = [name for name in CHANNELS if name not in ("time", "crank_angle")]

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from jointgap.config import Mechanism, Simulate
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 
 SPEED = 20 * math.pi
 POSITIONS = ["rod_position_x", "rod_position_y", "rod_angle", "slider_position"]

@@ -6,7 +6,7 @@ import math
 import pandas as pd
 
 from jointgap.config import Mechanism, Simulate
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 
 SPEED = 5000 * 2 * math.pi / 60
 CRANK, ROD = 0.05, 0.12

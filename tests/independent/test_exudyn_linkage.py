@@ -9,8 +9,7 @@ pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
 
 from jointgap.config import Simulate, load_mechanism
 from jointgap.linkage.equations import Crank, Pose
-from jointgap.motion.model import linkage_model
-from jointgap.motion.simulation import simulate_linkage
+from jointgap.motion.linkage import linkage_model, simulate_linkage
 from validation.exudyn import LooseLinkage
 
 SPEED = 20 * math.pi

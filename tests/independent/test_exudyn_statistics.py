@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
 
 from jointgap.core.joints import PINS
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from tests.independent.cases import SPEED, mechanism, options
 from validation.exudyn import SliderCrank
 

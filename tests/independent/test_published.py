@@ -40,7 +40,7 @@ def test_accelerations_and_torque_have_peaks_far_above_the_ideal(published):
 def test_exudyn_gives_the_same_motion():
     pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
     from jointgap.config import Simulate
-    from jointgap.motion.simulation import simulate
+    from jointgap.motion.slider_crank import simulate
     from tests.independent.cases import POSITIONS
     from validation.exudyn import SliderCrank
 

@@ -9,7 +9,7 @@ from jointgap.lengths.objective import MEASURES, measure
 from jointgap.lengths.resimulate import Resimulation, perturbations, resimulate
 from jointgap.lengths.search import Point
 from jointgap.lengths.tables import resimulated
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 
 SIMULATE = Simulate(revolutions=2, samples_per_revolution=720)
 ENSEMBLE = Ensemble(members=4, settled_revolution=2)

@@ -18,7 +18,7 @@ from jointgap.lengths.region import Region
 from jointgap.lengths.search import Point
 from jointgap.lengths.surface import Surface
 from jointgap.motion.kinematics import ideal_cycle
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from jointgap.scenario.chosen_lengths import choose_lengths, headline
 from jointgap.scenario.figures import draw
 

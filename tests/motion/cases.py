@@ -11,8 +11,8 @@ from jointgap.motion.integrate import Samples
 from jointgap.motion.model import Model, Workspace, beginning
 from jointgap.motion.rates import evaluate
 from jointgap.motion.runge_kutta import step
-from jointgap.motion.simulation import integrate_to_angles, start_state
-from jointgap.motion.slider_crank import model_of
+from jointgap.motion.simulation import integrate_to_angles
+from jointgap.motion.slider_crank import model_of, start_state
 from jointgap.motion.workspace import HERE, THERE
 
 SPEED = 20 * math.pi

@@ -11,7 +11,7 @@ import numpy as np
 
 from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.config.mechanism import Law
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from tests.motion.cases import ALL, MOTOR, SPEED, mechanism, options
 from tests.motion.test_balance import CASES as BALANCES
 from tests.motion.test_balance import LATER, PENALTY, RUB, WEIGHT

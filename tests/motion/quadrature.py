@@ -8,8 +8,8 @@ import numpy as np
 from jointgap.config import Mechanism
 from jointgap.motion.integrate import EVENT, Samples
 from jointgap.motion.model import Model
-from jointgap.motion.simulation import integrate_to_angles, observed, start_state
-from jointgap.motion.slider_crank import model_of
+from jointgap.motion.simulation import integrate_to_angles, observed
+from jointgap.motion.slider_crank import model_of, start_state
 from tests.motion.cases import options
 from tests.motion.laws import faded_damping
 

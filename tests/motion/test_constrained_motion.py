@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from tests.motion.cases import CENTRE, CRANK, MOTOR, PINS, ROD, SPEED, effect, mechanism, options
 
 WEIGHED = {"mass_centre": -0.02, "mass_centre_across": 0.03}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jointgap.motion.integrate import EVENT
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from tests.motion.cases import ALL, LUGRE, PINS, free_impact, mechanism, options
 from tests.motion.quadrature import motion
 

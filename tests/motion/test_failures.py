@@ -10,8 +10,8 @@ import pytest
 
 from jointgap.core import numba_cache
 from jointgap.core.errors import SimulationError
-from jointgap.motion.simulation import integrate_to_angles, simulate, start_state
-from jointgap.motion.slider_crank import model_of
+from jointgap.motion.simulation import integrate_to_angles
+from jointgap.motion.slider_crank import model_of, simulate, start_state
 from tests.motion.cases import ALL, CRANK, ROD, effect, mechanism, options
 
 TURN = np.linspace(0.0, 2 * np.pi, 10)

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from jointgap.core.errors import InputError
 from jointgap.effects.slider_force_table import MOST_ROWS
 from jointgap.motion.mechanism_warnings import odd_data
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from jointgap.rig.model import build_model
 from jointgap.rig.recording import Measurements
 from tests.config.mechanisms import mechanism as listed

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jointgap.motion.simulation import integrate_to_angles, observed, simulate, start_state
-from jointgap.motion.slider_crank import model_of
+from jointgap.motion.simulation import integrate_to_angles, observed
+from jointgap.motion.slider_crank import model_of, simulate, start_state
 from tests.motion.cases import (
     ALL,
     MOTOR,

@@ -16,7 +16,8 @@ from jointgap.motion.runge_kutta import (
     NODES,
     STAGES,
 )
-from jointgap.motion.simulation import integrate_to_angles, start_state
+from jointgap.motion.simulation import integrate_to_angles
+from jointgap.motion.slider_crank import start_state
 from jointgap.motion.workspace import HERE, KEPT
 from tests.motion.cases import SPEED, in_contact, integrated, mechanism, order
 

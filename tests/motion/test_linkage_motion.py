@@ -19,8 +19,7 @@ from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.joints import JOINT
 from jointgap.linkage.equations import Arithmetic, Crank, Dynamics, JointForce, Pose
 from jointgap.linkage.topology import FRAME, number
-from jointgap.motion.model import linkage_model
-from jointgap.motion.simulation import simulate_linkage
+from jointgap.motion.linkage import linkage_model, simulate_linkage
 from tests.motion.cases import mechanism, options
 from tests.motion.golden import CASES, COLUMNS, FILE, POSITIONS, measured_drive, trajectory
 

@@ -10,8 +10,8 @@ from jointgap.config.linkage_file import LinkageFile
 from jointgap.config.load import validate
 from jointgap.core.errors import InputError
 from jointgap.motion.integrate import EVENT
-from jointgap.motion.model import linkage_model
-from jointgap.motion.simulation import integrate_to_angles, observed, simulate_linkage
+from jointgap.motion.linkage import linkage_model, simulate_linkage
+from jointgap.motion.simulation import integrate_to_angles, observed
 
 MASSES = {"crank": 0.038, "rod": 0.038, "slider": 0.076}
 INERTIAS = {"crank": 7.4e-5, "rod": 5.9e-4, "slider": 2.7e-6}

@@ -6,8 +6,8 @@ import pytest
 
 from jointgap.core.errors import InputError
 from jointgap.linkage.drive import smooth_angle, unwrapped
-from jointgap.motion.simulation import integrate_to_angles, simulate, start_state
-from jointgap.motion.slider_crank import model_of
+from jointgap.motion.simulation import integrate_to_angles
+from jointgap.motion.slider_crank import model_of, simulate, start_state
 from tests.motion.cases import SPEED, mechanism, options
 from tests.motion.closed import Closed
 

@@ -7,8 +7,8 @@ from jointgap.contact.joints import CONTACT
 from jointgap.contact.normal_force import LAWS, damping_factor_at, elastic_duration
 from jointgap.motion.integrate import EVENT
 from jointgap.motion.runge_kutta import LINEAR
-from jointgap.motion.simulation import integrate_to_angles, simulate, start_state
-from jointgap.motion.slider_crank import model_of
+from jointgap.motion.simulation import integrate_to_angles
+from jointgap.motion.slider_crank import model_of, simulate, start_state
 from tests.motion.cases import (
     ALL,
     SPEED,

@@ -7,7 +7,8 @@ import pytest
 from scipy.optimize import brentq
 
 from jointgap.core.errors import InputError
-from jointgap.motion.simulation import integrate_to_angles, simulate
+from jointgap.motion.simulation import integrate_to_angles
+from jointgap.motion.slider_crank import simulate
 from tests.motion.cases import (
     ALL,
     CENTRE,

@@ -9,7 +9,7 @@ from jointgap.effects import EFFECTS
 from jointgap.effects.base import example
 from jointgap.motion.integrate import integrate
 from jointgap.motion.sampling import fill_samples
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from tests.motion.cases import ALL, LUGRE, MOTOR, effect, mechanism, options
 
 SIZE = re.compile(

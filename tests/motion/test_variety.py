@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from jointgap.config.friction_laws import FRICTION_LAWS
-from jointgap.motion.simulation import crank_angles, integrate_to_angles, start_state
-from jointgap.motion.slider_crank import model_of
+from jointgap.motion.simulation import crank_angles, integrate_to_angles
+from jointgap.motion.slider_crank import model_of, start_state
 from tests.motion.cases import ALL, PINS, effect, mechanism, options
 
 

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from jointgap.motion.simulation import integrate_to_angles, observed, start_state
-from jointgap.motion.slider_crank import model_of
+from jointgap.motion.simulation import integrate_to_angles, observed
+from jointgap.motion.slider_crank import model_of, start_state
 from jointgap.motion.windows import Carried, resting, rows_of, simulate_windows
 from tests.config.mechanisms import mechanism
 from tests.motion.cases import ALL, options

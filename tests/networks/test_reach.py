@@ -7,7 +7,7 @@ import pytest
 from jointgap.config import Simulate, Surrogate, read_yaml, resolve
 from jointgap.config.yaml_files import merge
 from jointgap.core.joints import OUTPUTS
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from jointgap.networks.train import SAMPLING, train, train_regularised
 
 pytestmark = pytest.mark.slow

@@ -9,7 +9,7 @@ import yaml
 from jointgap.config import Mechanism, Simulate
 from jointgap.config.campaign import CHANNELS as UNITS
 from jointgap.config.load import load_campaign
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from jointgap.rig.model import SliderCrankModel, build_model
 from jointgap.rig.read_files import read_measurements
 from tests.motion.cases import BODIES

@@ -10,7 +10,7 @@ from jointgap.config import Simulate
 from jointgap.config.campaign import CHANNELS as UNITS
 from jointgap.config.campaign import Campaign
 from jointgap.core.candidates import Candidate
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from jointgap.rig.model import SliderCrankModel, build_model
 from jointgap.rig.recording import Measurements, Recording
 from tests.motion.cases import BODIES, joint

@@ -13,7 +13,7 @@ from jointgap.campaign.plan import preflight_tables
 from jointgap.campaign.sentences import answer
 from jointgap.config import Simulate, load_mechanism
 from jointgap.core.errors import InputError
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from tests.rig.campaigns import law, with_hidden
 from tests.rig.rigs import campaign, chosen, mechanism, read, rig, worst
 

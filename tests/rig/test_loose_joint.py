@@ -10,7 +10,7 @@ import yaml
 
 from jointgap.campaign.analyse import analyse
 from jointgap.config import Mechanism, Simulate
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 
 PER_TURN, FINE, DROPPED, KEPT = 200, 20, 12, 5
 SPEEDS = {"slow": 150.0, "mid": 215.0, "fast": 280.0}  # rpm; mid is held out

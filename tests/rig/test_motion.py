@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from jointgap.motion.model import beginning
-from jointgap.motion.simulation import integrate_on, integrate_to_angles, observed, start_state
+from jointgap.motion.simulation import integrate_on, integrate_to_angles, observed
+from jointgap.motion.slider_crank import start_state
 from jointgap.rig import simulate_run as motion
 from jointgap.rig.drives import constant_speed_run
 from jointgap.rig.model import build_model

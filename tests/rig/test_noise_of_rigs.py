@@ -11,7 +11,7 @@ from jointgap.config import Simulate
 from jointgap.core.candidates import Series
 from jointgap.identification.noise import estimate_noise, noise_of_model
 from jointgap.identification.problem import Problem
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from jointgap.rig.model import build_model
 from tests.identification.toy import toy
 from tests.rig.rigs import campaign, mechanism, recorded

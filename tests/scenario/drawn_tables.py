@@ -8,7 +8,7 @@ import pandas as pd
 from jointgap.config import Scenario, load_mechanism
 from jointgap.core import joints, schema
 from jointgap.core.joints import PINS
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from jointgap.scenario.kinematics import kinematics
 from jointgap.scenario.trained import predictions
 

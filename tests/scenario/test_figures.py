@@ -12,7 +12,7 @@ from PIL import Image
 from jointgap.core import parquet, plot, schema
 from jointgap.core.errors import InputError
 from jointgap.core.plot import LINEAR_BAND
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from jointgap.scenario.figures import FIGURES, described, draw
 from jointgap.scenario.stages import drawn
 from tests.scenario import drawn_tables

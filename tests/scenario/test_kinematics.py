@@ -7,7 +7,7 @@ import pytest
 from jointgap.config import Mechanism, Simulate, load_mechanism, read_yaml
 from jointgap.core.joints import PINS
 from jointgap.motion.kinematics import ClearanceMotion, Motion, linkage_motion
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from jointgap.scenario.kinematics import UNITS, clearance_motions, kinematics
 
 MECHANISM = load_mechanism("config/mechanisms/erkaya2009.yaml")

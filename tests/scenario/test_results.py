@@ -7,7 +7,7 @@ from jointgap.config import Scenario, Surrogate, read_yaml
 from jointgap.config.scenario_results import ScenarioResults, outputs_of, read_trajectory
 from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from jointgap.networks.train import train
 from jointgap.scenario.trained import trained_surrogates
 

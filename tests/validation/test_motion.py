@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jointgap.config import Mechanism, Simulate
-from jointgap.motion.simulation import simulate as package_motion
+from jointgap.motion.slider_crank import simulate as package_motion
 from jointgap.rig.sensors import FAULTS
 from tests.independent.cases import friction, mechanism
 from tests.motion.cases import effect

@@ -19,8 +19,8 @@ from jointgap.linkage.assembly import signs_of
 from jointgap.linkage.equations import Arithmetic, Crank, Pose
 from jointgap.linkage.from_file import linkage_of_file
 from jointgap.linkage.topology import FRAME
-from jointgap.motion.model import corner_names, linkage_remarks
-from jointgap.motion.simulation import simulate_linkage
+from jointgap.motion.linkage import linkage_remarks, simulate_linkage
+from jointgap.motion.model import corner_names
 from jointgap.scenario.animation import FRAME_DURATION, film
 
 if TYPE_CHECKING:

@@ -26,9 +26,9 @@ from jointgap.core.page import (
 )
 from jointgap.core.plot import CRANK_ANGLE, Drawing, Quantity, Sheet, matplotlib_style
 from jointgap.core.words import format_name, format_unit, joined, number
+from jointgap.motion.linkage import linkage_remarks, simulate_linkage
 from jointgap.motion.mechanism_warnings import sentences
-from jointgap.motion.model import linkage_remarks
-from jointgap.motion.simulation import simulate, simulate_linkage
+from jointgap.motion.slider_crank import simulate
 
 _COLOURS = ("simulation", "network", "optimised", "spline", "paper", "limit")  # one for each speed
 _SETTLING, _SAMPLES = 5, 3600  # revolutions before the one that is shown; samples of a revolution

@@ -19,7 +19,7 @@ from jointgap.core.parquet import with_units
 from jointgap.core.words import format_name
 from jointgap.designs.statistics import contacts, time_shares
 from jointgap.motion.mechanism_warnings import sentences
-from jointgap.motion.simulation import simulate as simulated
+from jointgap.motion.slider_crank import simulate as simulated
 from jointgap.scenario.figures import FIGURES
 
 if TYPE_CHECKING:

@@ -20,8 +20,7 @@ from jointgap.core.schema import MISSING_FORCE
 from jointgap.core.units import split_quantity
 from jointgap.identification.fit import determined_values
 from jointgap.linkage.laws import crank_losses, slider_force
-from jointgap.motion.simulation import simulate
-from jointgap.motion.slider_crank import model_of
+from jointgap.motion.slider_crank import model_of, simulate
 from jointgap.rig.cylinder_pressure import with_loads
 from jointgap.rig.simulate_run import augmented_mechanism, tolerance_for
 

@@ -20,7 +20,7 @@ from jointgap.config.campaign import Campaign
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.schema import CAMPAIGN_OPTIMUM
 from jointgap.lengths.optimise import optimise
-from jointgap.motion.simulation import simulate
+from jointgap.motion.slider_crank import simulate
 from jointgap.rig.cylinder_pressure import with_loads
 from jointgap.rig.simulate_run import tolerance_for
 

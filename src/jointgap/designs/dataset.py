@@ -25,8 +25,7 @@ from jointgap.designs.measures import (
 from jointgap.designs.sampling import SOURCE, Designs, designs_of
 from jointgap.motion.model import Model
 from jointgap.motion.parallel import Outcome, Run, side_by_side, simulate_run
-from jointgap.motion.simulation import simulate
-from jointgap.motion.slider_crank import model_of
+from jointgap.motion.slider_crank import model_of, simulate
 
 _CHUNK = 32
 """Designs per thread and step (prepare, simulate, measure): one at a time takes 20 % longer because

@@ -20,7 +20,7 @@ from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import JOINTS
 from jointgap.core.schema import Column
 from jointgap.lengths.objective import MEASURES
-from jointgap.motion.simulation import perturbed_start
+from jointgap.motion.slider_crank import perturbed_start
 from jointgap.paper.printed import departures
 
 SOURCE = "sweep.parameters"

@@ -17,7 +17,7 @@ from jointgap.lengths.objective import GOALS, evaluation_samples, measure
 from jointgap.motion.kinematics import transmission_angle
 from jointgap.motion.parallel import Ensemble as Motions
 from jointgap.motion.parallel import simulate_ensemble
-from jointgap.motion.simulation import perturbed_start
+from jointgap.motion.slider_crank import perturbed_start
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ starts.
 
 from jointgap.contact.normal_force import LAWS, delivered_restitution
 from jointgap.motion.parallel import simulate_ensemble
-from jointgap.motion.simulation import Trajectory, simulate
+from jointgap.motion.simulation import Trajectory
+from jointgap.motion.slider_crank import simulate
 
 __all__ = ["LAWS", "Trajectory", "delivered_restitution", "simulate", "simulate_ensemble"]

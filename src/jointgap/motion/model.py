@@ -9,27 +9,20 @@ import numpy as np
 
 from jointgap.config import Simulate
 from jointgap.config.friction_laws import FRICTION_LAWS
-from jointgap.config.linkage_file import LinkageFile, Pin, Slide
-from jointgap.config.scenario import FreeDrive, MeasuredDrive, MotorDrive, check_clearance_tolerance
-from jointgap.contact.bearings import bearing_parameters, corner_parameters
+from jointgap.config.scenario import FreeDrive, MeasuredDrive, MotorDrive
 from jointgap.core.errors import InputError
-from jointgap.core.records import Record, record
-from jointgap.linkage.assembly import check_turning, signs_of
-from jointgap.linkage.compiled import Kind, Variant, parameters_of, variant_of
+from jointgap.core.records import Record
+from jointgap.linkage.compiled import Variant, parameters_of
 from jointgap.linkage.drive import angle_pieces
-from jointgap.linkage.from_file import linkage_of_file
 from jointgap.linkage.parameters import (
     DRIVE_KINDS,
     MOTOR,
     NO_KNOTS,
-    NO_PROGRAM,
-    NO_TABLE,
     DriveParameters,
-    EffectParameters,
     Parameters,
     knots_record,
 )
-from jointgap.linkage.topology import FRAME, Joint, Linkage, number
+from jointgap.linkage.topology import FRAME, Linkage, number
 from jointgap.motion.integrate import Samples, begin, room_for
 from jointgap.motion.runge_kutta import VELOCITY_TIME
 from jointgap.motion.workspace import (
@@ -318,57 +311,6 @@ def beginning(model: Model, y: np.ndarray, time: float) -> Workspace:
     k.y[HERE, : y.size], k.time[HERE] = y, time
     begin(model.p, k, 0.1)
     return workspace
-
-
-def linkage_model(file: LinkageFile, options: Simulate) -> Model:
-    """The model of a linkage file under a drive.
-
-    Raises
-    ------
-    InputError
-        The linkage cannot be built or does not turn fully, or the drive or the tolerance does not
-        suit it.
-    """
-    linkage = linkage_of_file(file)
-    signs = signs_of(linkage, options.start_angle)
-    clearances = {name: joint.clearance for name, joint in file.loose.items()}
-    check_turning(linkage, signs, sum(clearances.values()))
-    check_clearance_tolerance(clearances, options)
-    drive, knots = drive_records(options)
-    is_free = options.drive.FREES_CRANK
-    if is_free:
-        linkage = linkage.with_inertia(linkage.crank, drive.rotor_inertia)
-    bearings: dict[str, Record] = {}
-    for joint in linkage.loose:
-        bearings |= _bearings(linkage, joint, file.joints[joint.name])
-    effects = record(EffectParameters())
-    p = Parameters(record(drive), knots, effects, NO_PROGRAM, NO_PROGRAM, NO_TABLE)
-    return Model(linkage, bearings, p, variant_of(linkage, signs, Kind(is_free)))
-
-
-def linkage_remarks(file: LinkageFile, options: Simulate) -> tuple[str, ...]:
-    """Remarks on dead points."""
-    linkage = linkage_of_file(file)
-    clearances = sum(joint.clearance for joint in file.loose.values())
-    return tuple(check_turning(linkage, signs_of(linkage, options.start_angle), clearances))
-
-
-def _bearings(linkage: Linkage, joint: Joint, given: Pin | Slide) -> dict[str, Record]:
-    """Parameters of the contacts of a loose joint; the largest mass that can rebound there is that
-    of all moving bodies, without the crank unless it is the crank's own pivot."""
-    beyond = [
-        body for body in linkage.moving if joint.name == linkage.drive or body != linkage.crank
-    ]
-    mass = sum(linkage.bodies[body].mass for body in beyond)
-    if isinstance(given, Pin):
-        has_journal = joint.body.body == given.journal
-        return {joint.name: record(bearing_parameters(given, has_journal, mass))}
-    corners = zip(corner_names(joint.name), _CORNERS, strict=True)
-    return {name: record(corner_parameters(given, corner, mass)) for name, corner in corners}
-
-
-_CORNERS = ((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0))
-"""Sides of the corners along and across a slide: counter-clockwise from the front."""
 
 
 def corner_names(slide: str) -> tuple[str, ...]:

@@ -17,13 +17,8 @@ from jointgap.core.joints import JOINTS, PINS
 from jointgap.core.progress import with_progress
 from jointgap.motion.integrate import Samples
 from jointgap.motion.model import Model
-from jointgap.motion.simulation import (
-    crank_angles,
-    integrate_to_angles,
-    observed,
-    start_state,
-)
-from jointgap.motion.slider_crank import model_of, rod_and_slider
+from jointgap.motion.simulation import crank_angles, integrate_to_angles, observed
+from jointgap.motion.slider_crank import model_of, rod_and_slider, start_state
 
 Item, Found = TypeVar("Item"), TypeVar("Found")
 

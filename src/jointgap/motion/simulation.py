@@ -1,4 +1,4 @@
-"""Simulation of one mechanism: a slider-crank or any planar linkage."""
+"""Integration of a model to crank angles: samples, events, errors."""
 
 import math
 from collections.abc import Collection
@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from jointgap.config import Mechanism, Simulate
-from jointgap.config.linkage_file import LinkageFile
+from jointgap.config import Simulate
 from jointgap.contact.joints import FLIGHT
 from jointgap.core.errors import InputError, SimulationError
-from jointgap.core.joints import JOINT, JOINTS
+from jointgap.core.joints import JOINT
 from jointgap.core.records import Record
-from jointgap.core.schema import EVENTS, TRAJECTORY
+from jointgap.core.schema import EVENTS
 from jointgap.linkage.drive import crank_motion, crank_times
 from jointgap.linkage.parameters import MEASURED
 from jointgap.motion.integrate import (
@@ -29,61 +28,9 @@ from jointgap.motion.integrate import (
     integrate,
     mode_numbers,
 )
-from jointgap.motion.model import (
-    Columns,
-    Model,
-    Workspace,
-    beginning,
-    corner_names,
-    linkage_model,
-)
+from jointgap.motion.model import Columns, Model, Workspace, beginning
 from jointgap.motion.sampling import fill_samples
-from jointgap.motion.slider_crank import lengths_of, model_of
 from jointgap.motion.workspace import HERE
-
-
-def perturbed_start(vectors: np.ndarray, loose: Collection[str]) -> np.ndarray:
-    """Initial clearance vectors, of one start or several: `vectors` in loose joints, zero in ideal
-    ones."""
-    return np.where(np.repeat([joint in loose for joint in JOINTS], 2), vectors, 0.0)
-
-
-def start_state(model: Model, perturbation=None) -> np.ndarray:
-    """State (states,) of a slider-crank with given clearance vectors and zero rates; by default the
-    ideal mechanism's positions and velocities."""
-    vectors = np.zeros(4) if perturbation is None else np.asarray(perturbation, dtype=float)
-    if vectors.shape not in ((4,), (6,)) or not np.isfinite(vectors).all():
-        raise InputError(
-            f"perturbation {vectors.tolist()} must be four or six finite lengths in m: r2 x, r2 y,"
-            " r3 x, r3 y, r1 x, r1 y"
-        )
-    vectors = np.append(vectors, np.zeros(6 - vectors.size))
-    y = model.start()
-    for joint in JOINT.values():
-        vector = vectors[joint.components]
-        length = math.hypot(*vector)
-        if length > 0 and joint.name not in model.loose:
-            raise InputError(
-                f"perturbation of the {joint.words}: r{joint.number} is {length:g} m, but the joint"
-                " is ideal; set it to 0"
-            )
-        clearance = model.bearings[joint.name].clearance
-        if length >= clearance:
-            raise InputError(
-                f"perturbation of the {joint.words}: {length:g} m is not less than its clearance of"
-                f" {clearance:g} m; a simulation starts without contact"
-            )
-        model.vector(y, joint.name)[0][:] = vector
-    crank, rod, offset = lengths_of(model)
-    angle = model.drive.start_angle
-    rise = offset + vectors[3] - crank * math.sin(angle) - vectors[1] - vectors[5]
-    if abs(rise) >= rod:
-        raise InputError(
-            f"the rod of {rod:g} m does not reach the slide {abs(rise):g} m away at crank angle"
-            f" {math.degrees(angle):g} deg; lengthen the rod or shorten the crank"
-        )
-    return y
-
 
 STEPS_PER_REVOLUTION = 1_000_000
 """Largest mean number of steps per revolution: seconds on one core. Typical are some thousands; 10
@@ -143,24 +90,6 @@ def evaluated(
     return columns, accelerations
 
 
-def simulate(mechanism: Mechanism, options: Simulate, perturbation=None) -> Trajectory:
-    """Simulate a slider-crank with loose or ideal joints.
-
-    The motion starts with coincident joint centres and the velocities of the ideal mechanism.
-    """
-    if options.speed < 0:
-        return _clockwise(mechanism, options, perturbation)
-    model = model_of(mechanism, options)
-    angles = crank_angles(options)
-    run = integrate_to_angles(model, start_state(model, perturbation), angles, options.tolerance)
-    columns = observed(model, run)
-    _check_finite(columns, run.times)
-    columns |= modes_of(model, run, JOINTS)
-    columns["crank_angle"] = angles  # exact; a motor's simulated crank angle has rounding errors
-    frame = pd.DataFrame({column.name: columns[column.name] for column in TRAJECTORY.columns})
-    return Trajectory(samples=frame, events=event_frame(model, run), steps=run.steps)
-
-
 def modes_of(model: Model, found: Samples, joints: Collection[str]) -> Columns:
     """Modes by words at the samples: columns ``crank_pin_mode``, ..."""
     ideal = np.zeros(found.times.size, np.int64)
@@ -170,38 +99,6 @@ def modes_of(model: Model, found: Samples, joints: Collection[str]) -> Columns:
     }
     words = np.array(MODES, dtype=object)
     return {f"{name}_mode": words[modes] for name, modes in by_joint.items()}
-
-
-def _clockwise(mechanism: Mechanism, options: Simulate, perturbation) -> Trajectory:
-    """`simulate` for a clockwise crank, by its mirror image."""
-    behind = options.model_copy(
-        update={"speed": -options.speed, "start_angle": -options.start_angle}
-    )
-    if perturbation is not None:
-        perturbation = np.asarray(perturbation, dtype=float) * np.resize(
-            [1.0, -1.0], np.shape(perturbation)
-        )
-    seen = simulate(mechanism.applied().mirrored(), behind, perturbation)
-    samples = seen.samples.copy()
-    for name in samples:
-        if _turns_sign(name):
-            samples[name] = -samples[name]
-    samples["transmission_angle"] = math.pi - samples["transmission_angle"]
-    return Trajectory(
-        samples, seen.events.assign(crank_angle=-seen.events["crank_angle"]), seen.steps
-    )
-
-
-def _turns_sign(name: str) -> bool:
-    """Whether a column of the trajectory changes its sign in the mirror image in the line y = 0."""
-    across = name.endswith(("_y", "_friction_force", "_torque")) or name.startswith(
-        ("crank_a", "crank_s", "gamma")
-    )
-    return (
-        across
-        or (name.startswith(("guide_", "rod_a")) and "acceleration_x" not in name)
-        or name == "rod_deflection"
-    )
 
 
 def crank_angles(options: Simulate) -> np.ndarray:
@@ -316,115 +213,9 @@ def _format_contacts(model: Model, k: Record, events: np.ndarray) -> str:
     return ", ".join(texts) or "no joint is loose"
 
 
-def _check_finite(columns: dict[str, np.ndarray], times: np.ndarray) -> None:
-    """SimulationError where a quantity besides the motion, such as the torque on a prescribed
-    crank, is not finite."""
-    for name, values in columns.items():
-        if name.startswith("gamma") or np.isfinite(values).all():
-            continue
-        sample = int(np.flatnonzero(~np.isfinite(values))[0])
-        state = ", ".join(
-            f"{key} {columns[key][sample]:.9g}"
-            for key in ("crank_speed", "slider_position", "rod_angle")
-        )
-        raise SimulationError(
-            f"{name} is not finite at time {times[sample]:.9g} s, crank angle"
-            f" {math.degrees(columns['crank_angle'][sample]):.6g} deg (state in SI: {state});"
-            f" {FAILURE_ADVICE[NOT_FINITE]}"
-        )
-
-
 def event_frame(model: Model, found: Samples) -> pd.DataFrame:
     """The table ``events``."""
     rows = dict(zip(EVENT, found.events.T, strict=True))
     rows["joint"] = np.array([*model.contacts, ""], dtype=object)[rows["joint"].astype(int)]
     rows["event"] = EVENT_NAMES[rows.pop("begins").astype(int)]
     return pd.DataFrame({column.name: rows[column.name] for column in EVENTS.columns})
-
-
-# ---- any linkage
-
-
-def simulate_linkage(file: LinkageFile, options: Simulate) -> Trajectory:
-    """Simulate a planar linkage with loose or ideal joints.
-
-    The motion starts with coincident joint centres and the velocities of the ideal linkage.
-
-    Parameters
-    ----------
-    file : LinkageFile
-        The linkage.
-    options : Simulate
-        Drive, duration and sampling.
-
-    Returns
-    -------
-    Trajectory
-        Columns of the samples by rule, see `published`; ``attrs["units"]`` has their units.
-
-    Raises
-    ------
-    InputError
-        See `jointgap.motion.model.linkage_model`.
-    SimulationError
-        The integration fails; the message has time, crank angle and state.
-    """
-    if options.speed < 0:
-        return _linkage_clockwise(file, options)
-    model = linkage_model(file, options)
-    angles = crank_angles(options)
-    run = integrate_to_angles(model, model.start(), angles, options.tolerance)
-    columns = published(model, observed(model, run)) | modes_of(model, run, model.pins)
-    columns["crank_angle"] = angles  # exact; a motor's simulated crank angle has rounding errors
-    samples = pd.DataFrame(columns)
-    samples.attrs["units"] = {name: model.units.get(name, "") for name in columns}
-    return Trajectory(samples, event_frame(model, run), run.steps)
-
-
-def published(model: Model, columns: Columns) -> Columns:
-    """The quantities of a linkage's trajectory, by the rule
-
-    - ``time``; of the driven body ``crank_angle``, ``crank_speed``, ``crank_acceleration``,
-      ``crank_torque``;
-    - a body on a slide of the frame: ``BODY_position``, ``_velocity``, ``_acceleration``;
-    - another body: ``BODY_angle``, ``_angular_velocity``, ``_angular_acceleration``, and of its
-      mass centre ``_position_x``, ``_velocity_x``, ``_acceleration_x``, and ``_y``;
-    - a slide: ``SLIDE_force``, across it, and ``SLIDE_moment``;
-    - a revolute joint: ``JOINT_force_x``, ``_force_y``, if loose also ``_normal_force``,
-      ``_friction_force``, ``_mode``, ``r_JOINT``, ``gamma_JOINT`` and rates;
-    - ``shaking_force_x``, ``_y``: sum of the forces on the frame.
-    """
-    found = {name: values for name, values in columns.items() if not name.startswith("frame_")}
-    for name, values in found.items():
-        if name.endswith("_angle") and name != "crank_angle":
-            found[name] = np.unwrap(values)
-    return found
-
-
-def _linkage_clockwise(file: LinkageFile, options: Simulate) -> Trajectory:
-    """`simulate_linkage` for a clockwise crank, by the mirror image in the line y = 0."""
-    ahead = options.model_copy(
-        update={"speed": -options.speed, "start_angle": -options.start_angle}
-    )
-    seen = simulate_linkage(file.mirrored(), ahead)
-    samples, units = seen.samples.copy(), seen.samples.attrs["units"]
-    across = {f"{name}_force" for name in file.slides}
-    across |= {f"{name}_force_y" for name in (*file.shared_by_two, "shaking")}
-    across |= {f"{name}_friction_force" for name in file.loose_pins}
-    across |= {f"{name}_offset{rate}" for name in file.slides for rate in ("", "_dot", "_ddot")}
-    across |= {
-        f"{name}_{what}_y"
-        for name in file.bodies
-        for what in ("position", "velocity", "acceleration")
-    }
-    for name, unit in units.items():
-        if name in across or unit.startswith(("rad", "N*m")):
-            samples[name] = -samples[name]
-    other_side = {
-        name: mirrored
-        for slide in file.slides
-        for name, mirrored in zip(corner_names(slide), corner_names(slide)[::-1], strict=True)
-    }
-    events = seen.events.assign(crank_angle=-seen.events["crank_angle"])
-    events["joint"] = events["joint"].replace(other_side)
-    return Trajectory(samples, events, seen.steps)

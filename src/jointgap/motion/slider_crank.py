@@ -1,19 +1,21 @@
-"""The model of a slider-crank: its linkage, bearings, drive and effects; each effect adds its own
-numbers."""
+"""Simulation of a slider-crank: the short form of its model, start and quantities."""
 
 import math
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from jointgap.config import Mechanism, Simulate, check_drive, check_tolerance
 from jointgap.contact.bearings import bearing_parameters
 from jointgap.contact.parameters import JointParameters
-from jointgap.core.errors import InputError
+from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.formula import NOTHING
 from jointgap.core.joints import JOINT, JOINTS
 from jointgap.core.records import record
+from jointgap.core.schema import TRAJECTORY
 from jointgap.effects.base import CRANK_SIGN_SPEED, SLIDER_SIGN_SPEED
 from jointgap.linkage.compiled import Kind, variant_of
 from jointgap.linkage.from_file import linkage_of_slider_crank
@@ -27,7 +29,17 @@ from jointgap.linkage.parameters import (
     table_record,
 )
 from jointgap.linkage.topology import FRAME, Bending, Linkage
+from jointgap.motion.integrate import NOT_FINITE
 from jointgap.motion.model import Columns, Model, drive_records
+from jointgap.motion.simulation import (
+    FAILURE_ADVICE,
+    Trajectory,
+    crank_angles,
+    event_frame,
+    integrate_to_angles,
+    modes_of,
+    observed,
+)
 
 _SLIDER = ("slider",)
 
@@ -184,3 +196,114 @@ def rod_and_slider(
     sine = rod_sine(model, crank_angle, states)
     end = crank * np.cos(crank_angle) + pin + pivot
     return np.arcsin(sine), end + rod * np.sqrt(1.0 - sine**2) - piston
+
+
+def perturbed_start(vectors: np.ndarray, loose: Collection[str]) -> np.ndarray:
+    """Initial clearance vectors, of one start or several: `vectors` in loose joints, zero in ideal
+    ones."""
+    return np.where(np.repeat([joint in loose for joint in JOINTS], 2), vectors, 0.0)
+
+
+def start_state(model: Model, perturbation=None) -> np.ndarray:
+    """State (states,) of a slider-crank with given clearance vectors and zero rates; by default the
+    ideal mechanism's positions and velocities."""
+    vectors = np.zeros(4) if perturbation is None else np.asarray(perturbation, dtype=float)
+    if vectors.shape not in ((4,), (6,)) or not np.isfinite(vectors).all():
+        raise InputError(
+            f"perturbation {vectors.tolist()} must be four or six finite lengths in m: r2 x, r2 y,"
+            " r3 x, r3 y, r1 x, r1 y"
+        )
+    vectors = np.append(vectors, np.zeros(6 - vectors.size))
+    y = model.start()
+    for joint in JOINT.values():
+        vector = vectors[joint.components]
+        length = math.hypot(*vector)
+        if length > 0 and joint.name not in model.loose:
+            raise InputError(
+                f"perturbation of the {joint.words}: r{joint.number} is {length:g} m, but the joint"
+                " is ideal; set it to 0"
+            )
+        clearance = model.bearings[joint.name].clearance
+        if length >= clearance:
+            raise InputError(
+                f"perturbation of the {joint.words}: {length:g} m is not less than its clearance of"
+                f" {clearance:g} m; a simulation starts without contact"
+            )
+        model.vector(y, joint.name)[0][:] = vector
+    crank, rod, offset = lengths_of(model)
+    angle = model.drive.start_angle
+    rise = offset + vectors[3] - crank * math.sin(angle) - vectors[1] - vectors[5]
+    if abs(rise) >= rod:
+        raise InputError(
+            f"the rod of {rod:g} m does not reach the slide {abs(rise):g} m away at crank angle"
+            f" {math.degrees(angle):g} deg; lengthen the rod or shorten the crank"
+        )
+    return y
+
+
+def simulate(mechanism: Mechanism, options: Simulate, perturbation=None) -> Trajectory:
+    """Simulate a slider-crank with loose or ideal joints.
+
+    The motion starts with coincident joint centres and the velocities of the ideal mechanism.
+    """
+    if options.speed < 0:
+        return _clockwise(mechanism, options, perturbation)
+    model = model_of(mechanism, options)
+    angles = crank_angles(options)
+    run = integrate_to_angles(model, start_state(model, perturbation), angles, options.tolerance)
+    columns = observed(model, run)
+    _check_finite(columns, run.times)
+    columns |= modes_of(model, run, JOINTS)
+    columns["crank_angle"] = angles  # exact; a motor's simulated crank angle has rounding errors
+    frame = pd.DataFrame({column.name: columns[column.name] for column in TRAJECTORY.columns})
+    return Trajectory(samples=frame, events=event_frame(model, run), steps=run.steps)
+
+
+def _clockwise(mechanism: Mechanism, options: Simulate, perturbation) -> Trajectory:
+    """`simulate` for a clockwise crank, by its mirror image."""
+    behind = options.model_copy(
+        update={"speed": -options.speed, "start_angle": -options.start_angle}
+    )
+    if perturbation is not None:
+        perturbation = np.asarray(perturbation, dtype=float) * np.resize(
+            [1.0, -1.0], np.shape(perturbation)
+        )
+    seen = simulate(mechanism.applied().mirrored(), behind, perturbation)
+    samples = seen.samples.copy()
+    for name in samples:
+        if _turns_sign(name):
+            samples[name] = -samples[name]
+    samples["transmission_angle"] = math.pi - samples["transmission_angle"]
+    return Trajectory(
+        samples, seen.events.assign(crank_angle=-seen.events["crank_angle"]), seen.steps
+    )
+
+
+def _turns_sign(name: str) -> bool:
+    """Whether a column of the trajectory changes its sign in the mirror image in the line y = 0."""
+    across = name.endswith(("_y", "_friction_force", "_torque")) or name.startswith(
+        ("crank_a", "crank_s", "gamma")
+    )
+    return (
+        across
+        or (name.startswith(("guide_", "rod_a")) and "acceleration_x" not in name)
+        or name == "rod_deflection"
+    )
+
+
+def _check_finite(columns: dict[str, np.ndarray], times: np.ndarray) -> None:
+    """SimulationError where a quantity besides the motion, such as the torque on a prescribed
+    crank, is not finite."""
+    for name, values in columns.items():
+        if name.startswith("gamma") or np.isfinite(values).all():
+            continue
+        sample = int(np.flatnonzero(~np.isfinite(values))[0])
+        state = ", ".join(
+            f"{key} {columns[key][sample]:.9g}"
+            for key in ("crank_speed", "slider_position", "rod_angle")
+        )
+        raise SimulationError(
+            f"{name} is not finite at time {times[sample]:.9g} s, crank angle"
+            f" {math.degrees(columns['crank_angle'][sample]):.6g} deg (state in SI: {state});"
+            f" {FAILURE_ADVICE[NOT_FINITE]}"
+        )

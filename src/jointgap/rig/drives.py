@@ -28,8 +28,8 @@ from jointgap.linkage.drive import (
 )
 from jointgap.linkage.parameters import MEASURED, MOST_KNOTS, DriveParameters, knots_record
 from jointgap.motion.model import Model
-from jointgap.motion.simulation import integrate_to_angles, start_state
-from jointgap.motion.slider_crank import model_of
+from jointgap.motion.simulation import integrate_to_angles
+from jointgap.motion.slider_crank import model_of, start_state
 from jointgap.rig.sampling import SampleGrid
 
 Values = Mapping[str, float]  # Of nuisances, by name

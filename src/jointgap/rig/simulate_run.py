@@ -24,7 +24,8 @@ from jointgap.linkage.parameters import CONSTANT, FLUCTUATING
 from jointgap.motion.integrate import Samples
 from jointgap.motion.model import Model, Workspace, beginning
 from jointgap.motion.periodic import COARSE_ANGLES, coarse_angles
-from jointgap.motion.simulation import integrate_on, observed, start_state
+from jointgap.motion.simulation import integrate_on, observed
+from jointgap.motion.slider_crank import start_state
 from jointgap.rig import drives, sensors
 from jointgap.rig.cylinder_pressure import with_loads
 from jointgap.rig.drives import TOLERANCE, RunPlan, Values

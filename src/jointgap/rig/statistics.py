@@ -12,7 +12,7 @@ from jointgap.config import Mechanism
 from jointgap.config.campaign import Campaign
 from jointgap.core.candidates import Effects
 from jointgap.motion.parallel import cores
-from jointgap.motion.simulation import perturbed_start
+from jointgap.motion.slider_crank import perturbed_start
 from jointgap.rig.drives import RunPlan, Values
 from jointgap.rig.simulate_run import UNSTATED_NOISE_SHARE, channels_read
 

@@ -7,8 +7,7 @@ import numpy as np
 from jointgap.config import Mechanism, Simulate
 from jointgap.core.errors import InputError
 from jointgap.motion.parallel import Run, simulate_runs
-from jointgap.motion.simulation import perturbed_start
-from jointgap.motion.slider_crank import clearance_vectors
+from jointgap.motion.slider_crank import clearance_vectors, perturbed_start
 
 PERTURBATION = 1e-11  # [m] of the start: typical difference between two accurate codes
 SAME_MOTION = 1e-3  # [smallest clearance] distance below which two motions are the same

@@ -76,7 +76,7 @@ def simulate(results: "ScenarioResults") -> None:
     Available effects: `jointgap effects`. All keys: config/README.md.
     """
     from jointgap.motion.mechanism_warnings import remarks
-    from jointgap.motion.simulation import simulate as simulated
+    from jointgap.motion.slider_crank import simulate as simulated
 
     scenario = results.scenario
     for remark in remarks(scenario.mechanism, scenario.simulate.highest_speed):
@@ -109,7 +109,7 @@ def surrogate(
 
     from jointgap.config.scenario_results import outputs_of
     from jointgap.core.errors import InputError, did_you_mean
-    from jointgap.motion.simulation import simulate as simulate_motion
+    from jointgap.motion.slider_crank import simulate as simulate_motion
     from jointgap.networks.train import SAMPLING, train, train_regularised
 
     outputs = outputs_of(results.scenario.mechanism)

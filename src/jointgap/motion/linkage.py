@@ -1,0 +1,160 @@
+"""Simulation of a linkage from its file: the general form of its model, and its quantities."""
+
+import numpy as np
+import pandas as pd
+
+from jointgap.config import Simulate
+from jointgap.config.linkage_file import LinkageFile, Pin, Slide
+from jointgap.config.scenario import check_clearance_tolerance
+from jointgap.contact.bearings import bearing_parameters, corner_parameters
+from jointgap.core.records import Record, record
+from jointgap.linkage.assembly import check_turning, signs_of
+from jointgap.linkage.compiled import Kind, variant_of
+from jointgap.linkage.from_file import linkage_of_file
+from jointgap.linkage.parameters import NO_PROGRAM, NO_TABLE, EffectParameters, Parameters
+from jointgap.linkage.topology import Joint, Linkage
+from jointgap.motion.model import Columns, Model, corner_names, drive_records
+from jointgap.motion.simulation import (
+    Trajectory,
+    crank_angles,
+    event_frame,
+    integrate_to_angles,
+    modes_of,
+    observed,
+)
+
+
+def linkage_model(file: LinkageFile, options: Simulate) -> Model:
+    """The model of a linkage file under a drive.
+
+    Raises
+    ------
+    InputError
+        The linkage cannot be built or does not turn fully, or the drive or the tolerance does not
+        suit it.
+    """
+    linkage = linkage_of_file(file)
+    signs = signs_of(linkage, options.start_angle)
+    clearances = {name: joint.clearance for name, joint in file.loose.items()}
+    check_turning(linkage, signs, sum(clearances.values()))
+    check_clearance_tolerance(clearances, options)
+    drive, knots = drive_records(options)
+    is_free = options.drive.FREES_CRANK
+    if is_free:
+        linkage = linkage.with_inertia(linkage.crank, drive.rotor_inertia)
+    bearings: dict[str, Record] = {}
+    for joint in linkage.loose:
+        bearings |= _bearings(linkage, joint, file.joints[joint.name])
+    effects = record(EffectParameters())
+    p = Parameters(record(drive), knots, effects, NO_PROGRAM, NO_PROGRAM, NO_TABLE)
+    return Model(linkage, bearings, p, variant_of(linkage, signs, Kind(is_free)))
+
+
+def linkage_remarks(file: LinkageFile, options: Simulate) -> tuple[str, ...]:
+    """Remarks on dead points."""
+    linkage = linkage_of_file(file)
+    clearances = sum(joint.clearance for joint in file.loose.values())
+    return tuple(check_turning(linkage, signs_of(linkage, options.start_angle), clearances))
+
+
+def _bearings(linkage: Linkage, joint: Joint, given: Pin | Slide) -> dict[str, Record]:
+    """Parameters of the contacts of a loose joint; the largest mass that can rebound there is that
+    of all moving bodies, without the crank unless it is the crank's own pivot."""
+    beyond = [
+        body for body in linkage.moving if joint.name == linkage.drive or body != linkage.crank
+    ]
+    mass = sum(linkage.bodies[body].mass for body in beyond)
+    if isinstance(given, Pin):
+        has_journal = joint.body.body == given.journal
+        return {joint.name: record(bearing_parameters(given, has_journal, mass))}
+    corners = zip(corner_names(joint.name), _CORNERS, strict=True)
+    return {name: record(corner_parameters(given, corner, mass)) for name, corner in corners}
+
+
+_CORNERS = ((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0))
+"""Sides of the corners along and across a slide: counter-clockwise from the front."""
+
+
+def simulate_linkage(file: LinkageFile, options: Simulate) -> Trajectory:
+    """Simulate a planar linkage with loose or ideal joints.
+
+    The motion starts with coincident joint centres and the velocities of the ideal linkage.
+
+    Parameters
+    ----------
+    file : LinkageFile
+        The linkage.
+    options : Simulate
+        Drive, duration and sampling.
+
+    Returns
+    -------
+    Trajectory
+        Columns of the samples by rule, see `published`; ``attrs["units"]`` has their units.
+
+    Raises
+    ------
+    InputError
+        See `linkage_model`.
+    SimulationError
+        The integration fails; the message has time, crank angle and state.
+    """
+    if options.speed < 0:
+        return _linkage_clockwise(file, options)
+    model = linkage_model(file, options)
+    angles = crank_angles(options)
+    run = integrate_to_angles(model, model.start(), angles, options.tolerance)
+    columns = published(model, observed(model, run)) | modes_of(model, run, model.pins)
+    columns["crank_angle"] = angles  # exact; a motor's simulated crank angle has rounding errors
+    samples = pd.DataFrame(columns)
+    samples.attrs["units"] = {name: model.units.get(name, "") for name in columns}
+    return Trajectory(samples, event_frame(model, run), run.steps)
+
+
+def published(model: Model, columns: Columns) -> Columns:
+    """The quantities of a linkage's trajectory, by the rule
+
+    - ``time``; of the driven body ``crank_angle``, ``crank_speed``, ``crank_acceleration``,
+      ``crank_torque``;
+    - a body on a slide of the frame: ``BODY_position``, ``_velocity``, ``_acceleration``;
+    - another body: ``BODY_angle``, ``_angular_velocity``, ``_angular_acceleration``, and of its
+      mass centre ``_position_x``, ``_velocity_x``, ``_acceleration_x``, and ``_y``;
+    - a slide: ``SLIDE_force``, across it, and ``SLIDE_moment``;
+    - a revolute joint: ``JOINT_force_x``, ``_force_y``, if loose also ``_normal_force``,
+      ``_friction_force``, ``_mode``, ``r_JOINT``, ``gamma_JOINT`` and rates;
+    - ``shaking_force_x``, ``_y``: sum of the forces on the frame.
+    """
+    found = {name: values for name, values in columns.items() if not name.startswith("frame_")}
+    for name, values in found.items():
+        if name.endswith("_angle") and name != "crank_angle":
+            found[name] = np.unwrap(values)
+    return found
+
+
+def _linkage_clockwise(file: LinkageFile, options: Simulate) -> Trajectory:
+    """`simulate_linkage` for a clockwise crank, by the mirror image in the line y = 0."""
+    ahead = options.model_copy(
+        update={"speed": -options.speed, "start_angle": -options.start_angle}
+    )
+    seen = simulate_linkage(file.mirrored(), ahead)
+    samples, units = seen.samples.copy(), seen.samples.attrs["units"]
+    across = {f"{name}_force" for name in file.slides}
+    across |= {f"{name}_force_y" for name in (*file.shared_by_two, "shaking")}
+    across |= {f"{name}_friction_force" for name in file.loose_pins}
+    across |= {f"{name}_offset{rate}" for name in file.slides for rate in ("", "_dot", "_ddot")}
+    across |= {
+        f"{name}_{what}_y"
+        for name in file.bodies
+        for what in ("position", "velocity", "acceleration")
+    }
+    for name, unit in units.items():
+        if name in across or unit.startswith(("rad", "N*m")):
+            samples[name] = -samples[name]
+    other_side = {
+        name: mirrored
+        for slide in file.slides
+        for name, mirrored in zip(corner_names(slide), corner_names(slide)[::-1], strict=True)
+    }
+    events = seen.events.assign(crank_angle=-seen.events["crank_angle"])
+    events["joint"] = events["joint"].replace(other_side)
+    return Trajectory(samples, events, seen.steps)
