@@ -239,7 +239,7 @@ class Model:
         k.weights[2 * half : k.states] = 1.0
         if self.is_free:
             at = 2 * len(loose)
-            k.weights[at], k.weights[half + at] = 1.0 * self.reach, VELOCITY_TIME * self.reach
+            k.weights[at], k.weights[half + at] = self.reach, VELOCITY_TIME * self.reach
         k.approaches[:], k.begins[:] = math.inf, math.inf
         bodies = self.linkage.bodies
         for joint in loose:
