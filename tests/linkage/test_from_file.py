@@ -155,6 +155,7 @@ REFUSED = {
         "joints__guide__clearance": "1 mm",
         "joints__guide__contact": "steel",
     },
+    "drive: must be the name of a joint; how it turns": {"drive": {"joint": "O", "kind": "free"}},
     "unknown key 'bodies.rod.angel'; did you mean 'angle'": {"bodies__rod__angel": "10 deg"},
 }
 

@@ -8,7 +8,7 @@ import pytest
 from jointgap.config import Simulate
 from jointgap.config.linkage_file import LinkageFile
 from jointgap.config.load import validate
-from jointgap.core.errors import InputError
+from jointgap.core.errors import InputError, SimulationError
 from jointgap.motion.integrate import EVENT
 from jointgap.motion.linkage import linkage_model, simulate_linkage
 from jointgap.motion.simulation import integrate_to_angles, observed
@@ -182,3 +182,28 @@ def test_a_free_crank_keeps_its_energy_without_friction():
     total = energy(samples)
     assert math.isclose(samples["crank_speed"].iloc[0], 150.0)
     assert np.ptp(total) < 1e-10 * total.iloc[0]
+
+
+def test_a_clearance_beyond_the_block_is_refused():
+    content = published().model_dump()
+    content["joints"]["guide"]["clearance"] = 6e-3
+    with pytest.raises(InputError, match=r"clearance 0\.006 m is more than 0\.2 of width 0\.025"):
+        validate(LinkageFile, content, "flores.yaml")
+
+
+def test_walls_that_give_way_are_reported():
+    with pytest.raises(SimulationError, match=r"joints\.guide: a corner is .* inside its wall"):
+        run(published(stiffness=1e4))
+
+
+def test_a_free_crank_that_stops_is_reported():
+    lift = published().model_copy(update={"gravity_direction": -math.pi})
+    with pytest.raises(SimulationError, match="the free crank stops.*more torque, speed"):
+        run(lift, speed=1.0)
+
+
+def test_a_joint_may_be_called_after_the_frame():
+    content = published().model_dump()
+    content["bodies"]["frame_rod"] = content["bodies"].pop("rod")
+    samples = run(validate(LinkageFile, content, "flores.yaml")).samples
+    assert "frame_rod_angle" in samples and "frame_force_x" not in samples

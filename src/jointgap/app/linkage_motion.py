@@ -106,7 +106,8 @@ class LinkageMotion(Result):
         for column in self.samples:
             name = column.removesuffix("_force_x")
             if name != column and name != "shaking":
-                found[name] = np.hypot(self.samples[column], self.samples[f"{name}_force_y"])
+                x, y = (self.samples[f"{name}_force_{axis}"].to_numpy() for axis in "xy")
+                found[name] = np.hypot(x, y)
             name = column.removesuffix("_force")
             if name in self.linkage.slides:
                 found[name] = self.samples[column].to_numpy()
@@ -126,7 +127,7 @@ class LinkageMotion(Result):
         turned = self.samples["crank_angle"].iloc[-1] - self.samples["crank_angle"].iloc[0]
         speed = 30.0 / math.pi * turned / (time[-1] - time[0])
         facts = [
-            Fact("crank_speed", speed, "rpm", "speed of the crank"),
+            Fact("crank_speed", speed, "rpm", "mean speed of the crank"),
             Fact("revolutions", self.options.revolutions),
         ]
         begun = self.events[self.events["event"] == "impact"]
@@ -176,7 +177,8 @@ def _joint_forces(motion: LinkageMotion) -> Drawing:
 
 
 def _bodies(motion: LinkageMotion) -> Drawing:
-    """Speeds of the bodies, and the torque of the drive, over the crank angle."""
+    """Speeds of the bodies, and torque of the drive or speed of a free crank, over the crank
+    angle."""
     turn, units = motion.revolution(-1), motion.samples.attrs["units"]
     groups = {
         Quantity("angular velocity", "rad/s"): [
@@ -185,8 +187,12 @@ def _bodies(motion: LinkageMotion) -> Drawing:
         Quantity("velocity", "m/s"): [
             c for c in units if c.endswith("_velocity") and units[c] == "m/s"
         ],
-        Quantity("torque of the drive", "N*m"): ["crank_torque"],
     }
+    drive = motion.options.drive
+    if drive.FREES_CRANK:
+        groups[Quantity("speed of the crank", "rad/s")] = ["crank_speed"]
+    if drive.kind != "free":
+        groups[Quantity("torque of the drive", "N*m")] = ["crank_torque"]
     groups = {quantity: columns for quantity, columns in groups.items() if columns}
     sheet = Sheet(2.4 * len(groups), len(groups), 1)
     angle = _angle(turn)

@@ -79,7 +79,7 @@ class Slide(ConfigModel):
     length: PositiveLength | None = Field(None, description="of a loose slide's block, along it")
     width: PositiveLength | None = Field(None, description="of a loose slide's block, across it")
     clearance: PositiveLength | None = Field(
-        None, description="half the play of a loose slide, between block and wall; null: ideal"
+        None, description="half the play of a loose slide, on each side between block and wall"
     )
     contact: Contact | None = Field(
         None, description="of a loose slide's corners with the walls: name of an entry or content"
@@ -96,10 +96,18 @@ class Slide(ConfigModel):
             yield f"{joined(given)} without {joined(missing)}; a loose slide needs all of them"
         elif self.loose and self.slide[0] != FRAME:
             yield f"a loose slide needs the frame as carrier, not {self.slide[0]}"
+        elif self.loose and self.clearance > _LARGEST_PLAY * min(self.length, self.width):
+            smaller = "length" if self.length < self.width else "width"
+            yield (
+                f"clearance {self.clearance:g} m is more than {_LARGEST_PLAY:g} of {smaller}"
+                f" {getattr(self, smaller):g} m; the block would not stay between its walls:"
+                " lower it"
+            )
         elif self.loose and self.contact.stiffness is None:
             yield "contact needs a stiffness; corners have no radii from which it would follow"
 
 
+_LARGEST_PLAY = 0.2  # of a slide's block
 _OF_LOOSE_SLIDES = ("length", "width", "clearance", "contact")
 
 
@@ -137,6 +145,16 @@ class LinkageFile(ConfigModel):
     effects: tuple[AnyEffect, ...] = Field(
         (), description="`[{name: gravity}]`; none: without weight"
     )
+
+    @field_validator("drive", mode="before")
+    @classmethod
+    def _drive_is_a_joint(cls, drive: Any) -> Any:
+        if isinstance(drive, dict):
+            raise ValueError(
+                "must be the name of a joint; how it turns is not part of the linkage, but an"
+                " option of the simulation: jointgap.simulate(linkage, drive=...)"
+            )
+        return drive
 
     @field_validator("joints", mode="before")
     @classmethod
@@ -208,7 +226,7 @@ class LinkageFile(ConfigModel):
     def _columns(self) -> Iterator[tuple[str, str]]:
         """Columns of a simulation that may exist, and what they are of."""
         yield from ((f"crank_{end}", "the drive") for end in _OF_CRANK)
-        yield from ((f"shaking_force_{axis}", "the frame") for axis in "xy")
+        yield from ((f"{what}_force_{axis}", "the frame") for what in _OF_FRAME for axis in "xy")
         for name, body in self.bodies.items():
             if self.drive not in body.names:
                 yield from ((f"{name}_{end}", f"body {name}") for end in _OF_BODIES)
@@ -290,6 +308,7 @@ _OF_SLIDES = ("force", "moment", "contacts", "friction_force")
 _OF_SLIDES += tuple(
     f"{what}{rate}" for what in ("offset", "tilt") for rate in ("", "_dot", "_ddot")
 )
+_OF_FRAME = ("shaking", "frame")
 _OF_CRANK = ("angle", "speed", "acceleration", "torque")
 _OF_JOINTS = ("normal_force", "friction_force", "mode")
 _RATES = ("", "_dot", "_ddot")

@@ -340,7 +340,7 @@ def with_contacts(joints: Any, contacts: dict[str, Contact] | None) -> Any:
         if not isinstance(key, str):
             continue
         if contacts is None:  # they have their own errors
-            contact = Contact.model_construct(restitution=0.5)
+            contact = Contact.model_construct(restitution=0.5, stiffness=1.0)
         elif not (contact := contacts.get(key)):
             hint = did_you_mean(key, contacts) if contacts else "the section contacts is missing"
             raise ValueError(f"contact of {name}: no entry '{key}' in contacts; {hint}")

@@ -1,4 +1,4 @@
-"""Parameters of a revolute joint for compiled code, in SI; inactive parts are zero."""
+"""Parameters of a contact for compiled code, in SI; inactive parts are zero."""
 
 import math
 from typing import NamedTuple

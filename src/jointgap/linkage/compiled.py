@@ -2,8 +2,8 @@
 
 Between `pose` and `dynamics` ordinary compiled code evaluates the laws of contacts and effects: the
 one writes their arguments, the other reads their forces. `sample` writes all quantities of a
-motion. A variant is a topology with its set of loose joints and
-its kind of drive; lengths, masses and fits are parameters, so they never make another one.
+motion. A variant is a topology with its set of loose joints and its kind of drive; lengths, masses
+and fits are parameters, so they never make another one.
 """
 
 import ctypes

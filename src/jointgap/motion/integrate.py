@@ -46,7 +46,7 @@ MODES = ("ideal", "flight", "impact", "contact")
 
 
 class Samples(NamedTuple):
-    """Samples and events of one integration; n samples, d loose joints with c contacts."""
+    """Samples and events of one integration; n samples, c contacts, d loose revolute joints."""
 
     times: np.ndarray  # (n,) [s]
     states: np.ndarray  # (n, states)
@@ -62,10 +62,10 @@ class Samples(NamedTuple):
         return Samples(*(values[chosen] for values in self[:-2]), *self[-2:])
 
 
-def room_for(times: np.ndarray, states: int, contacts: int, loose: int) -> Samples:
+def room_for(times: np.ndarray, states: int, contacts: int, pins: int) -> Samples:
     """Samples at `times` (n,) [s], to be filled."""
     n = times.size
-    numbers = (np.empty((n, each)) for each in (contacts, contacts, loose))
+    numbers = (np.empty((n, each)) for each in (contacts, contacts, pins))
     return Samples(
         times,
         np.empty((n, states)),
@@ -148,7 +148,7 @@ def _begin_episode(episodes, joint, time):
 def _follow(k, time) -> None:
     """Count the turns of the clearance vectors up to the state z."""
     h = k.half
-    for j in range(k.loose):
+    for j in range(k.pins):
         seen = (k.seen[j, 0], k.seen[j, 1], k.seen[j, 2], k.seen[j, 3])
         now = (k.z[2 * j], k.z[2 * j + 1], k.z[h + 2 * j], k.z[h + 2 * j + 1])
         k.turns[j] = turns_after(k.turns[j], seen, now, time - k.seen_time)
@@ -194,6 +194,8 @@ def _take(k, row) -> None:
     k.cosine[HERE], k.sine[HERE] = k.cosine[row], k.sine[row]
     for i in range(k.states):
         k.y[HERE, i], k.dy[HERE, i] = k.y[row, i], k.dy[row, i]
+    for i in range(2 * k.rubbing + k.pushed):
+        k.settled[HERE, i] = k.settled[row, i]
     for j in range(k.contacts):
         k.normal[HERE, j] = k.normal[row, j]
         for i in range(CONDITIONS):
@@ -216,12 +218,12 @@ def begin(p, k, share):
     """Prepare an integration from the state, time and modes in the first row of `k`, with a first
     step of a `share` of the longest one."""
     for i in range(2 * k.rubbing + k.pushed):
-        k.assumed[i] = 0.0
+        k.settled[HERE, i] = 0.0
     evaluate(p, k, HERE)
     for j in range(k.contacts):
         for i in range(EPISODE):
             k.episodes[j, i] = 0.0
-    for j in range(k.loose):
+    for j in range(k.pins):
         k.turns[j] = 0.0
         x, v = 2 * j, k.half + 2 * j
         k.seen[j, 0], k.seen[j, 1] = k.z[x], k.z[x + 1]
@@ -314,7 +316,7 @@ def integrate(p, k, found, angles, tolerance, step_limit):
             _follow(k, times[sample])
             for i in range(k.states):
                 states[sample, i] = k.z[i]
-            for j in range(k.loose):
+            for j in range(k.pins):
                 vector = (k.z[2 * j], k.z[2 * j + 1])
                 found.directions[sample, j] = direction(k.turns[j], vector)
             for j in range(k.contacts):

@@ -1,5 +1,7 @@
 """Simulation of a linkage from its file: the general form of its model, and its quantities."""
 
+import math
+
 import numpy as np
 import pandas as pd
 
@@ -7,12 +9,13 @@ from jointgap.config import Simulate
 from jointgap.config.linkage_file import LinkageFile, Pin, Slide
 from jointgap.config.scenario import check_clearance_tolerance
 from jointgap.contact.bearings import bearing_parameters, corner_parameters
+from jointgap.core.errors import SimulationError
 from jointgap.core.records import Record, record
 from jointgap.linkage.assembly import check_turning, signs_of
 from jointgap.linkage.compiled import Kind, variant_of
 from jointgap.linkage.from_file import linkage_of_file
 from jointgap.linkage.parameters import NO_PROGRAM, NO_TABLE, EffectParameters, Parameters
-from jointgap.linkage.topology import Joint, Linkage
+from jointgap.linkage.topology import Joint, Linkage, number
 from jointgap.motion.model import Columns, Model, corner_names, drive_records
 from jointgap.motion.simulation import (
     Trajectory,
@@ -36,7 +39,7 @@ def linkage_model(file: LinkageFile, options: Simulate) -> Model:
     linkage = linkage_of_file(file)
     signs = signs_of(linkage, options.start_angle)
     clearances = {name: joint.clearance for name, joint in file.loose.items()}
-    check_turning(linkage, signs, sum(clearances.values()))
+    check_turning(linkage, signs, _play(file, linkage))
     check_clearance_tolerance(clearances, options)
     drive, knots = drive_records(options)
     is_free = options.drive.FREES_CRANK
@@ -53,8 +56,36 @@ def linkage_model(file: LinkageFile, options: Simulate) -> Model:
 def linkage_remarks(file: LinkageFile, options: Simulate) -> tuple[str, ...]:
     """Remarks on dead points."""
     linkage = linkage_of_file(file)
-    clearances = sum(joint.clearance for joint in file.loose.values())
-    return tuple(check_turning(linkage, signs_of(linkage, options.start_angle), clearances))
+    signs = signs_of(linkage, options.start_angle)
+    return tuple(check_turning(linkage, signs, _play(file, linkage)))
+
+
+def _play(file: LinkageFile, linkage: Linkage) -> float:
+    """Distance [m] by which all clearances together may shift a joint; a slide also by its tilt."""
+    play = sum(joint.clearance for joint in file.loose.values())
+    for name, slide in file.loose.items():
+        if isinstance(slide, Slide):
+            points = linkage.bodies[slide.slide[1]].points.values()
+            arm = max(math.hypot(*map(number, point)) for point in points)
+            play += 2.0 * slide.clearance / slide.length * arm
+    return play
+
+
+def _check_walls(file: LinkageFile, columns: Columns) -> None:
+    """SimulationError where a corner is deeper in a wall than its clearance."""
+    for name, slide in file.loose.items():
+        if not isinstance(slide, Slide):
+            continue
+        reach = np.abs(columns[f"{name}_offset"]) + 0.5 * slide.length * np.abs(
+            np.sin(columns[f"{name}_tilt"])
+        )
+        depth = float(np.max(reach)) - slide.clearance
+        if depth > slide.clearance:
+            raise SimulationError(
+                f"joints.{name}: a corner is {depth:.3g} m inside its wall, more than the clearance"
+                f" of {slide.clearance:g} m; give the contact a larger stiffness than"
+                f" {slide.contact.stiffness:g}"
+            )
 
 
 def _bearings(linkage: Linkage, joint: Joint, given: Pin | Slide) -> dict[str, Record]:
@@ -105,6 +136,7 @@ def simulate_linkage(file: LinkageFile, options: Simulate) -> Trajectory:
     angles = crank_angles(options)
     run = integrate_to_angles(model, model.start(), angles, options.tolerance)
     columns = published(model, observed(model, run)) | modes_of(model, run, model.pins)
+    _check_walls(file, columns)
     columns["crank_angle"] = angles  # exact; a motor's simulated crank angle has rounding errors
     samples = pd.DataFrame(columns)
     samples.attrs["units"] = {name: model.units.get(name, "") for name in columns}
@@ -119,12 +151,14 @@ def published(model: Model, columns: Columns) -> Columns:
     - a body on a slide of the frame: ``BODY_position``, ``_velocity``, ``_acceleration``;
     - another body: ``BODY_angle``, ``_angular_velocity``, ``_angular_acceleration``, and of its
       mass centre ``_position_x``, ``_velocity_x``, ``_acceleration_x``, and ``_y``;
-    - a slide: ``SLIDE_force``, across it, and ``SLIDE_moment``;
+    - a slide: ``SLIDE_force``, across it, and ``SLIDE_moment``, if loose also ``_contacts``,
+      ``_friction_force``, ``_offset``, ``_tilt`` and rates;
     - a revolute joint: ``JOINT_force_x``, ``_force_y``, if loose also ``_normal_force``,
       ``_friction_force``, ``_mode``, ``r_JOINT``, ``gamma_JOINT`` and rates;
     - ``shaking_force_x``, ``_y``: sum of the forces on the frame.
     """
-    found = {name: values for name, values in columns.items() if not name.startswith("frame_")}
+    of_frame = ("frame_force_x", "frame_force_y")
+    found = {name: values for name, values in columns.items() if name not in of_frame}
     for name, values in found.items():
         if name.endswith("_angle") and name != "crank_angle":
             found[name] = np.unwrap(values)

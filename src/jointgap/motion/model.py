@@ -86,7 +86,8 @@ class Model:
     ----------
     linkage : Linkage
     bearings : dict of str to Record
-        `JointParameters` of revolute joints, of all loose ones at least.
+        `JointParameters` of revolute joints, of all loose ones at least, and of the corners of
+        loose slides.
     p : Parameters
         Drive and effects.
     variant : Variant
@@ -136,7 +137,7 @@ class Model:
 
     @cached_property
     def pins(self) -> tuple[str, ...]:
-        """Those of them that are revolute."""
+        """Names of the loose revolute joints."""
         return tuple(joint.name for joint in self.linkage.loose if joint.kind == "revolute")
 
     @cached_property
@@ -150,7 +151,7 @@ class Model:
 
     def room_for(self, times: np.ndarray) -> Samples:
         """Samples at `times` (n,) [s], to be filled."""
-        return room_for(times, self.states, len(self.contacts), len(self.loose))
+        return room_for(times, self.states, len(self.contacts), len(self.pins))
 
     def vector(self, states: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
         """Clearance vector of a joint (of a slide offset and tilt) and its rate, (..., 2) each, in

@@ -22,7 +22,7 @@ from jointgap.linkage.drive import crank_motion
 from jointgap.linkage.laws import crank_losses, motor_torque, slider_force
 from jointgap.linkage.parameters import MOTOR
 from jointgap.motion.events import conditions, corner_conditions
-from jointgap.motion.workspace import CONDITIONS, CORNERS
+from jointgap.motion.workspace import CONDITIONS, CORNERS, HERE
 
 
 def _call():
@@ -149,8 +149,8 @@ _ROUNDS, _SETTLED = 200, 1e-13  # iterations; tolerance relative to reactions an
 
 @compiled
 def _rub(p, k):
-    """Dynamics with friction that depends on the reactions of ideal joints, found from those of the
-    last state; NaN where none are consistent."""
+    """Dynamics with friction that depends on the reactions of ideal joints, found from the assumed
+    ones; NaN where none are consistent."""
     reactions, found, width = k.reactions, k.assumed, p.effects.crank_sign_speed
     count = 2 * k.rubbing + k.pushed
     free, loaded = k.along[0], p.effects.load_friction
@@ -185,10 +185,21 @@ def _rub(p, k):
         k.slope[k.half + i] = math.nan
 
 
+@inlined
+def assume(k, row) -> None:
+    """Assume the reactions of a row: results must depend on a state and its step alone, not on
+    what was evaluated before, such as samples."""
+    for i in range(2 * k.rubbing + k.pushed):
+        k.assumed[i] = k.settled[row, i]
+
+
 @compiled
 def evaluate(p, k, row):
-    """Rates, normal forces and conditions at the state of a row."""
+    """Rates, normal forces and conditions at the state of a row: the first, or the end of the last
+    step."""
     n, h, time = k.states, k.half, k.time[row]
+    if row == HERE:
+        assume(k, HERE)
     for i in range(n):
         k.z[i] = k.y[row, i]
     k.now = time
@@ -196,6 +207,8 @@ def evaluate(p, k, row):
     k.angle[row], k.cosine[row], k.sine[row] = k.turned, k.crank[0], k.crank[1]
     set_damping(k, time)
     slopes(p, k)
+    for i in range(2 * k.rubbing + k.pushed):
+        k.settled[row, i] = k.assumed[i]
     for i in range(n):
         k.dy[row, i] = k.slope[i]
     for j in range(k.contacts):

@@ -20,7 +20,7 @@ from scipy.integrate import DOP853
 
 from jointgap.core.numba_cache import compiled, inlined
 from jointgap.linkage.parameters import CONSTANT
-from jointgap.motion.rates import set_crank, set_crank_at, set_damping, slopes
+from jointgap.motion.rates import assume, set_crank, set_crank_at, set_damping, slopes
 from jointgap.motion.workspace import BLOCK, HERE, INSIDE, KEPT, MOST_STATES, TERMS
 
 COUNT = DOP853.n_stages
@@ -233,6 +233,7 @@ def step(p, k, to, time_map, s, ds):
     later = k.time[HERE] + elapsed_time(time_map, s, ds)
     fades = _set_damping_of_step(k, later)
     factor = dt_ds(time_map, s)
+    assume(k, HERE)
     for i in range(k.states):
         k.rates[0, i] = factor * k.dy[HERE, i]
     for j in range(k.contacts):
@@ -278,6 +279,7 @@ def prepare_inside(p, k, row, time_map, s, ds, tolerance):
     is as accurate as the step."""
     fades = _set_damping_of_step(k, k.time[row])
     factor = dt_ds(time_map, s + ds)
+    assume(k, HERE)
     for i in range(k.states):
         k.rates[COUNT, i] = factor * k.dy[row, i]
     _turn_steadily(p, k, MORE_NODES, time_map, s, ds)

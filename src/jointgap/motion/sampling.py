@@ -35,6 +35,8 @@ def polar_rates(vector, direction):
 @compiled
 def _take_row(p, k, found, n):
     """Set the state, time and modes of sample `n`, and evaluate everything there."""
+    for i in range(2 * k.rubbing + k.pushed):
+        k.assumed[i] = 0.0
     for i in range(k.states):
         k.z[i] = found.states[n, i]
     for j in range(k.contacts):

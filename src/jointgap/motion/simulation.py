@@ -50,7 +50,7 @@ FAILURES = {
     STALLED: "ended because the motor stalls",
 }
 FAILURE_ADVICE = {
-    STALLED: "give the motor more torque or inertia, or less load",
+    STALLED: "give the drive more torque, speed or inertia, less load, or fewer revolutions",
     NOT_FINITE: (
         "check the effects and formulas (a root of a negative number, self-locking friction) and "
         "whether a contact is so soft that the rod leaves the slide"
@@ -153,13 +153,17 @@ def _failure(
         " stiffness, restitution, friction_speed or bristle_stiffness of the contacts, a small"
         " mass, an effect or its formula"
     )
+    failure = FAILURES[status].format(limit=limit)
+    if status == STALLED and not model.drive.stall_torque:
+        failure = "ended because the free crank stops"
     if status == TOO_MANY_STEPS:
         contacts = _format_contacts(model, k, events)
         advice = f"{contacts}; {advice}, or friction that makes a journal whirl"
-        if model.is_free and abs(_crank_speed(model, k)) < _CREEPING * model.drive.no_load_speed:
+        fastest = max(model.drive.no_load_speed, model.drive.speed)
+        if model.is_free and abs(_crank_speed(model, k)) < _CREEPING * fastest:
             advice = f"the crank almost stands still; {FAILURE_ADVICE[STALLED]}"
     return (
-        f"the simulation {FAILURES[status].format(limit=limit)} at time {k.time[HERE]:.9g} s,"
+        f"the simulation {failure} at time {k.time[HERE]:.9g} s,"
         f" crank angle {math.degrees(k.angle[HERE]):.6g} deg ({_format_state(model, k)});"
         f" {FAILURE_ADVICE.get(status, advice)}"
     )
@@ -210,6 +214,9 @@ def _format_contacts(model: Model, k: Record, events: np.ndarray) -> str:
             turns = (x * vy - y * vx) / (x * x + y * y) / _crank_speed(model, k)
             doing += f", in contact, circling its clearance {turns:.3g} times per turn of the crank"
         texts.append(doing)
+    for j, name in enumerate(model.contacts[len(model.pins) :], len(model.pins)):
+        count = int((begun[:, EVENT.index("joint")] == j).sum())
+        texts.append(f"{name}: {count} contacts")
     return ", ".join(texts) or "no joint is loose"
 
 

@@ -212,6 +212,8 @@ def _begin(p, k, time, w, slow, speed, carried):
     for i in range(k.states):
         k.y[HERE, i] = carried.states[w, i]
     k.time[HERE] = time
+    for i in range(2 * k.rubbing + k.pushed):
+        k.settled[HERE, i] = 0.0
     for j in range(count):
         k.modes[j], k.approaches[j] = carried.modes[w, j], carried.approaches[w, j]
         k.begins[j] = carried.begins[w, j]

@@ -62,6 +62,7 @@ WORKSPACE = np.dtype(
             ("moments", "f8", (MOST_RUBBING,)),
             ("reactions", "f8", (2 * MOST_RUBBING + MOST_SITES,)),
             ("assumed", "f8", (2 * MOST_RUBBING + MOST_SITES,)),  # Reactions that give friction
+            ("settled", "f8", (_ROWS, 2 * MOST_RUBBING + MOST_SITES)),  # Those of the rows
             ("parameters", "f8", (MOST_PARAMETERS,)),
             ("kept", "f8", (MOST_KEPT,)),
             ("channels", "f8", (MOST_CHANNELS,)),
