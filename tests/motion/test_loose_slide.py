@@ -198,7 +198,7 @@ def test_walls_that_give_way_are_reported():
 
 def test_a_free_crank_that_stops_is_reported():
     lift = published().model_copy(update={"gravity_direction": -math.pi})
-    with pytest.raises(SimulationError, match="the free crank stops.*more torque, speed"):
+    with pytest.raises(SimulationError, match=r"the free crank stops.*more torque, speed"):
         run(lift, speed=1.0)
 
 
