@@ -63,7 +63,7 @@ def linkage_remarks(file: LinkageFile, options: Simulate) -> tuple[str, ...]:
 def _play(file: LinkageFile, linkage: Linkage) -> float:
     """Distance [m] by which all clearances together may shift a joint; a slide also by its tilt."""
     play = sum(joint.clearance for joint in file.loose.values())
-    for name, slide in file.loose.items():
+    for slide in file.loose.values():
         if isinstance(slide, Slide):
             points = linkage.bodies[slide.slide[1]].points.values()
             arm = max(math.hypot(*map(number, point)) for point in points)
