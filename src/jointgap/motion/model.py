@@ -53,6 +53,9 @@ _FIELDS = (
     "channels",
 )
 
+_LINE = 64
+"""Size of a line of the processor's cache [bytes]."""
+
 _OF_PIN = {
     "{}_normal_force": "N",
     "{}_friction_force": "N",
@@ -292,7 +295,11 @@ class Workspace:
     """The state of an integration, complete for an exact continuation."""
 
     def __init__(self, content: bytes):
-        self._owner = np.frombuffer(bytearray(content), WORKSPACE)
+        room = np.empty(len(content) + _LINE, np.uint8)
+        begin = -room.ctypes.data % _LINE  # vectors across lines of the cache take twice as long
+        room = room[begin : begin + len(content)]
+        room[:] = np.frombuffer(content, np.uint8)
+        self._owner = room.view(WORKSPACE)
         self.k: Record = self._owner[0]
         self.k.place = self._owner.ctypes.data
 
