@@ -10,6 +10,8 @@ import pytest
 
 from jointgap.core import numba_cache
 from jointgap.core.numba_cache import compiled, compiled_by_one, remove_old_folders
+from jointgap.motion.slider_crank import model_of
+from tests.motion.cases import mechanism, options
 
 HOLD = (
     "import fcntl, sys; f = open(sys.argv[1], 'w'); fcntl.flock(f, fcntl.LOCK_EX); print(1,"
@@ -58,3 +60,11 @@ def test_compiled_code_links_its_callees_and_python_can_call_them():
     assert quartered(3.0) == 0.75
     assert not halved.overloads
     assert halved(3.0) == 1.5
+
+
+def test_workspaces_begin_at_a_line_of_the_cache():
+    """Elsewhere vectors lie across two lines, and a step takes up to half as long again."""
+    model = model_of(mechanism(), options())
+    workspaces = [model.workspace() for _ in range(20)]
+    workspaces += [each.copy() for each in workspaces]
+    assert {int(each.k.place) % 64 for each in workspaces} == {0}
