@@ -9,11 +9,10 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 from jointgap.config.mechanism import Contact, Joint, angle_of, with_contacts
 from jointgap.core.errors import did_you_mean
 from jointgap.core.section import ConfigModel, Word, checked
+from jointgap.core.sites import FRAME, Sites
 from jointgap.core.units import Angle, Length, PositiveLength, PositiveMass, quantity
 from jointgap.core.words import joined
 from jointgap.effects import AnyEffect
-
-FRAME = "frame"
 
 Point = tuple[Length, Length]
 
@@ -267,6 +266,32 @@ class LinkageFile(ConfigModel):
         """Names of points by body, with the frame."""
         bodies = {name: body.names for name, body in self.bodies.items()}
         return {FRAME: tuple(self.frame.points)} | bodies
+
+    @property
+    def sites(self) -> Sites:
+        """Its bodies and joints."""
+        of_frame, tracks, pivots = {}, {}, {}
+        for name, slide in self.slides.items():
+            carrier, body = slide.slide
+            if carrier == FRAME:
+                of_frame[body] = name
+            else:
+                tracks[name] = slide.slide
+        for name, (one, other) in self.shared_by_two.items():
+            if one == FRAME:
+                pivots[other] = name
+        # a drive that is no joint with the frame has its own error
+        crank = next((body for body, name in pivots.items() if name == self.drive), "")
+        return Sites(
+            crank=crank,
+            drive=pivots.pop(crank, self.drive),
+            bodies=tuple(self.bodies),
+            slides=of_frame,
+            pivots=pivots,
+            tracks=tracks,
+            revolutes=self.shared_by_two,
+            links=tuple(name for name, body in self.bodies.items() if body.length is not None),
+        )
 
     @property
     def slides(self) -> dict[str, Slide]:

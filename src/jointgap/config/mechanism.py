@@ -20,6 +20,7 @@ from jointgap.config.friction_laws import FRICTION_KEYS, FRICTION_LAWS
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import FROM_FRAME, JOINT, REFERENCE_APPROACH_SPEED
 from jointgap.core.section import ConfigModel, complaints
+from jointgap.core.sites import SLIDER_CRANK, Sites
 from jointgap.core.units import (
     Angle,
     Length,
@@ -418,6 +419,11 @@ class Mechanism(ConfigModel):
             return
         for effect in self.effects:
             effect.check(self)
+
+    @property
+    def sites(self) -> Sites:
+        """Its bodies and joints."""
+        return SLIDER_CRANK
 
     @property
     def files(self) -> tuple[str, ...]:
