@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from jointgap.core.errors import InputError
-from jointgap.effects.slider_force_table import MOST_ROWS
+from jointgap.effects.force_table import MOST_ROWS
 from jointgap.motion.mechanism_warnings import odd_data
 from jointgap.motion.slider_crank import simulate
 from jointgap.rig.model import build_model

@@ -26,12 +26,11 @@ from jointgap.effects.axis_laws import (
     BACKLASH,
     axis_candidates,
     backlash_candidate,
-    compile_law,
+    law_numbers,
 )
 from jointgap.effects.base import DETECTABLE_SHARE, MotionScale
 from jointgap.identification.noise import scatter_between_samples
 from jointgap.identification.settings import DEFAULT_SETTINGS
-from jointgap.linkage.parameters import EffectParameters
 from jointgap.rig.checks import MIN_SAMPLES
 from jointgap.rig.sensors import Faults, Reading, channel_faults
 
@@ -301,17 +300,15 @@ class AxisModel:
 
     def _laws(self, effects: Effects, numerics: int) -> tuple:
         """The force laws and the play of `effects`."""
-        fields, play = EffectParameters()._asdict(), 0.0
+        numbers, play = {}, 0.0
         share = _EXACT_SIGN if self.is_simulated else SIGN_SHARE * (_FINER if numerics else 1.0)
-        width = share * self.scale.speed
-        fields |= {"slider_sign_speed": width, "crank_sign_speed": width}
-        records = {"effects": fields}
+        numbers["sign_speed"] = share * self.scale.speed
         for candidate, coordinates in effects:
             if candidate.name == BACKLASH:
                 play = coordinates[candidate.amplitudes[0]]
             elif candidate.name in AXIS_LAWS:
-                compile_law(candidate.name, candidate.parameters(coordinates), records)
-        return laws(records["effects"]), play
+                numbers |= law_numbers(candidate.name, candidate.parameters(coordinates))
+        return laws(numbers), play
 
     def _given_motion(
         self, data: RunData, position: np.ndarray | None, play: float

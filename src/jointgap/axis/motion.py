@@ -1,32 +1,27 @@
 """Motion and forces of an axis."""
 
 import math
-from typing import NamedTuple
 
 import numba
 import numpy as np
 
-from jointgap.core.formula import NOTHING
+from jointgap.contact.friction import smooth_sign
 from jointgap.core.records import Record, record
-from jointgap.linkage.laws import slider_force
-from jointgap.linkage.parameters import NO_TABLE, EffectParameters, program_record
+from jointgap.linkage.laws import slide_force
+from jointgap.linkage.parameters import SlideLaws
 
 _CLOSED = 1e-9  # [1] Rounding, of half a play
 NEAR = 0.05  # [1] Share of a range over which derivatives of forces are differences
 
 
-class Laws(NamedTuple):
-    """The force laws of effects, as `jointgap.linkage.laws.slider_force` reads them."""
-
-    effects: Record
-    slider_table: Record
-    slider_formula: Record
+def laws(numbers: dict[str, float]) -> Record:
+    """Force laws with `numbers` by name, see `jointgap.effects.slides.SLIDE_LAWS`."""
+    return record(SlideLaws(**numbers))
 
 
-def laws(fields: dict[str, float]) -> Laws:
-    """Force laws from the `fields` of `EffectParameters` that are not 0."""
-    effects = EffectParameters()._replace(**fields)
-    return Laws(record(effects), NO_TABLE, program_record(NOTHING))
+@numba.njit(error_model="numpy")
+def _force(law, load, x, v, time):
+    return slide_force(law, smooth_sign(v / law.sign_speed), load, x, v, time)
 
 
 @numba.njit(error_model="numpy")
@@ -34,7 +29,7 @@ def law_forces(laws, load, position, velocity, time):
     """Forces (n,) [N or N m] of the laws on a given motion (n,) with normal forces `load` (n,)."""
     forces = np.empty(position.size)
     for i in range(position.size):
-        forces[i] = slider_force(laws, load[i], position[i], velocity[i], 0.0, 0.0, time[i])
+        forces[i] = _force(laws, load[i], position[i], velocity[i], time[i])
     return forces
 
 
@@ -69,7 +64,7 @@ def _acceleration(mass, force, load, values, laws, own_load, q, v, t, inputs, dr
     """Acceleration of the axis; dry friction opposes the sign of the velocity `v`."""
     weight = load(values, q, v, 0.0, t, inputs) if own_load else drive
     total = drive + force(values, q, v, 0.0, t, inputs)
-    total += slider_force(laws, weight, q, v, 0.0, 0.0, t)
+    total += _force(laws, weight, q, v, t)
     return total / mass(values, q, v, 0.0, t, inputs)
 
 

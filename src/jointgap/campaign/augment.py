@@ -19,7 +19,8 @@ from jointgap.core.errors import InputError
 from jointgap.core.schema import MISSING_FORCE
 from jointgap.core.units import split_quantity
 from jointgap.identification.fit import determined_values
-from jointgap.linkage.laws import crank_losses, slider_force
+from jointgap.linkage.laws import force_along, torque_at
+from jointgap.linkage.parameters import CRANK
 from jointgap.motion.slider_crank import model_of, simulate
 from jointgap.rig.cylinder_pressure import with_loads
 from jointgap.rig.simulate_run import augmented_mechanism, tolerance_for
@@ -144,13 +145,14 @@ def _forces_over_revolution(base: Mechanism, augmented: Mechanism, speed: float)
     names = ["slider_position", "slider_velocity", "crank_speed", "crank_angle", "time"]
     states = samples[names].to_numpy()
     with_effects, without = (model_of(each, options).p for each in (augmented, base))
-    force = [
-        slider_force(with_effects, guide, *state) - slider_force(without, guide, *state)
-        for guide, state in zip(samples["guide_force"], states, strict=True)
-    ]
-    torque = [
-        crank_losses(with_effects, *state) - crank_losses(without, *state) for state in states
-    ]
+    force, torque = [], []
+    for guide, (x, v, speed, angle, time) in zip(samples["guide_force"], states, strict=True):
+        on_slider = guide, x, v, speed, angle, time
+        on_crank = angle, speed, x, v, speed, angle, time
+        force.append(force_along(with_effects, 0, *on_slider) - force_along(without, 0, *on_slider))
+        torque.append(
+            torque_at(with_effects, CRANK, *on_crank) - torque_at(without, CRANK, *on_crank)
+        )
     motion = samples[["crank_angle", "slider_position", "slider_velocity"]]
     angle = motion["crank_angle"] - math.tau * _SETTLES
     return motion.assign(crank_angle=angle, slider_force=force, crank_torque=torque)

@@ -39,8 +39,8 @@ from jointgap.core.units import (
 )
 from jointgap.effects import EFFECTS, AnyEffect
 from jointgap.effects.clearance import LEAST_CLEARANCE
+from jointgap.effects.force_table import ForceTableParameters
 from jointgap.effects.own_law import OwnLaw
-from jointgap.effects.slider_force_table import ForceTableParameters
 
 _TABLES = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))
 

@@ -4,15 +4,32 @@ import math
 from collections.abc import Iterator
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
+import numpy as np
+from pydantic import (
+    BeforeValidator,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    WithJsonSchema,
+    field_validator,
+)
 
-from jointgap.config.mechanism import Contact, Joint, angle_of, with_contacts
+from jointgap.config.mechanism import (
+    Contact,
+    Joint,
+    angle_of,
+    effect_of,
+    errors_of_effects,
+    gravity_of,
+    with_contacts,
+    with_data_effects,
+)
 from jointgap.core.errors import did_you_mean
-from jointgap.core.section import ConfigModel, Word, checked
+from jointgap.core.section import ConfigModel, Word, checked, complaints
 from jointgap.core.sites import FRAME, Sites
 from jointgap.core.units import Angle, Length, PositiveLength, PositiveMass, quantity
 from jointgap.core.words import joined
-from jointgap.effects import AnyEffect
+from jointgap.effects import Effect, effects_of
 
 Point = tuple[Length, Length]
 
@@ -123,6 +140,27 @@ def _joint(value: Any) -> Any:
     return value
 
 
+def _effect(entry: Any, known: dict[str, type[Effect]]) -> Effect:
+    """An effect, of those `known` in a linkage."""
+    if isinstance(entry, Effect):
+        entry = entry.model_dump()
+    if not isinstance(entry, dict) or "name" not in entry:
+        raise ValueError("each entry must be a mapping with name and parameters")
+    name = entry["name"]
+    if name not in known:
+        raise ValueError(f"{name!r}: no such effect of this linkage; {did_you_mean(name, known)}")
+    try:
+        return known[name].model_validate(entry)
+    except ValidationError as error:
+        raise ValueError(f"{name}: {'; '.join(complaints(error, entry))}") from None
+
+
+_EFFECTS = {
+    "type": "array",
+    "items": {"type": "object", "required": ["name"], "properties": {"name": {"type": "string"}}},
+}
+
+
 class LinkageFile(ConfigModel):
     """A planar linkage of one degree of freedom, without its drive.
 
@@ -141,8 +179,8 @@ class LinkageFile(ConfigModel):
     gravity_direction: Annotated[Angle, BeforeValidator(angle_of)] = Field(
         -math.pi / 2, description="direction of gravity in the plane, from +x; or down, up ..."
     )
-    effects: tuple[AnyEffect, ...] = Field(
-        (), description="`[{name: gravity}]`; none: without weight"
+    effects: Annotated[tuple[Any, ...], WithJsonSchema(_EFFECTS)] = Field(
+        (), description="effects besides contact and friction in the joints"
     )
 
     @field_validator("drive", mode="before")
@@ -159,6 +197,16 @@ class LinkageFile(ConfigModel):
     @classmethod
     def _joints_get_their_contact(cls, joints: Any, info: ValidationInfo) -> Any:
         return with_contacts(joints, info.data.get("contacts"))
+
+    @field_validator("effects", mode="before")
+    @classmethod
+    def _effects_act_at_its_sites(cls, effects: Any, info: ValidationInfo) -> Any:
+        if not {"frame", "bodies", "joints", "drive"} <= info.data.keys():
+            return ()  # these have their own errors
+        if not isinstance(effects, list | tuple):
+            raise ValueError("must be a list")
+        known = effects_of(cls.model_construct(**info.data).sites)
+        return tuple(_effect(entry, known) for entry in effects)
 
     def mirrored(self) -> "LinkageFile":
         """Its mirror image in the line y = 0."""
@@ -196,6 +244,7 @@ class LinkageFile(ConfigModel):
                 "bodies": bodies,
                 "joints": joints,
                 "gravity_direction": -self.gravity_direction,
+                "effects": tuple(effect.mirrored() for effect in self.effects),
             }
         )
 
@@ -210,17 +259,13 @@ class LinkageFile(ConfigModel):
                 )
         for name, joint in self.joints.items():
             yield from self._errors_of(name, joint)
-        for effect in self.effects:
-            if effect.name != "gravity":
-                yield f"effects: {effect.name} acts on a slider-crank; of a linkage only gravity"
-        if len(self.effects) > 1:
-            yield "effects: gravity is listed more than once; give it once"
         owner: dict[str, str] = {}
         for column, what in self._columns():
             if column in owner and owner[column] != what:
                 yield f"{what} and {owner[column]} would both have the column {column}; rename one"
                 return
             owner[column] = what
+        yield from errors_of_effects(self)
 
     def _columns(self) -> Iterator[tuple[str, str]]:
         """Columns of a simulation that may exist, and what they are of."""
@@ -266,6 +311,25 @@ class LinkageFile(ConfigModel):
         """Names of points by body, with the frame."""
         bodies = {name: body.names for name, body in self.bodies.items()}
         return {FRAME: tuple(self.frame.points)} | bodies
+
+    def effect(self, name: str, site: str | None = None) -> Any:
+        """Parameters of the effect `name`, at `site` if it has several; None if it is not
+        listed."""
+        return effect_of(self, name, site)
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """Gravitational acceleration, shape (2,) [m/s^2]; zero unless the effect is listed."""
+        return gravity_of(self)
+
+    def applied(self) -> "LinkageFile":
+        """The linkage with its parameters modified by the effects that only change data;
+        `effects` keeps the others."""
+        return with_data_effects(self)
+
+    def body(self, name: str) -> BodyPart:
+        """The data of a body."""
+        return self.bodies[name]
 
     @property
     def sites(self) -> Sites:

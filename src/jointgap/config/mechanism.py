@@ -407,18 +407,7 @@ class Mechanism(ConfigModel):
                 " crank cannot turn; lengthen the rod, shorten the crank, or check the units of"
                 " the lengths and radii"
             )
-        sites = [(effect.name, effect.place) for effect in self.effects if not effect.SEVERAL]
-        for name, site in sites:
-            if sites.count((name, site)) > 1:
-                yield (
-                    f"effects: {name} at {site} is listed more than once; combine its parameters"
-                    " in one entry"
-                )
-        if any(effect.changes_data(self) for effect in self.effects):
-            self.applied()  # raises for invalid data
-            return
-        for effect in self.effects:
-            effect.check(self)
+        yield from errors_of_effects(self)
 
     @property
     def sites(self) -> Sites:
@@ -431,6 +420,10 @@ class Mechanism(ConfigModel):
         return tuple(
             effect.parameters.file for effect in self.effects if hasattr(effect.parameters, "file")
         )
+
+    def body(self, name: str) -> Any:
+        """The data of a body."""
+        return getattr(self, name)
 
     def joint(self, name: str) -> Joint | None:
         """The data of the joint `name`; None for ``ideal`` without data."""
@@ -450,17 +443,12 @@ class Mechanism(ConfigModel):
     def effect(self, name: str, site: str | None = None) -> Any:
         """Parameters of the effect `name`, at `site` if it has several; None if it is not
         listed."""
-        for effect in self.effects:
-            if effect.name == name and site in (None, effect.place):
-                return effect.parameters
-        return None
+        return effect_of(self, name, site)
 
     @property
     def gravity(self) -> np.ndarray:
         """Gravitational acceleration, shape (2,) [m/s^2]; zero unless the effect is listed."""
-        gravity, direction = self.effect("gravity"), self.gravity_direction
-        size = gravity.acceleration_m_s2 if gravity else 0.0
-        return size * np.array([math.cos(direction), math.sin(direction)])
+        return gravity_of(self)
 
     def mirrored(self) -> "Mechanism":
         """The mirror image in y = 0, in which a clockwise crank turns counter-clockwise."""
@@ -500,22 +488,60 @@ class Mechanism(ConfigModel):
 
         InputError where the modified data are invalid.
         """
-        of_data = [effect for effect in self.effects if effect.changes_data(self)]
-        if not of_data:
-            return self
-        data = self.model_dump()
-        data["effects"] = [effect.model_dump() for effect in self.effects if effect not in of_data]
-        for effect in of_data:
-            effect.apply(data)
-        try:
-            return Mechanism.model_validate(data)
-        except ValidationError as error:
-            names = ", ".join(effect.name for effect in of_data)
-            raise InputError(
-                f"with the effects {names}: {'; '.join(complaints(error, data))}"
-            ) from error
+        return with_data_effects(self)
 
     def with_lengths(self, crank_length: float, rod_length: float) -> "Mechanism":
         """The mechanism with other lengths [m]; mass centres are scaled, all else is unchanged."""
         crank, rod = self.crank.with_length(crank_length), self.rod.with_length(rod_length)
         return self.model_copy(update={"crank": crank, "rod": rod})
+
+
+def errors_of_effects(mechanism: Any) -> Iterator[str]:
+    """Errors of effects that are listed twice, and of those that cannot act in a mechanism."""
+    sites = [(effect.name, effect.place) for effect in mechanism.effects if not effect.SEVERAL]
+    for name, site in sites:
+        if sites.count((name, site)) > 1:
+            yield (
+                f"effects: {name} at {site} is listed more than once; combine its parameters in one"
+                " entry"
+            )
+    if any(effect.changes_data(mechanism) for effect in mechanism.effects):
+        mechanism.applied()  # raises for invalid data
+        return
+    for effect in mechanism.effects:
+        effect.check(mechanism)
+
+
+def with_data_effects(mechanism: Any) -> Any:
+    """A mechanism with its parameters modified by the effects that only change data; InputError
+    where the modified data are invalid."""
+    of_data = [effect for effect in mechanism.effects if effect.changes_data(mechanism)]
+    if not of_data:
+        return mechanism
+    data = mechanism.model_dump()
+    data["effects"] = [effect.model_dump() for effect in mechanism.effects if effect not in of_data]
+    for effect in of_data:
+        effect.apply(data)
+    try:
+        return type(mechanism).model_validate(data)
+    except ValidationError as error:
+        names = ", ".join(effect.name for effect in of_data)
+        raise InputError(
+            f"with the effects {names}: {'; '.join(complaints(error, data))}"
+        ) from error
+
+
+def effect_of(mechanism: Any, name: str, site: str | None = None) -> Any:
+    """Parameters of the effect `name` of a mechanism, at `site` if it has several; None if it is
+    not listed."""
+    for effect in mechanism.effects:
+        if effect.name == name and site in (None, effect.place):
+            return effect.parameters
+    return None
+
+
+def gravity_of(mechanism: Any) -> np.ndarray:
+    """Gravitational acceleration, shape (2,) [m/s^2]; zero unless the effect is listed."""
+    gravity, direction = effect_of(mechanism, "gravity"), mechanism.gravity_direction
+    size = gravity.acceleration_m_s2 if gravity else 0.0
+    return size * np.array([math.cos(direction), math.sin(direction)])

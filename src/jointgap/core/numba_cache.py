@@ -137,6 +137,8 @@ _ELSEWHERE = (
     "core/numba_cache.py",
     "core/records.py",
     "config/friction_laws.py",
+    "effects/pivots.py",
+    "effects/slides.py",
 )
 _LINKAGE = ("linkage/drive.py", "linkage/laws.py", "linkage/parameters.py")
 SOURCES = (

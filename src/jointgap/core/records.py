@@ -1,5 +1,6 @@
 """Numbers by name for compiled code, which receives them as one pointer."""
 
+from collections.abc import Mapping
 from functools import cache
 from typing import NamedTuple
 
@@ -28,9 +29,16 @@ class Record(np.void):
             self[name] = value
 
 
-def record(numbers: NamedTuple) -> Record:
+def record(group: NamedTuple) -> Record:
     """A group of parameters as a record of floats and integers."""
-    return with_data(np.array([tuple(numbers)], _kind(type(numbers))))
+    return with_data(np.array([tuple(group)], kind_of(type(group))))
+
+
+def numbers(name: str, defaults: Mapping[str, float | int]) -> type:
+    """A group of parameters with their defaults."""
+    group = NamedTuple(name, [(key, type(value)) for key, value in defaults.items()])
+    group.__new__.__defaults__ = tuple(defaults.values())
+    return group
 
 
 def with_data(one: np.ndarray) -> Record:
@@ -40,6 +48,7 @@ def with_data(one: np.ndarray) -> Record:
 
 
 @cache
-def _kind(group: type) -> np.dtype:
+def kind_of(group: type) -> np.dtype:
+    """Type of the records of a group of parameters."""
     kinds = {float: "f8", int: "i8", bool: "i8"}
     return np.dtype((Record, [(name, kinds[kind]) for name, kind in group.__annotations__.items()]))

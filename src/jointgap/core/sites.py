@@ -36,10 +36,18 @@ class Sites:
     revolutes: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     links: tuple[str, ...] = ()
 
+    def __hash__(self) -> int:
+        return hash(repr(self))
+
     @property
     def pins(self) -> tuple[str, ...]:
         """Revolute joints of two moving bodies."""
         return tuple(name for name, bodies in self.revolutes.items() if FRAME not in bodies)
+
+    @property
+    def bearings(self) -> tuple[str, ...]:
+        """Revolute joints whose contact effects may change: of a slider-crank the two pins."""
+        return self.pins if self == SLIDER_CRANK else tuple(self.revolutes)
 
 
 FRAME = "frame"

@@ -7,24 +7,37 @@ from typing import Annotated
 from pydantic import Field
 
 from jointgap.core.errors import MEANINGS
-from jointgap.effects import (  # noqa: F401 importing a module registers its effects
+from jointgap.core.sites import SLIDER_CRANK
+from jointgap.effects import (  # noqa: F401 importing a module registers its laws
     bodies,
     clearance,
-    crank,
+    force_table,
     pins,
-    slider,
-    slider_force_table,
+    pivots,
+    slides,
 )
-from jointgap.effects.base import CATALOGUE, CRANK_SIGN_SPEED, GROUPS, SLIDER_SIGN_SPEED, Effect
+from jointgap.effects.base import (
+    CRANK_SIGN_SPEED,
+    GROUPS,
+    SLIDER_SIGN_SPEED,
+    Effect,
+    effects_of,
+)
 
-#: Every effect by its name, in the order of the catalogue.
-EFFECTS: dict[str, type[Effect]] = {
-    effect.NAME: effect for effect in sorted(CATALOGUE, key=lambda effect: effect.ORDER)
-}
+#: Every effect of a slider-crank by its name, in the order of the catalogue.
+EFFECTS: dict[str, type[Effect]] = effects_of(SLIDER_CRANK)
 
 MEANINGS.update((name, effect.__doc__) for name, effect in EFFECTS.items())
 
-#: One effect of a mechanism file, identified by its name.
+#: One effect of a slider-crank's file, identified by its name.
 AnyEffect = Annotated[reduce(or_, EFFECTS.values()), Field(discriminator="name")]
 
-__all__ = ["CRANK_SIGN_SPEED", "EFFECTS", "GROUPS", "SLIDER_SIGN_SPEED", "AnyEffect", "Effect"]
+__all__ = [
+    "CRANK_SIGN_SPEED",
+    "EFFECTS",
+    "GROUPS",
+    "SLIDER_SIGN_SPEED",
+    "AnyEffect",
+    "Effect",
+    "effects_of",
+]

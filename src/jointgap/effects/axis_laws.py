@@ -11,13 +11,12 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from jointgap.core.candidates import Candidate, LawFamily, Parameter
+from jointgap.effects import EFFECTS
 from jointgap.effects.base import (
-    CATALOGUE,
     Effect,
     FitContext,
     MotionScale,
     ParameterDescription,
-    Records,
     parameters_of,
 )
 
@@ -70,7 +69,7 @@ def _renamed(name: str) -> str:
 
 
 def _laws() -> Iterator[AxisLaw]:
-    for effect in sorted(CATALOGUE, key=lambda effect: effect.ORDER):
+    for effect in EFFECTS.values():
         if effect.GROUP == "slider" and effect.NAME not in _NOT_ON_AN_AXIS:
             words = re.sub(r" (of|on) the slider( guide)?", "", effect.WORDS)
             law = _OF_SLIDERS.sub("", effect.LAW)
@@ -171,9 +170,10 @@ def _family_on_axis(
     )
 
 
-def compile_law(name: str, parameters: Mapping[str, Any], records: Records) -> None:
-    """Write the stated `parameters` of a law into the records of the equations of motion."""
+def law_numbers(name: str, parameters: Mapping[str, Any]) -> dict[str, float]:
+    """Numbers of the compiled law with the stated `parameters`."""
     back = {new: old for old, new in _ROTARY_KEYS.items()}
-    effect = AXIS_LAWS[name].effect
+    effect, records = AXIS_LAWS[name].effect, {"sites": {}}
     values = {back.get(key, key): value for key, value in parameters.items()}
     effect(name=effect.NAME, parameters=values).compile_into(records)
+    return records["sites"][effect.BODY]

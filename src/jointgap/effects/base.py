@@ -1,9 +1,12 @@
 """Base classes of effects: see `Effect`, and docs/how_to/add_effect.md for how to write one."""
 
+import importlib
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import string
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
@@ -15,6 +18,7 @@ from jointgap.core.formula import (
     ADD,
     DEEPEST_STACK,
     LONGEST_FORMULA,
+    NOTHING,
     NUMBER,
     POWER,
     VARIABLE,
@@ -22,7 +26,9 @@ from jointgap.core.formula import (
     compile_formula,
 )
 from jointgap.core.section import ConfigModel
+from jointgap.core.sites import SLIDER_CRANK, Sites
 from jointgap.core.units import quantity
+from jointgap.core.words import joined
 
 #: Width [m/s] of the sign of the slider's velocity in its friction: sgn v = tanh(v / 0.01 m/s).
 SLIDER_SIGN_SPEED = 0.01
@@ -46,24 +52,27 @@ Values = Mapping[str, float]
 #: Candidates of an effect, one for each site.
 Candidates = Iterable[Candidate]
 
-#: Fields by record of `jointgap.linkage.parameters.Parameters`; and programs under ``formulas``.
+#: Numbers by record and name for the equations of motion. ``sites``: those of the laws by body;
+#: ``formulas``: programs by body.
 Records = dict[str, dict[str, Any]]
 
 
 @dataclass(frozen=True)
 class MotionScale:
-    """Magnitudes of the motion that set the steps of a fit.
+    """Magnitudes of the motion of a body on a slide that set the steps of a fit; of a body on a
+    pivot the force acts at the distance `stroke`.
 
     Attributes
     ----------
     stroke, speed, turning : float
-        Half the stroke [m], root mean square speed of the slider [m/s] and of the crank [rad/s].
+        Half the stroke [m], root mean square speed on the slide [m/s]; root mean square speed of
+        the crank, or of the body on the pivot [rad/s].
     force : float
-        A barely detectable force on the slider [N].
+        A barely detectable force on the body [N].
     guide : float
         Guide force [N].
     middle : float
-        Slider position at mid-stroke [m].
+        Position at mid-stroke [m].
     """
 
     stroke: float
@@ -101,6 +110,8 @@ class FitContext:
     runs : sequence of str
     middles : mapping of str to float
         Middle of the record [s] by run, as far as it is known.
+    scales : mapping of str to MotionScale
+        By body, where they differ from `scale`.
     """
 
     mechanism: Any
@@ -110,6 +121,11 @@ class FitContext:
     frequency_Hz: float
     runs: Sequence[str]
     middles: Mapping[str, float] = field(default_factory=dict)
+    scales: Mapping[str, MotionScale] = field(default_factory=dict)
+
+    def at(self, body: str) -> MotionScale:
+        """Magnitudes of the motion of a body."""
+        return self.scales.get(body, self.scale)
 
     def replaced(self, amplitudes: Mapping[str, str]) -> dict[str, str]:
         """`amplitudes` by the nuisance that they replace, as far as the campaign has it."""
@@ -129,7 +145,9 @@ class EffectParameter:
     example, default : float
         A typical value; the value of an entry without the parameter (default: required).
     compiled : str
-        Field of `jointgap.linkage.parameters.EffectParameters` with the same value.
+        Its name in the compiled law.
+    off : float
+        Its value there without the effect.
     odd : bool
         Whether mirroring changes its sign; see `Effect.mirrored`.
     step : function
@@ -143,6 +161,7 @@ class EffectParameter:
     example: float
     default: Any = ...
     compiled: str = ""
+    off: float = 0.0
     odd: bool = False
     step: Callable[[MotionScale], float] | None = None
     gt: float | None = None
@@ -180,18 +199,35 @@ class Effect(ConfigModel):
     """A physical effect besides contact and friction in the joints; active if a mechanism file
     lists it.
 
-    The decorator `register_effect` adds a subclass to the catalogue. Its entry in a mechanism file
-    has the keys ``name`` (the class name in snake case), those of `KEYS`, and ``parameters``.
-    Symbols of the laws: slider velocity v and position x, crank speed w and angle theta, time t.
+    A subclass with the decorator `register_effect` is a law; `effects_of` places it at the sites of
+    a mechanism: ``{site}`` in its texts is then the name of the body or joint. Its entry in a
+    mechanism file has the keys ``name``, those of `KEYS`, and ``parameters``. Symbols of the laws:
+    velocity v and position x of the body, crank speed w and angle theta, time t.
 
     Attributes
     ----------
-    NAME, ORDER, DESCRIBED : str, int, mapping of str to `parameter`
-        Name, position in the catalogue and parameters, set by `register_effect`.
+    LAW_NAME, ORDER, DESCRIBED : str, int, mapping of str to `parameter`
+        Name of the law (of the class, in snake case), position in the catalogue and parameters, set
+        by `register_effect`.
+    ON : str
+        Kind of its sites: a key of `SITES`.
+    RULE : str
+        Name of the effect; default: ``{site}_LAW_NAME``, or ``LAW_NAME`` of a mechanism.
+    ALIASES : mapping of str to str
+        Name at a site where it does not follow the rule.
+    OF_SLIDER_CRANK : tuple of str
+        The only sites of a slider-crank at which it acts; None: all.
+    ANY_LINKAGE : bool
+        Whether it acts in linkages other than the slider-crank.
+    NAME : str
+        Name at its site.
     GROUP : str
-        One of `GROUPS`; ``slider`` switches on the compiled force on the slider.
-    SITE : str
-        Location; effects with several locations have the key ``site``.
+        One of `GROUPS`.
+    BODY, SITE : str
+        The body or joint at which it is placed; its location in a verdict, if that is another one
+        (``{joint}``: of body and frame). Effects with several locations have the key ``site``.
+    PLACES : str
+        Attribute of `jointgap.core.sites.Sites` with the values of that key; empty without it.
     LAW, REFERENCE : str
         Equation with the symbols of the parameters' descriptions; its source, or ``definition``.
     WORDS : str
@@ -210,8 +246,8 @@ class Effect(ConfigModel):
     DRIVE : str
         The required kind of drive; empty for all.
     MEMBERS : mapping of str to float
-        For the law of a family: its members and the shape [1] of each. The shape is fitted once a
-        member is found.
+        For the law of a family: its members (their `LAW_NAME`, once placed their `NAME`) and the
+        shape [1] of each. The shape is fitted once a member is found.
     SHAPE, IN_USE : str, tuple of float
         For the law of a family: the shape parameter, and shapes of common laws.
     ACTS_AT_ZERO : bool
@@ -223,9 +259,18 @@ class Effect(ConfigModel):
     model_config = ConfigDict(ignored_types=(EffectParameter,))
 
     NAME: ClassVar[str]
+    LAW_NAME: ClassVar[str]
     ORDER: ClassVar[int]
+    ON: ClassVar[str]
+    RULE: ClassVar[str] = ""
+    ALIASES: ClassVar[Mapping[str, str]] = {}
+    OF_SLIDER_CRANK: ClassVar[tuple[str, ...] | None] = None
+    ANY_LINKAGE: ClassVar[bool] = True
     GROUP: ClassVar[str]
-    SITE: ClassVar[str]
+    SITE: ClassVar[str] = ""
+    BODY: ClassVar[str]
+    PLACES: ClassVar[str] = ""
+    SITES: ClassVar[Sites]
     LAW: ClassVar[str]
     REFERENCE: ClassVar[str] = "definition"
     WORDS: ClassVar[str]
@@ -241,6 +286,16 @@ class Effect(ConfigModel):
     IN_USE: ClassVar[tuple[float, ...]] = (0.0, 0.5, 1.0)
     ACTS_AT_ZERO: ClassVar[bool] = False
     SEVERAL: ClassVar[bool] = False
+
+    @classmethod
+    def described_at(cls, sites: Sites) -> Mapping[str, EffectParameter]:
+        """Its parameters in a mechanism."""
+        return cls.DESCRIBED
+
+    @classmethod
+    def adds_to_at(cls, site: str, sites: Sites) -> Mapping[str, tuple[str, str]]:
+        """Body and key to which each of its parameters is added."""
+        return {key: (body.format(site=site), datum) for key, (body, datum) in cls.ADDS_TO.items()}
 
     @classmethod
     def sites(cls) -> tuple[str, ...]:
@@ -261,11 +316,10 @@ class Effect(ConfigModel):
 
     def compile_into(self, records: Records) -> None:
         """Write its parameters into the records of the equations of motion."""
+        site = records["sites"].setdefault(self.BODY, {})
         for key, described in self.DESCRIBED.items():
             if described.compiled:
-                records["effects"][described.compiled] = getattr(self.parameters, key)
-        if self.GROUP == "slider":
-            records["effects"]["on_slider"] = True
+                site[described.compiled] = getattr(self.parameters, key)
 
     def largest_force(self, stroke: float) -> float:
         """Approximate largest force [N] on the slider over a `stroke` [m]; 0 if it has no stated
@@ -335,7 +389,13 @@ class Effect(ConfigModel):
     @classmethod
     def families(cls, context: FitContext) -> tuple[LawFamily, ...]:
         """The law families that contain it."""
-        return tuple(law.family(cls, context.scale) for law in CATALOGUE if cls.NAME in law.MEMBERS)
+        laws = (law for law in effects_of(cls.SITES).values() if cls.NAME in law.MEMBERS)
+        return tuple(law.family(cls, context.at(cls.BODY)) for law in laws)
+
+    @classmethod
+    def beside(cls, law: type["Effect"]) -> str:
+        """Name of another law at the same site."""
+        return placed(law, cls.BODY, cls.SITES).NAME
 
     @classmethod
     def family(
@@ -363,7 +423,7 @@ class Effect(ConfigModel):
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
         """One candidate for each site where it can act; default: the parameters with a ``step``."""
-        sizes = cls.sizes(context.scale)
+        sizes = cls.sizes(context.at(cls.BODY))
         if not sizes or cls.MEMBERS:
             return []
         return [cls.candidate(*sizes, parameters=cls.stated, families=cls.families(context))]
@@ -384,13 +444,18 @@ class DataEffect(Effect):
         """Change `data`, the content of a mechanism file in SI; InputError if required data are
         missing."""
         for key, (body, datum) in self.ADDS_TO.items():
-            data[body][datum] += getattr(self.parameters, key)
+            body_data(data, body)[datum] += getattr(self.parameters, key)
+
+
+def body_data(data: dict[str, Any], body: str) -> dict[str, Any]:
+    """The entry of a body in a mechanism file's `data`."""
+    return data["bodies"][body] if "bodies" in data else data[body]
 
 
 def joint_data(data: dict[str, Any], effect: str, joint: str) -> dict[str, Any]:
     """The entry of a `joint` in a mechanism file's `data`; InputError if the joint is only
     ``ideal``."""
-    entry = data["joints"][joint]
+    entry = data["joints"].get(joint, "ideal")
     if entry == "ideal":
         raise InputError(
             f"effects: {effect} requires the data of {joint}; write the joint as a mapping with"
@@ -400,45 +465,158 @@ def joint_data(data: dict[str, Any], effect: str, joint: str) -> dict[str, Any]:
     return entry
 
 
-#: All effects, in the order of registration.
-CATALOGUE: list[type[Effect]] = []
+#: Laws in the order of registration.
+LAWS: list[type[Effect]] = []
+
+#: Sites of each kind.
+SITES: dict[str, Callable[[Sites], Iterable[str]]] = {
+    "mechanism": lambda sites: ("",),
+    "slide": lambda sites: sites.slides,
+    "slide or track": lambda sites: (*sites.slides, *sites.tracks),
+    "pivot": lambda sites: (sites.crank, *sites.pivots),
+    "crank": lambda sites: (sites.crank,),
+    "body": lambda sites: [body for body in sites.bodies if body != sites.crank],
+    "revolute": lambda sites: sites.revolutes,
+}
 
 
 def register_effect(order: int) -> Callable[[type[Effect]], type[Effect]]:
-    """Add the decorated class to the catalogue at the position `order`."""
+    """Add the decorated law to the catalogue at the position `order`."""
 
-    def decorate(cls: type[Effect]) -> type[Effect]:
-        name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
-        attributes = {key: value for base in cls.__mro__[::-1] for key, value in vars(base).items()}
-        described = {
+    def decorate(law: type[Effect]) -> type[Effect]:
+        attributes = {key: value for base in law.__mro__[::-1] for key, value in vars(base).items()}
+        law.LAW_NAME = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", law.__name__).lower()
+        law.ORDER = order
+        law.DESCRIBED = {
             key: value for key, value in attributes.items() if isinstance(value, EffectParameter)
         }
-        section, options = cls.PARAMETERS, {"__module__": cls.__module__}
-        if section is None:
-            fields = {}
-            for key, value in described.items():
-                field = Field(value.default, description=value.meaning, examples=[value.example])
-                fields[key] = (quantity(value.unit, **value.limits), field)
-            section_name = f"{cls.__name__}Parameters"
-            section = create_model(section_name, __base__=ConfigModel, **options, **fields)
-            section.__doc__ = f"Parameters of ``{name}``."
-        keys = cls.KEYS | {"parameters": (section, section() if cls.OPTIONAL else ...)}
-        effect = create_model(
-            cls.__name__, __base__=cls, **options, name=(Literal[name], ...), **keys
-        )
-        effect.__doc__ = cls.__doc__
-        effect.NAME, effect.ORDER, effect.DESCRIBED = name, order, described
-        if cls.PARAMETERS is None:
-            setattr(effect, section.__name__, section)  # for pickle
-            section.__qualname__ = f"{effect.__name__}.{section.__name__}"
-        CATALOGUE.append(effect)
-        return effect
+        LAWS.append(law)
+        return law
 
     return decorate
 
 
+def numbers_of(laws: Iterable[type[Effect]]) -> dict[str, float]:
+    """Numbers of the compiled laws with their values without effects, by name."""
+    described = (each for law in laws for each in law.DESCRIBED.values() if each.compiled)
+    return {each.compiled: each.off for each in described}
+
+
+@cache
+def effects_of(sites: Sites) -> dict[str, type[Effect]]:
+    """Every effect that can act in a mechanism by its name, in the order of the catalogue."""
+    effects = {}
+    for law in sorted(LAWS, key=lambda law: law.ORDER):
+        for site in _sites_of(law, sites):
+            effect = placed(law, site, sites)
+            effects[effect.NAME] = effect
+    return effects
+
+
+def _sites_of(law: type[Effect], sites: Sites) -> Iterator[str]:
+    is_general = sites != SLIDER_CRANK
+    for site in SITES[law.ON](sites):
+        if law.ANY_LINKAGE if is_general else site in (law.OF_SLIDER_CRANK or (site,)):
+            yield site
+
+
+@cache
+def placed(law: type[Effect], site: str, sites: Sites) -> type[Effect]:
+    """The effect of a law at a site of a mechanism."""
+    words = site.replace("_", " ")
+
+    lengths = ", ".join(
+        f"{link}.length + {letter}"
+        for link, letter in zip(sites.links, string.ascii_lowercase, strict=False)
+    )
+    all_pins = "both pins" if sites == SLIDER_CRANK else "all loose joints"
+
+    def at_site(text: str) -> str:
+        text = text.replace("{links}", joined(sites.links)).replace("{all pins}", all_pins)
+        text = text.replace("{lengths}", lengths)
+        return text.replace("{site}", words) if site else text
+
+    rule = law.RULE or ("{site}_" if site else "") + law.LAW_NAME
+    name = law.ALIASES.get(site) or rule.replace("{site}", site)
+    title = "".join(part[:1].upper() + part[1:] for part in name.split("_"))
+    described = law.described_at(sites)
+    section, options = law.PARAMETERS, {"__module__": law.__module__}
+    if section is None:
+        fields = {}
+        for key, value in described.items():
+            default = Field(
+                value.default, description=at_site(value.meaning), examples=[value.example]
+            )
+            fields[key] = (quantity(value.unit, **value.limits), default)
+        section = create_model(f"{title}Parameters", __base__=_Parameters, **options, **fields)
+        section.__doc__ = f"Parameters of ``{name}``."
+        section.PLACE = law, site, sites
+    keys: dict[str, Any] = {"name": (Literal[name], ...)}
+    if law.PLACES:
+        of = Literal[tuple(getattr(sites, law.PLACES))]
+        keys["site"] = (of, Field(description="the joint"))
+    keys |= law.KEYS | {"parameters": (section, section() if law.OPTIONAL else ...)}
+    effect = create_model(title, __base__=(law, _Placed), **options, **keys)
+    effect.__doc__ = at_site(law.__doc__)
+    effect.NAME, effect.SITES, effect.DESCRIBED = name, sites, described
+    effect.LAW, effect.WORDS = at_site(law.LAW), at_site(law.WORDS)
+    effect.BODY, joints = site, {**sites.slides, **sites.pivots, sites.crank: sites.drive}
+    shown = (law.SITE or site).replace("{joint}", joints.get(site, ""))
+    shown = shown.replace("{links}", ", ".join(sites.links))
+    effect.SITE = shown.replace("{bearings}", " or ".join(sites.bearings))
+    effect.ADDS_TO = law.adds_to_at(site, sites)
+    members = {other.LAW_NAME: other for other in LAWS if other.__module__ == law.__module__}
+    effect.MEMBERS = {
+        placed(members[member], site, sites).NAME: shape for member, shape in law.MEMBERS.items()
+    }
+    return effect
+
+
+class _Placed:
+    """A placed effect: its class exists in no module."""
+
+    def __reduce__(self) -> tuple:
+        keys = {name: value for name, value in self.__dict__.items() if name != "parameters"}
+        place = _law_of(type(self)), self.BODY, self.SITES
+        return _restored, (*place, keys, dict(self.parameters.__dict__))
+
+
+class _Parameters(ConfigModel):
+    """Parameters of a placed effect."""
+
+    PLACE: ClassVar[tuple[type[Effect], str, Sites]]
+
+    def __reduce__(self) -> tuple:
+        law, site, sites = self.PLACE
+        return _restored_parameters, (_name_of(law), site, sites, dict(self.__dict__))
+
+
+def _name_of(law: type[Effect]) -> tuple[str, str]:
+    return law.__module__, law.__name__
+
+
+def _law_of(effect: type[Effect]) -> tuple[str, str]:
+    """Module and name of the law of a placed effect."""
+    return _name_of(effect.__mro__[1])
+
+
+def _effect_class(law: tuple[str, str], site: str, sites: Sites) -> type[Effect]:
+    return placed(getattr(importlib.import_module(law[0]), law[1]), site, sites)
+
+
+def _restored_parameters(law: tuple, site: str, sites: Sites, values: dict) -> ConfigModel:
+    section = _effect_class(law, site, sites).model_fields["parameters"].annotation
+    return section.model_construct(**values)
+
+
+def _restored(law: tuple, site: str, sites: Sites, keys: dict, values: dict) -> Effect:
+    effect = _effect_class(law, site, sites)
+    section = effect.model_fields["parameters"].annotation
+    return effect.model_construct(**keys, parameters=section.model_construct(**values))
+
+
 class FormulaParameters(ConfigModel):
-    """Parameters of ``discovered_slider_force`` and ``discovered_crank_torque``."""
+    """Parameters of ``discovered_slider_force``, ``discovered_crank_torque`` and others."""
 
     formula: str = Field(
         description=(
@@ -488,8 +666,8 @@ class DiscoveredLaw(Effect):
     def compile_into(self, records: Records) -> None:
         super().compile_into(records)
         program = compile_formula(self.parameters.formula, self.parameters.coefficients)
-        key = f"{self.GROUP}_formula"
-        records["formulas"][key] = _sum(records["formulas"][key], program)
+        programs = records["formulas"]
+        programs[self.BODY] = _sum(programs.get(self.BODY, NOTHING), program)
 
     def mirrored(self) -> Effect:
         """Angle and speed of the crank change their sign."""

@@ -1,15 +1,20 @@
 """Weight, deviations of masses and lengths, and bending of the rod."""
 
 import math
+import string
+from itertools import cycle
 from typing import Any
 
 from jointgap.core.candidates import Parameter
+from jointgap.core.sites import Sites
 from jointgap.effects import base
 from jointgap.effects.base import (
     DETECTABLE_SHARE,
     DataEffect,
     Effect,
+    EffectParameter,
     amplitude,
+    body_data,
     parameter,
     register_effect,
 )
@@ -33,7 +38,7 @@ _BENDING_ORDERS = (60.0, 25.0, 10.0)
 class Gravity(Effect):
     """Weight of all bodies along the mechanism's gravity_direction."""
 
-    GROUP, SITE = "bodies", "all bodies"
+    ON, GROUP, SITE = "mechanism", "bodies", "all bodies"
     LAW = "F = m g along gravity_direction, each body"
     REFERENCE = "3rd Conférence générale des poids et mesures (1901)"
     WORDS = "the weight of the bodies"
@@ -50,65 +55,101 @@ class Gravity(Effect):
 
 
 @register_effect(order=140)
-class AddedSliderMass(DataEffect):
-    """Deviation of the slider mass from nominal."""
+class AddedMass(DataEffect):
+    """Deviation of the {site} mass from nominal."""
 
-    GROUP, SITE = "bodies", "slider"
-    LAW = "slider.mass + m"
-    WORDS = "a deviating slider mass"
-    ADDS_TO = {"mass_kg": ("slider", "mass")}
+    ON, GROUP, RULE = "body", "bodies", "added_{site}_mass"
+    OF_SLIDER_CRANK = ("slider",)
+    LAW = "{site}.mass + m"
+    WORDS = "a deviating {site} mass"
+    ADDS_TO = {"mass_kg": ("{site}", "mass")}
     mass_kg = parameter("kg", "m, deviation from nominal", 0.05)
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
-        mass = context.mechanism.slider.mass
+        mass = context.mechanism.body(cls.BODY).mass
         deviation = amplitude("mass_kg", DETECTABLE_SHARE * mass, "kg", -0.95 * mass)
-        yield cls.candidate(deviation, replaces=context.replaced({"slider_mass": "mass_kg"}))
+        yield cls.candidate(deviation, replaces=context.replaced({f"{cls.BODY}_mass": "mass_kg"}))
 
 
 @register_effect(order=160)
-class SliderOffset(DataEffect):
+class Offset(DataEffect):
     """Deviation of the slide's offset from nominal."""
 
-    GROUP, SITE = "bodies", "guide"
-    LAW = "slider.offset + b"
+    ON, GROUP, SITE = "slide", "bodies", "{joint}"
+    LAW = "{site}.offset + b"
     WORDS = "an offset of the slide"
-    ADDS_TO = {"offset_m": ("slider", "offset")}
     offset_m = parameter("m", "b, deviation from nominal", 0.01, odd=True)
+
+    def apply(self, data: dict[str, Any]) -> None:
+        if "bodies" not in data:
+            data[self.BODY]["offset"] += self.parameters.offset_m
+            return
+        slide, moved = data["joints"][self.SITE], self.parameters.offset_m
+        (x, y), direction = slide["at"] or (0.0, 0.0), slide["direction"] or 0.0
+        slide["at"] = x - moved * math.sin(direction), y + moved * math.cos(direction)
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
-        crank, rod = context.mechanism.crank.length, context.mechanism.rod.length
-        replaces = context.replaced({"slider_offset": "offset_m"})
-        yield cls.candidate(amplitude("offset_m", 0.01 * crank, "m", -rod, rod), replaces=replaces)
+        step, farthest = 0.01 * context.scale.stroke, max(_lengths(context.mechanism).values())
+        replaces = context.replaced({f"{cls.BODY}_offset": "offset_m"})
+        yield cls.candidate(
+            amplitude("offset_m", step, "m", -farthest, farthest), replaces=replaces
+        )
+
+
+def _lengths(mechanism: Any) -> dict[str, float]:
+    """Lengths [m] of the links."""
+    return {link: mechanism.body(link).length for link in mechanism.sites.links}
 
 
 @register_effect(order=170)
 class LinkLengthError(DataEffect):
-    """Deviations of crank and rod length; mass centres scale with the lengths, masses and inertias
-    do not change."""
+    """Deviations of the lengths of {links}; mass centres scale with the lengths, masses and
+    inertias do not change."""
 
-    GROUP, SITE = "bodies", "crank, rod"
-    LAW = "crank.length + a, rod.length + b"
-    WORDS = "deviating lengths of crank and rod"
-    ADDS_TO = {"crank_m": ("crank", "length"), "rod_m": ("rod", "length")}
-    crank_m = parameter("m", "a, deviation of the crank length", 0.0005, default=0.0)
-    rod_m = parameter("m", "b, deviation of the rod length", -0.001, default=0.0)
+    ON, GROUP, SITE = "mechanism", "bodies", "{links}"
+    LAW = "{lengths}"
+    WORDS = "deviating lengths of {links}"
+
+    @classmethod
+    def described_at(cls, sites: Sites) -> dict[str, EffectParameter]:
+        return {
+            f"{link}_m": parameter(
+                "m",
+                f"{letter}, deviation of the {link.replace('_', ' ')} length",
+                example,
+                default=0.0,
+            )
+            for link, letter, example in zip(
+                sites.links, string.ascii_lowercase, cycle((5e-4, -1e-3)), strict=False
+            )
+        }
+
+    @classmethod
+    def adds_to_at(cls, site: str, sites: Sites) -> dict[str, tuple[str, str]]:
+        return {f"{link}_m": (link, "length") for link in sites.links}
 
     def apply(self, data: dict[str, Any]) -> None:
         for key, (body, _) in self.ADDS_TO.items():
-            link, error = data[body], getattr(self.parameters, key)
-            link["mass_centre"] *= (link["length"] + error) / link["length"]
+            link, error = body_data(data, body), getattr(self.parameters, key)
+            factor, centre = (link["length"] + error) / link["length"], link["mass_centre"]
+            link["mass_centre"] = (
+                (factor * centre[0], centre[1])
+                if isinstance(centre, list | tuple)
+                else factor * centre
+            )
             link["length"] += error
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
-        crank, rod = context.mechanism.crank.length, context.mechanism.rod.length
-        lengths = (("crank_m", crank), ("rod_m", rod))
-        replaces = context.replaced({"crank_length": "crank_m", "rod_length": "rod_m"})
+        lengths = {f"{link}_m": length for link, length in _lengths(context.mechanism).items()}
+        if not lengths:
+            return
+        replaces = {f"{key.removesuffix('_m')}_length": key for key in lengths}
         yield cls.candidate(
-            *(amplitude(key, 2e-3 * length, "m", -0.5 * length) for key, length in lengths),
-            replaces=replaces,
+            *(amplitude(key, 2e-3 * length, "m", -0.5 * length) for key, length in lengths.items()),
+            replaces=context.replaced(replaces),
         )
 
 
@@ -117,7 +158,7 @@ class RodFlexibility(Effect):
     """Bending of the rod, excited by the inertia of its own mass; requires a mass centre near the
     middle."""
 
-    GROUP, SITE = "bodies", "rod"
+    ON, GROUP, SITE, ANY_LINKAGE = "mechanism", "bodies", "rod", False
     LAW = (
         "q'' + 2 zeta (2 pi nu) q' + (2 pi nu)^2 q = inertia, deflection q sin(pi s / l): first"
         " mode of the pinned-pinned uniform beam with the rod's mass"

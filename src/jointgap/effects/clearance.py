@@ -1,4 +1,4 @@
-"""Clearance of a joint: one effect for each of the three."""
+"""Clearance of a revolute joint."""
 
 import math
 from typing import Annotated, Any
@@ -50,8 +50,7 @@ def _none_or_more_than_atoms(clearance: float) -> float:
 
 
 class ClearanceParameters(ConfigModel):
-    """Parameters of the effects ``crank_pivot_clearance``, ``crank_pin_clearance`` and
-    ``piston_pin_clearance``."""
+    """Parameters of a clearance, such as ``crank_pin_clearance``."""
 
     clearance_m: Annotated[quantity("m", ge=0), AfterValidator(_none_or_more_than_atoms)] = Field(
         description="c, total radial clearance; 0, or at least 1e-9 m", examples=[0.0002]
@@ -81,10 +80,13 @@ class ClearanceParameters(ConfigModel):
     )
 
 
+@register_effect(order=180)
 class Clearance(DataEffect):
-    """Clearance of a joint."""
+    """Clearance of the {site}; requires the joint as a mapping (not ``ideal``)."""
 
-    GROUP = "clearances"
+    ON, GROUP = "revolute", "clearances"
+    LAW = "{site} loose with the radial clearance c; c = 0: ideal"
+    WORDS = "clearance in the {site}"
     REFERENCE = "Erkaya and Uzmay (2009), equation 1"
     PARAMETERS = ClearanceParameters
 
@@ -113,7 +115,7 @@ class Clearance(DataEffect):
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
         joint, nominal = context.mechanism.joint(cls.SITE), context.mechanism.clearance(cls.SITE)
-        longest = 0.05 * context.mechanism.crank.length
+        longest = 0.05 * context.scale.stroke
         if joint is not None and nominal:
             yield cls.candidate(
                 amplitude("change_m", 0.05 * nominal, "m", -0.95 * nominal, longest),
@@ -164,30 +166,3 @@ class Clearance(DataEffect):
             ),
             search_range=(_CLEARANCES[0], min(_CLEARANCES[1], longest)),
         )
-
-
-@register_effect(order=180)
-class CrankPivotClearance(Clearance):
-    """Clearance of the crank pivot; requires the joint as a mapping (not ``ideal``)."""
-
-    SITE = "crank_pivot"
-    LAW = "crank pivot loose with the radial clearance c; c = 0: ideal"
-    WORDS = "clearance in the crank pivot"
-
-
-@register_effect(order=190)
-class CrankPinClearance(Clearance):
-    """Clearance of the crank pin; requires the joint as a mapping (not ``ideal``)."""
-
-    SITE = "crank_pin"
-    LAW = "crank pin loose with the radial clearance c; c = 0: ideal"
-    WORDS = "clearance in the crank pin"
-
-
-@register_effect(order=200)
-class PistonPinClearance(Clearance):
-    """Clearance of the piston pin; requires the joint as a mapping (not ``ideal``)."""
-
-    SITE = "piston_pin"
-    LAW = "piston pin loose with the radial clearance c; c = 0: ideal"
-    WORDS = "clearance in the piston pin"

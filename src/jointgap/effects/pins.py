@@ -1,11 +1,8 @@
-"""Friction, restitution and lubrication of crank pin and piston pin."""
+"""Friction, restitution and lubrication of revolute joints."""
 
-from typing import Any, ClassVar, Literal
-
-from pydantic import Field
+from typing import Any, ClassVar
 
 from jointgap.core.candidates import Candidate, Parameter
-from jointgap.core.joints import PINS
 from jointgap.effects import base
 from jointgap.effects.base import (
     CRANK_SIGN,
@@ -24,22 +21,22 @@ _LARGEST_FILM_SHARE = 0.5
 _VISCOSITIES = (0.03, 0.2)
 
 
-_SITE = {"site": (Literal["crank_pin", "piston_pin"], Field(description="the pin"))}
-
-
 class ContactCoefficient(DataEffect):
     """A contact coefficient of one pin (`site`) or of all loose pins."""
 
-    GROUP, SITE = "pins", "loose pins"
+    ON, GROUP, SITE = "mechanism", "pins", "loose pins"
     ACTS_AT_ZERO = True  # it replaces the nominal coefficient
     KEY: ClassVar[str]  # of the coefficient in a contact
     NUISANCE: ClassVar[str]  # shared by all pins
 
     def apply(self, data: dict[str, Any]) -> None:
+        bearings, listed = self.SITES.bearings, data["joints"]
         pins = (
-            [self.site] if self.sites() else [pin for pin in PINS if data["joints"][pin] != "ideal"]
+            [self.site]
+            if self.sites()
+            else [pin for pin in bearings if listed.get(pin, "ideal") != "ideal"]
         )
-        for pin in pins or PINS:
+        for pin in pins or bearings:
             joint_data(data, self.NAME, pin)["contact"][self.KEY] = self.parameters.coefficient
 
     @classmethod
@@ -59,8 +56,8 @@ class ContactCoefficient(DataEffect):
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
-        shared = context.nuisances.get(cls.NUISANCE)
-        if shared is not None and set(PINS) <= set(context.mechanism.loose):
+        shared, loose = context.nuisances.get(cls.NUISANCE), {*context.mechanism.loose}
+        if shared is not None and len(loose & {*cls.SITES.bearings}) > 1:
             yield cls.deviation_from(shared.nominal, shared.step, replaces={cls.NUISANCE: "change"})
 
 
@@ -76,14 +73,13 @@ class PinFriction(Friction):
     """Friction in a pin: replaces the contact's coefficient in a loose pin, adds a friction moment
     in an ideal one."""
 
-    SITE = "crank_pin or piston_pin"
+    SITE, PLACES = "{bearings}", "bearings"
     LAW = (
         f"loose: contact.friction = k; ideal: M = -k r |F| sgn w, {CRANK_SIGN}, r: journal_radius,"
         " F: the pin's force, w: relative speed of its bodies"
     )
     REFERENCE = "Haug, Wu and Yang, Mech. Mach. Theory 21 (1986) 401-406"
     WORDS = "friction in the {site}"
-    KEYS = _SITE
 
     def changes_data(self, mechanism: Any) -> bool:
         """True for a loose pin; a listed clearance effect determines whether it is loose."""
@@ -91,6 +87,11 @@ class PinFriction(Friction):
         return self.site in mechanism.loose if clearance is None else clearance.clearance_m > 0
 
     def check(self, mechanism: Any) -> None:
+        if self.site not in (*mechanism.loose, *self.SITES.pins):
+            raise ValueError(
+                f"effects: pin_friction at {self.site} requires a loose joint, or one of two moving"
+                " bodies; friction of an ideal joint of the frame is a coulomb_friction of its body"
+            )
         if mechanism.joint(self.site) is None:
             raise ValueError(
                 f"effects: pin_friction at {self.site} requires the joint's journal_radius; write"
@@ -98,20 +99,22 @@ class PinFriction(Friction):
             )
 
     def compile_into(self, records: base.Records) -> None:
-        records[self.site]["pin_friction"] = self.parameters.coefficient
+        records["joints"][self.site]["pin_friction"] = self.parameters.coefficient
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
         for pin in cls.sites():
             joint = context.mechanism.joint(pin)
-            if joint is None:
+            if joint is None or not (joint.loose or pin in cls.SITES.pins):
                 continue
             replaces, nuisances, nominal = {}, [], 0.0
             if joint.loose:
                 keys = (f"joint_friction_{pin}", "joint_friction")
                 replaces = context.replaced(dict.fromkeys(keys, "change"))
                 nominal = joint.contact.friction
-            if "joint_friction" in replaces and set(context.mechanism.loose) - {pin, "crank_pivot"}:
+            if "joint_friction" in replaces and {*context.mechanism.loose} & {
+                *cls.SITES.bearings
+            } - {pin}:
                 # the shared nuisance then belongs to the other pin
                 nuisances = [context.nuisances["joint_friction"]]
             guess = {nuisance.name: nuisance.nominal for nuisance in nuisances}
@@ -125,7 +128,7 @@ class CommonPinFriction(Friction):
     """A common coefficient of friction of all loose pins."""
 
     LAW = "contact.friction = k of every loose pin"
-    WORDS = "deviating friction of both pins"
+    WORDS = "deviating friction of {all pins}"
 
 
 class Restitution(ContactCoefficient):
@@ -140,10 +143,9 @@ class Restitution(ContactCoefficient):
 class PinRestitution(Restitution):
     """The coefficient of restitution of a loose pin."""
 
-    SITE = "crank_pin or piston_pin"
+    SITE, PLACES = "{bearings}", "bearings"
     LAW = "contact.restitution = e of the loose pin"
     WORDS = "deviating restitution of the {site}"
-    KEYS = _SITE
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
@@ -161,7 +163,7 @@ class CommonPinRestitution(Restitution):
     """A common coefficient of restitution of all loose pins."""
 
     LAW = "contact.restitution = e of every loose pin"
-    WORDS = "deviating restitution of both pins"
+    WORDS = "deviating restitution of {all pins}"
 
 
 @register_effect(order=220)
@@ -169,14 +171,13 @@ class LubricatedJoint(Effect):
     """A lubricant film in a loose pin with squeeze effect; dry contact if the film is thinner than
     h_min."""
 
-    GROUP, SITE = "pins", "crank_pin or piston_pin"
+    ON, GROUP, SITE, PLACES = "mechanism", "pins", "{bearings}", "bearings"
     LAW = (
         "short bearing (Ocvirk) with squeeze, pressure p >= 0: d/dz(h^3 dp/dz) = 6 mu ((w_j + w_b)"
         " dh/dphi + 2 dh/dt); dry contact where h < h_min"
     )
     REFERENCE = "DuBois and Ocvirk, NACA report 1157 (1953)"
     WORDS = "a lubricant film in the {site}"
-    KEYS = _SITE
     viscosity_Pa_s = parameter("Pa*s", "mu, dynamic viscosity", 0.05, gt=0)
     length_m = parameter("m", "L, axial length of the bearing", 0.012, gt=0)
     least_film_m = parameter(
@@ -195,7 +196,7 @@ class LubricatedJoint(Effect):
             )
 
     def compile_into(self, records: base.Records) -> None:
-        joint, parameters = records[self.site], self.parameters
+        joint, parameters = records["joints"][self.site], self.parameters
         joint["film_viscosity"] = parameters.viscosity_Pa_s
         joint["film_length"] = parameters.length_m
         joint["film_least"] = parameters.least_film_m

@@ -91,7 +91,7 @@ def check_turning(linkage: Linkage, signs: Sequence[float], clearances: float = 
     """
     angles = np.linspace(0.0, 2.0 * math.pi, ANGLES, endpoint=False)
     with np.errstate(invalid="ignore", divide="ignore"):
-        pose = _ideal(linkage, signs, angles)
+        pose = ideal_pose(linkage, signs, angles)
         remarks = []
         for dyad in linkage.dyads:
             margin = _margin(pose, dyad)
@@ -111,7 +111,7 @@ def check_turning(linkage: Linkage, signs: Sequence[float], clearances: float = 
     return remarks
 
 
-def _ideal(linkage: Linkage, signs: Sequence[float], angles: np.ndarray) -> Pose:
+def ideal_pose(linkage: Linkage, signs: Sequence[float], angles: np.ndarray) -> Pose:
     """Poses without clearance at crank angles [rad]; NaN where the linkage does not close."""
     crank = Crank(np.cos(angles), np.sin(angles), 1.0)
     arithmetic = Arithmetic(sqrt=np.sqrt, cos_sin=lambda x: (np.cos(x), np.sin(x)))
@@ -124,7 +124,7 @@ def _directions(
 ) -> dict[str, float]:
     """Angles [rad] of the bodies of a dyad."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        pose = _ideal(linkage, signs, np.array([crank_angle]))
+        pose = ideal_pose(linkage, signs, np.array([crank_angle]))
     return {
         body: float(math.atan2(*(each.item() for each in np.broadcast_arrays(*reversed(vector)))))
         if np.all(np.isfinite(vector[0]))
@@ -175,7 +175,7 @@ def _does_not_close(linkage: Linkage, signs: Sequence[float], crank_angle: float
     at = f"at crank angle {math.degrees(crank_angle) % 360:.0f} deg"
     with np.errstate(invalid="ignore", divide="ignore"):
         for count, dyad in enumerate(linkage.dyads, start=1):
-            pose = _ideal(linkage, signs[:count], np.array([crank_angle]))
+            pose = ideal_pose(linkage, signs[:count], np.array([crank_angle]))
             if np.all(_margin(pose, dyad) > 0.0):
                 continue
             first, second = dyad.bodies

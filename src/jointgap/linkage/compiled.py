@@ -38,7 +38,7 @@ class Kind(NamedTuple):
     """What a variant computes besides contacts."""
 
     is_free: bool = False  # The torque turns the crank
-    pushed: tuple[str, ...] = ()  # Bodies with forces along their slides of the frame
+    pushed: tuple[str, ...] = ()  # Joints with forces of effects: slides, then pivots
     rubs: bool = False  # Forces depend on the reactions of ideal joints
 
 
@@ -57,14 +57,14 @@ class Variant:
     - `crank`: cosine, sine, speed, acceleration (unused where it is free);
     - `turning`: angular velocity of body and partner of each loose joint, then of each rubbing one,
       of a slide that of the body and the speed along it, written by `pose`;
-    - `sites`: place and speed along their slides of the pushed bodies, written by `pose`;
+    - `sites`: coordinate and rate of the pushed joints, written by `pose`;
     - `forces`: fx, fy, moment on body and partner of each loose joint (of a slide along, across,
       moment, nothing), and the torque on the crank, read by `dynamics`;
-    - `along`: forces on the pushed bodies, read by `dynamics`;
+    - `along`: forces along, or moments at, the pushed joints, read by `dynamics`;
     - `moments`: friction moment on the body of each rubbing joint, read by `dynamics`;
     - `rates`: second rates of the state, written by `dynamics`;
-    - `reactions`: fx, fy of each rubbing joint, force across the slide of each pushed body, written
-      by `dynamics`;
+    - `reactions`: fx, fy of each rubbing joint, force across each pushed joint if it is an ideal
+      slide of the frame, written by `dynamics`;
     - `kept`: between the functions;
     - `channels`: written by `sample`, see `channels`.
     """
@@ -158,20 +158,20 @@ def build_variant(linkage: Linkage, signs: Sequence[float], kind: Kind = PLAIN) 
     }
     cosine, sine, speed, acceleration = (graph.load("crank", i) for i in range(4))
     crank = Crank(cosine, sine, speed, None if kind.is_free else acceleration)
-    arithmetic = Arithmetic(parameter, graph.root, graph.cos_sin)
+    arithmetic = Arithmetic(parameter, graph.root, graph.cos_sin, graph.angle)
     pose = Pose(linkage, signs, crank, clearances, arithmetic, bends)
     forces = {
         joint.name: _force(pose, joint, [graph.load("forces", 4 * n + i) for i in range(4)])
         for n, joint in enumerate(loose)
     }
     torque = graph.load("forces", 4 * len(loose))
-    along = {body: graph.load("along", n) for n, body in enumerate(kind.pushed)}
+    along = {name: graph.load("along", n) for n, name in enumerate(kind.pushed)}
     moments = {joint.name: graph.load("moments", n) for n, joint in enumerate(rubbing)}
     motion = Dynamics(pose, forces, torque, None, moments, along)
-    slides = [linkage.joint_with_frame(body) for body in kind.pushed]
+    pushed = [linkage.joints[name] for name in kind.pushed]
     written = {
         "turning": [each for joint in (*loose, *rubbing) for each in _turning(pose, joint)],
-        "sites": [number for slide in slides for number in pose.travel(slide)],
+        "sites": [number for joint in pushed for number in pose.travel(joint)],
     }
     rates = {
         "rates": [
@@ -181,10 +181,10 @@ def build_variant(linkage: Linkage, signs: Sequence[float], kind: Kind = PLAIN) 
         ],
         "reactions": [
             *(each for joint in rubbing for each in motion.reactions[joint.name]),
-            *(motion.guide_force(slide) for slide in slides if kind.rubs),
+            *(motion.guide_force(joint) for joint in pushed if kind.rubs),
         ],
     }
-    channels = channels_of(motion, forces, moments)
+    channels = channels_of(motion, forces, moments, along)
     first, second, third = (
         [
             Store(name, index, graph.index(value))
@@ -201,9 +201,9 @@ def build_variant(linkage: Linkage, signs: Sequence[float], kind: Kind = PLAIN) 
         "state": 2 * half,
         "crank": 4,
         "turning": 2 * (len(loose) + len(rubbing)),
-        "sites": 2 * len(slides),
+        "sites": 2 * len(pushed),
         "forces": 4 * len(loose) + 1,
-        "along": len(slides),
+        "along": len(pushed),
         "moments": len(rubbing),
         "rates": half,
         "reactions": len(rates["reactions"]),
@@ -243,12 +243,15 @@ def positions(linkage: Linkage, is_free: bool) -> int:
 
 
 def channels_of(
-    motion: Dynamics, forces: Mapping[str, JointForce], moments: Mapping[str, Number]
+    motion: Dynamics,
+    forces: Mapping[str, JointForce],
+    moments: Mapping[str, Number],
+    along: Mapping[str, Number],
 ) -> dict[str, tuple[Number, str]]:
     """Quantities of a motion with their units, by name: first cosine and sine of each body with a
     direction."""
     pose, linkage = motion.pose, motion.linkage
-    needed = balance(motion, forces, moments)
+    needed = balance(motion, forces, moments, along)
     found: dict[str, tuple[Number, str]] = {}
 
     def vector(name: str, components: Pair, unit: str) -> None:
@@ -305,5 +308,5 @@ def parameters_of(variant: Variant, linkage: Linkage) -> np.ndarray:
     bends = dict.fromkeys(linkage.bending, nothing)
     pose = Pose(linkage, variant.signs, crank, still, arithmetic, bends)
     forces = {joint.name: JointForce(0.0, 0.0) for joint in linkage.loose}
-    channels_of(Dynamics(pose, forces, 0.0), forces, {})
+    channels_of(Dynamics(pose, forces, 0.0), forces, {}, {})
     return np.array([values[name] for name in variant.names])

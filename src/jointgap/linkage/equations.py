@@ -59,6 +59,7 @@ class Arithmetic:
     """A parameter of the linkage by name, with its value"""
     sqrt: Callable[[Number], Number] = math.sqrt
     cos_sin: Callable[[Number], Pair] = lambda angle: (math.cos(angle), math.sin(angle))
+    angle: Callable[[Pair], Number] = lambda direction: math.atan2(*direction[::-1])
 
 
 class Crank(NamedTuple):
@@ -157,10 +158,16 @@ class Pose:
         return self._parameters("gravity", self.linkage.gravity)
 
     def travel(self, joint: Joint) -> Pair:
-        """Place [m] of a slide's body along the line from the frame's point, and its rate."""
-        line = self.line(joint)
+        """Coordinate of a joint and its rate: of a slide the place [m] of the body along the line
+        from the carrier's point, of a pivot the angle [rad] of its body."""
+        if joint.kind == "revolute":
+            body = joint.other(FRAME).body
+            return self.arithmetic.angle(self.directions[body]), self.speeds[body]
+        carrier = joint.partner.body
+        line = self.turned(carrier, self.line(joint))
         (place, velocity), (start, _) = self.point(*joint.body), self.point(*joint.partner)
-        return dot(line, subtract(place, start)), dot(line, velocity)
+        rate = dot(line, velocity) if carrier == FRAME else self.slips[joint.name]
+        return dot(line, subtract(place, start)), rate
 
     def _parameters(self, name: str, end: Vector, begin: Vector = (None, None)) -> Pair:
         """A difference of two vectors as parameters; coordinates that are zero by the form of the
@@ -417,8 +424,8 @@ class Dynamics:
         self._begin(torque)
         for body, (force, moment) in (loads or {}).items():
             self._push(body, force, moment)
-        for body, force in (along or {}).items():
-            self._loads[body, "slide"] = self._loads[body, "slide"] + force
+        for name, force in (along or {}).items():
+            self._push_along(self.linkage.joints[name], force)
         for joint in self.linkage.loose:
             self._press(joint, forces[joint.name])
         for name, moment in (moments or {}).items():
@@ -496,6 +503,18 @@ class Dynamics:
         if (body, "turn") in self._loads:
             arm = self._arm(body, point)
             self._turn(body, cross(arm, force) + moment)
+
+    def _push_along(self, joint: Joint, force: Number) -> None:
+        """Apply a force along a slide, or a moment at a pivot, to its body and its carrier."""
+        (body, point), (carrier, other) = joint.body, joint.partner
+        if joint.kind == "revolute":
+            self._turn(joint.other(FRAME).body, force)
+        elif joint == self.linkage.joint_with_frame(body):
+            self._loads[body, "slide"] = self._loads[body, "slide"] + force
+        else:
+            along = times(force, self.pose.turned(carrier, self.pose.line(joint)))
+            self._push(body, along, 0.0, point)
+            self._push(carrier, negative(along), 0.0, other)
 
     def _turn(self, body: str, moment: Number) -> None:
         """Apply a moment to a body."""
@@ -621,8 +640,10 @@ class Dynamics:
         return dot(normal, vector), self._value(self._turning(joint.body.body), 0.0)
 
     def guide_force(self, joint: Joint) -> Number:
-        """Force [N] across a slide of the frame on the body that it guides."""
+        """Force [N] across an ideal slide of the frame on the body that it guides; 0 elsewhere."""
         body = joint.body.body
+        if joint.kind == "revolute" or joint != self.linkage.joint_with_frame(body):
+            return 0.0
         total = self._across[body]
         for name, force in self.reactions.items():
             other = self.linkage.joints[name]

@@ -1,6 +1,5 @@
 """Linkages from their files: the general form, and the short form of a slider-crank."""
 
-import math
 from collections.abc import Iterator
 
 from jointgap.config.linkage_file import BodyPart, LinkageFile, Slide
@@ -81,12 +80,9 @@ def _is_loose(file: LinkageFile, name: str) -> bool:
     return joint is not None and joint.loose
 
 
-def _gravity(file: LinkageFile) -> Vector:
+def _gravity(file: LinkageFile | Mechanism) -> Vector:
     """Gravitational acceleration; zero by the form of the file without the effect."""
-    for effect in file.effects:
-        size = effect.parameters.acceleration_m_s2
-        return size * math.cos(file.gravity_direction), size * math.sin(file.gravity_direction)
-    return ZERO
+    return tuple(map(float, file.gravity)) if file.effect("gravity") else ZERO
 
 
 def linkage_of_slider_crank(mechanism: Mechanism) -> Linkage:
@@ -97,8 +93,7 @@ def linkage_of_slider_crank(mechanism: Mechanism) -> Linkage:
         _link("rod", mechanism.rod, "crank_pin", "piston_pin"),
         Body("slider", {"piston_pin": ZERO, "guide": ZERO}, mechanism.slider.mass),
     ]
-    gravity = tuple(map(float, mechanism.gravity)) if mechanism.effect("gravity") else ZERO
-    return linkage_of(bodies, [*_joints(mechanism)], "crank_pivot", gravity)
+    return linkage_of(bodies, [*_joints(mechanism)], "crank_pivot", _gravity(mechanism))
 
 
 def _link(name: str, link: Link, begin: str, end: str) -> Body:

@@ -34,6 +34,7 @@ def balance(
     dynamics: Dynamics,
     loose: Mapping[str, JointForce],
     friction: Mapping[str, Number] | None = None,
+    along: Mapping[str, Number] | None = None,
 ) -> Balance:
     """The balance of all bodies.
 
@@ -45,8 +46,11 @@ def balance(
         The forces of the loose joints with which it was made.
     friction : mapping of str to Number, optional
         Moments [N m] on the bodies of ideal joints, with which it was made.
+    along : mapping of str to Number, optional
+        Forces along slides of moving bodies [N], with which it was made.
     """
-    pose, linkage, friction = dynamics.pose, dynamics.linkage, friction or {}
+    pose, linkage = dynamics.pose, dynamics.linkage
+    friction, along = friction or {}, along or {}
     sums: dict[str, tuple[Pair, Number]] = {
         name: (NOTHING, 0.0) for name in (FRAME, *linkage.moving)
     }
@@ -75,8 +79,10 @@ def balance(
             moment = friction.get(name, 0.0)
             press(joint.body, joint.partner, reaction, (moment, -moment))
             continue
-        normal = across(pose.turned(joint.partner.body, pose.line(joint)))
-        forces[name], moments[name] = times(reaction[0], normal), reaction[1]
+        line = pose.turned(joint.partner.body, pose.line(joint))
+        forces[name], moments[name] = times(reaction[0], across(line)), reaction[1]
+        if name in along:
+            forces[name] = add(forces[name], times(along[name], line))
         here = pose.point(*joint.body)[0]
         push(joint.body.body, here, forces[name], reaction[1])
         push(joint.partner.body, here, negative(forces[name]), -reaction[1])

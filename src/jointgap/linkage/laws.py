@@ -1,4 +1,4 @@
-"""Force laws of effects on slider and crank, and values of formulas."""
+"""Forces of effects at slides and pivots, and values of formulas."""
 
 import math
 
@@ -10,6 +10,7 @@ from numba.extending import intrinsic
 from jointgap.contact.friction import smooth_sign
 from jointgap.core import formula as f
 from jointgap.core.numba_cache import compiled
+from jointgap.effects import pivots, slides
 
 NUMBER, VARIABLE, NEGATE, ADD, SUBTRACT, MULTIPLY = (
     f.NUMBER,
@@ -122,19 +123,22 @@ def _unary(code, a):
 
 
 @compiled
-def formula_value(program, v, x, crank_speed, crank_angle, time):
-    """Value of a formula whose program is a record."""
+def _formula_value(p, number, x, v, crank_speed, crank_angle, time):
+    """Value of a formula, 0 for the number 0."""
+    if number == 0:
+        return 0.0
+    program = p.formulas.programs[number - 1]
     return evaluate(
         program.codes[: program.length], program.numbers, v, x, crank_speed, crank_angle, time
     )
 
 
 @compiled
-def table_value(e, table, crank_angle, time):
+def _table_value(law, table, crank_angle, time):
     """Force [N] of a periodic table."""
-    place = (e.table_sign * crank_angle if e.table_over == 1 else time) - e.table_begin
-    place -= math.floor(place / e.table_period) * e.table_period
-    row = min(int(place / e.table_period * table.count), table.count - 1)
+    place = (law.table_sign * crank_angle if law.table_over == 1 else time) - law.table_begin
+    place -= math.floor(place / law.table_period) * law.table_period
+    row = min(int(place / law.table_period * table.count), table.count - 1)
     while row > 0 and table.pieces[row, 0] > place:
         row -= 1
     while row + 1 < table.count and table.pieces[row + 1, 0] <= place:
@@ -143,78 +147,27 @@ def table_value(e, table, crank_angle, time):
     return ((c[1] * since + c[2]) * since + c[3]) * since + c[4]
 
 
-@compiled
-def varying(share, phase):
-    """1 at the `phase` 0 [rad], reduced by up to the `share` [1] elsewhere."""
-    return 1.0 - share * (0.5 - 0.5 * math.cos(phase))
+slide_force = compiled(slides.slide_force)
+pivot_torque = compiled(pivots.pivot_torque)
 
 
 @compiled
-def slider_force(p, guide_force, x, v, crank_speed, crank_angle, time):
-    """Force [N] along +x on the slider."""
-    e = p.effects
-    sign = smooth_sign(v / e.slider_sign_speed)
-    force = (
-        e.constant
-        - (e.coulomb + e.load_friction * abs(guide_force)) * sign
-        - e.viscous * v
-        - e.drag * v * abs(v)
-    )
-    if e.stribeck != 0.0:
-        falling = e.stribeck_share * math.exp(-abs(v) / e.stribeck_speed)
-        force -= e.stribeck * (1.0 - e.stribeck_share + falling) * sign
-    if e.position_friction != 0.0:
-        phase = 2.0 * math.pi * (x - e.position_friction_tightest) / e.position_friction_length
-        force -= e.position_friction * varying(e.position_friction_share, phase) * sign
-    if e.power_drag != 0.0:
-        force -= e.power_drag * (abs(v) / e.power_drag_speed) ** e.power_drag_exponent * sign
-    force -= e.spring_stiffness * (x - e.spring_rest)
-    if e.nonlinear_spring != 0.0:
-        stretch, share = x - e.nonlinear_spring_rest, e.nonlinear_spring_share
-        force -= (
-            e.nonlinear_spring
-            * stretch
-            * (1.0 - share + share * (stretch / e.nonlinear_spring_length) ** 2)
-        )
-    if e.gas_force != 0.0:
-        force -= (
-            e.gas_force * (e.gas_length / (e.gas_length + e.gas_outermost - x)) ** e.gas_exponent
-        )
-    if e.harmonic != 0.0:
-        force += e.harmonic * math.cos(e.harmonic_angular_frequency * time + e.harmonic_phase)
-    if e.table_over != 0:
-        force += table_value(e, p.slider_table, crank_angle, time)
-    if p.slider_formula.length > 0:
-        force += formula_value(p.slider_formula, v, x, crank_speed, crank_angle, time)
-    return force
+def force_along(p, number, guide_force, x, v, crank_speed, crank_angle, time):
+    """Force [N] of all effects on the body of a slide, at the place `x` [m] with the speed `v`."""
+    law = p.slides.laws[number]
+    force = slide_force(law, smooth_sign(v / law.sign_speed), guide_force, x, v, time)
+    if law.table_over != 0:
+        force += _table_value(law, p.table, crank_angle, time)
+    return force + _formula_value(p, law.formula, x, v, crank_speed, crank_angle, time)
 
 
 @compiled
-def crank_losses(p, x, v, crank_speed, crank_angle, time):
-    """Torque [N m] on the crank by friction, periodic torques and formulas; arguments as in
-    `slider_force`."""
-    e = p.effects
-    sign = smooth_sign(crank_speed / e.crank_sign_speed)
-    torque = -e.crank_coulomb * sign - e.crank_viscous * crank_speed
-    if e.angle_friction != 0.0:
-        torque -= (
-            e.angle_friction
-            * varying(e.angle_friction_share, crank_angle - e.angle_friction_tightest)
-            * sign
-        )
-    if e.crank_periodic != 0.0:
-        torque += e.crank_periodic * math.cos(
-            e.crank_periodic_order * crank_angle - e.crank_periodic_phase
-        )
-    if e.crank_brake != 0.0:
-        torque -= (
-            e.crank_brake
-            * (abs(crank_speed) / e.crank_brake_speed) ** e.crank_brake_exponent
-            * sign
-        )
-    if p.crank_formula.length > 0:
-        torque += formula_value(p.crank_formula, v, x, crank_speed, crank_angle, time)
-    return torque
+def torque_at(p, number, angle, speed, x, v, crank_speed, crank_angle, time):
+    """Torque [N m] of all effects on the body of a pivot, at an `angle` [rad] with a `speed`; the
+    variables of its formula are `x` and `v`."""
+    law = p.pivots.laws[number]
+    torque = pivot_torque(law, smooth_sign(speed / law.sign_speed), angle, speed)
+    return torque + _formula_value(p, law.formula, x, v, crank_speed, crank_angle, time)
 
 
 @compiled

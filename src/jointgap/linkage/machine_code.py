@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from llvmlite import binding, ir
 
-_OPERANDS = {"add": 2, "sub": 2, "mul": 2, "div": 2, "neg": 1, "sqrt": 1, "sin": 1, "cos": 1}
+_OPERANDS = {"add": 2, "sub": 2, "mul": 2, "div": 2, "atan2": 2}
+_OPERANDS |= {"neg": 1, "sqrt": 1, "sin": 1, "cos": 1}
 
 _PYTHON: dict[str, Callable[..., float]] = {
     "add": lambda a, b: a + b,
@@ -24,6 +25,7 @@ _PYTHON: dict[str, Callable[..., float]] = {
     "sqrt": lambda a: math.sqrt(a) if a >= 0.0 else math.nan,
     "sin": math.sin,
     "cos": math.cos,
+    "atan2": math.atan2,
 }
 
 
@@ -51,6 +53,11 @@ class Graph:
 
     def cos_sin(self, value: "Number") -> tuple["Number", "Number"]:
         return tuple(Symbol(self, self.node(name, self.index(value))) for name in ("cos", "sin"))
+
+    def angle(self, direction: tuple["Number", "Number"]) -> "Number":
+        """Angle [rad] of a vector."""
+        x, y = map(self.index, direction)
+        return Symbol(self, self.node("atan2", y, x))
 
     def index(self, value: "Number") -> int:
         """Index of the node of a symbol or constant."""
@@ -197,8 +204,13 @@ class Code:
             elif operation in two:
                 values[node] = two[operation](*(values[each] for each in operands), flags=flags)
             else:
-                intrinsic = module.declare_intrinsic(f"llvm.{operation}", [number])
-                values[node] = builder.call(intrinsic, [values[operands[0]]])
+                count = _OPERANDS[operation]
+                called = module.globals.get(operation) or (
+                    module.declare_intrinsic(f"llvm.{operation}", [number])
+                    if count == 1
+                    else ir.Function(module, ir.FunctionType(number, [number] * count), operation)
+                )
+                values[node] = builder.call(called, [values[each] for each in operands])
         for store in self.stores:
             builder.store(values[store.node], place(store.name, store.index))
         builder.ret_void()

@@ -5,13 +5,16 @@ zero.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from jointgap.core.formula import Program
-from jointgap.core.records import Record, with_data
-from jointgap.effects.slider_force_table import MOST_ROWS
+from jointgap.core.records import Record, kind_of, numbers, with_data
+from jointgap.effects.force_table import MOST_ROWS
+from jointgap.effects.pivots import PIVOT_LAWS
+from jointgap.effects.slides import SLIDE_LAWS
 
 DRIVE_KINDS = ("constant", "fluctuating", "measured", "motor")
 CONSTANT, FLUCTUATING, MEASURED, MOTOR = range(len(DRIVE_KINDS))
@@ -19,6 +22,12 @@ CONSTANT, FLUCTUATING, MEASURED, MOTOR = range(len(DRIVE_KINDS))
 
 LONGEST_PROGRAM, MOST_KNOTS = 1024, 16384
 """Array sizes of a formula's program and of a measured angle's pieces."""
+
+MOST_SLIDES, MOST_PIVOTS, MOST_FORMULAS = 4, 8, 4
+"""Largest numbers of slides and of pivots besides the crank's with effects, and of formulas."""
+
+CRANK = MOST_PIVOTS
+"""Place of the crank's laws in `Parameters.pivots`."""
 
 
 class DriveParameters(NamedTuple):
@@ -35,59 +44,11 @@ class DriveParameters(NamedTuple):
     rotor_inertia: float = 0.0
 
 
-class EffectParameters(NamedTuple):
-    """Forces on the slider and torques on the crank besides joints and weight; see
-    `jointgap.effects`.
+SlideLaws = numbers("SlideLaws", SLIDE_LAWS)
+"""Laws of the forces along a slide; see `jointgap.effects.slides`."""
 
-    `table_over`: 1 for a load over the crank angle, 2 for one over time, 0 for none.
-    """
-
-    on_slider: bool = False
-    coulomb: float = 0.0
-    viscous: float = 0.0
-    drag: float = 0.0
-    stribeck: float = 0.0
-    stribeck_speed: float = 1.0
-    stribeck_share: float = 0.0
-    position_friction: float = 0.0
-    position_friction_tightest: float = 0.0
-    position_friction_length: float = 1.0
-    position_friction_share: float = 0.0
-    power_drag: float = 0.0
-    power_drag_speed: float = 1.0
-    power_drag_exponent: float = 0.0
-    load_friction: float = 0.0
-    constant: float = 0.0
-    spring_stiffness: float = 0.0
-    spring_rest: float = 0.0
-    nonlinear_spring: float = 0.0
-    nonlinear_spring_rest: float = 0.0
-    nonlinear_spring_length: float = 1.0
-    nonlinear_spring_share: float = 0.0
-    gas_force: float = 0.0
-    gas_length: float = 1.0
-    gas_exponent: float = 1.0
-    gas_outermost: float = 0.0
-    harmonic: float = 0.0
-    harmonic_angular_frequency: float = 0.0
-    harmonic_phase: float = 0.0
-    table_over: int = 0
-    table_sign: float = 1.0
-    table_begin: float = 0.0
-    table_period: float = 1.0
-    slider_sign_speed: float = 1.0
-    crank_coulomb: float = 0.0
-    crank_viscous: float = 0.0
-    crank_periodic: float = 0.0
-    crank_periodic_order: float = 0.0
-    crank_periodic_phase: float = 0.0
-    angle_friction: float = 0.0
-    angle_friction_tightest: float = 0.0
-    angle_friction_share: float = 0.0
-    crank_brake: float = 0.0
-    crank_brake_speed: float = 1.0
-    crank_brake_exponent: float = 0.0
-    crank_sign_speed: float = 1.0
+PivotLaws = numbers("PivotLaws", PIVOT_LAWS)
+"""Laws of the torques at a pivot; see `jointgap.effects.pivots`."""
 
 
 class Parameters(NamedTuple):
@@ -99,10 +60,10 @@ class Parameters(NamedTuple):
 
     drive: Record  # `DriveParameters`
     knots: Record  # A measured crank angle: see `knots_record`
-    effects: Record  # `EffectParameters`
-    slider_formula: Record  # Program of a force on the slider: see `program_record`
-    crank_formula: Record  # Program of a torque on the crank: see `program_record`
-    slider_table: Record  # A measured load on the slider: see `table_record`
+    slides: Record  # `laws`: `SlideLaws` of each pushed slide
+    pivots: Record  # `laws`: `PivotLaws` of each pushed pivot, and of the crank the last
+    formulas: Record  # `programs`: see `program_record`
+    table: Record  # A measured load: see `table_record`
 
 
 _PROGRAM = np.dtype(
@@ -115,20 +76,43 @@ _PROGRAM = np.dtype(
         ],
     )
 )
+_FORMULAS = np.dtype((Record, [("programs", _PROGRAM, (MOST_FORMULAS,))]))
+_SLIDES = np.dtype((Record, [("laws", kind_of(SlideLaws), (MOST_SLIDES,))]))
+_PIVOTS = np.dtype((Record, [("laws", kind_of(PivotLaws), (MOST_PIVOTS + 1,))]))
 _KNOTS = np.dtype((Record, [("count", "i8"), ("end", "f8"), ("pieces", "f8", (MOST_KNOTS, 7))]))
 
 
 _TABLE = np.dtype((Record, [("count", "i8"), ("pieces", "f8", (MOST_ROWS, 5))]))
 
 
-def program_record(program: Program) -> Record:
-    """The program of a formula: length, codes and numbers."""
-    if not len(program.codes):
-        return NO_PROGRAM
-    found = with_data(np.zeros(1, _PROGRAM))
-    found.length = len(program.codes)
-    found.codes[: len(program.codes)] = program.codes
-    found.numbers[: len(program.numbers)] = program.numbers
+def formulas_record(programs: Sequence[Program]) -> Record:
+    """Programs of formulas: length, codes and numbers."""
+    if not programs:
+        return NO_FORMULAS
+    found = with_data(np.zeros(1, _FORMULAS))
+    for place, program in zip(found.programs, programs, strict=False):
+        place["length"] = len(program.codes)
+        place["codes"][: len(program.codes)] = program.codes
+        place["numbers"][: len(program.numbers)] = program.numbers
+    return found
+
+
+def slides_record(laws: Sequence[NamedTuple]) -> Record:
+    """The `SlideLaws` of slides."""
+    found = with_data(np.zeros(1, _SLIDES))
+    found.laws[:] = np.array(tuple(SlideLaws()), kind_of(SlideLaws))
+    for i, law in enumerate(laws):
+        found.laws[i] = tuple(law)
+    return found
+
+
+def pivots_record(laws: Sequence[NamedTuple], crank: NamedTuple) -> Record:
+    """The `PivotLaws` of pivots, and of the crank."""
+    found = with_data(np.zeros(1, _PIVOTS))
+    found.laws[:] = np.array(tuple(PivotLaws()), kind_of(PivotLaws))
+    for i, law in enumerate(laws):
+        found.laws[i] = tuple(law)
+    found.laws[CRANK] = tuple(crank)
     return found
 
 
@@ -154,6 +138,6 @@ def table_record(pieces: np.ndarray) -> Record:
     return found
 
 
-NO_PROGRAM, NO_KNOTS, NO_TABLE = (
-    with_data(np.zeros(1, kind)) for kind in (_PROGRAM, _KNOTS, _TABLE)
+NO_FORMULAS, NO_KNOTS, NO_TABLE = (
+    with_data(np.zeros(1, kind)) for kind in (_FORMULAS, _KNOTS, _TABLE)
 )

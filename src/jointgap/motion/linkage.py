@@ -1,21 +1,31 @@
 """Simulation of a linkage from its file: the general form of its model, and its quantities."""
 
 import math
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from jointgap.config import Simulate
 from jointgap.config.linkage_file import LinkageFile, Pin, Slide
-from jointgap.config.scenario import check_clearance_tolerance
+from jointgap.config.scenario import check_clearance_tolerance, check_drive
 from jointgap.contact.bearings import bearing_parameters, corner_parameters
+from jointgap.contact.parameters import JointParameters
 from jointgap.core.errors import SimulationError
-from jointgap.core.records import Record, record
-from jointgap.linkage.assembly import check_turning, signs_of
+from jointgap.core.records import record
+from jointgap.linkage.assembly import check_turning, ideal_pose, signs_of
 from jointgap.linkage.compiled import Kind, variant_of
 from jointgap.linkage.from_file import linkage_of_file
-from jointgap.linkage.parameters import NO_PROGRAM, NO_TABLE, EffectParameters, Parameters
+from jointgap.linkage.parameters import DriveParameters, Parameters
 from jointgap.linkage.topology import Joint, Linkage, number
+from jointgap.motion.effects import (
+    compiled_effects,
+    crank_radius,
+    laws_of,
+    rubs_in,
+    with_changed_bodies,
+)
 from jointgap.motion.model import Columns, Model, corner_names, drive_records
 from jointgap.motion.simulation import (
     Trajectory,
@@ -36,21 +46,48 @@ def linkage_model(file: LinkageFile, options: Simulate) -> Model:
         The linkage cannot be built or does not turn fully, or the drive or the tolerance does not
         suit it.
     """
+    file = file.applied()
     linkage = linkage_of_file(file)
     signs = signs_of(linkage, options.start_angle)
     clearances = {name: joint.clearance for name, joint in file.loose.items()}
     check_turning(linkage, signs, _play(file, linkage))
+    check_drive(file, options)
     check_clearance_tolerance(clearances, options)
     drive, knots = drive_records(options)
+    joints: dict[str, Mapping[str, Any]] = {}
+    for name, given in file.joints.items():
+        if given.loose or isinstance(given, Pin):
+            parameters = _bearings(linkage, linkage.joints[name], given)
+            joints |= {each: part._asdict() for each, part in parameters.items()}
+    records = compiled_effects(file.effects, drive, joints, crank_radius(linkage))
+    linkage = with_changed_bodies(linkage, records["bodies"])
     is_free = options.drive.FREES_CRANK
     if is_free:
         linkage = linkage.with_inertia(linkage.crank, drive.rotor_inertia)
-    bearings: dict[str, Record] = {}
-    for joint in linkage.loose:
-        bearings |= _bearings(linkage, joint, file.joints[joint.name])
-    effects = record(EffectParameters())
-    p = Parameters(record(drive), knots, effects, NO_PROGRAM, NO_PROGRAM, NO_TABLE)
-    return Model(linkage, bearings, p, variant_of(linkage, signs, Kind(is_free)))
+    bearings = {name: record(JointParameters(**part)) for name, part in records["joints"].items()}
+    laws = laws_of(records, file.sites, _farthest(file, linkage, signs))
+    p = Parameters(
+        record(DriveParameters(**records["drive"])),
+        knots,
+        laws.slides,
+        laws.pivots,
+        laws.formulas,
+        laws.table,
+    )
+    kind = Kind(is_free, laws.pushed, laws.load_friction or rubs_in(bearings))
+    return Model(linkage, bearings, p, variant_of(linkage, signs, kind))
+
+
+def _farthest(file: LinkageFile, linkage: Linkage, signs: Sequence[float]) -> dict[str, float]:
+    """Farthest place [m] of each body on its slide of the frame; of none without gas pressure."""
+    if not any(effect.LAW_NAME == "gas_pressure" for effect in file.effects):
+        return {}
+    turn = np.linspace(0.0, math.tau, 721)
+    pose = ideal_pose(linkage, signs, turn)
+    places = {
+        body: pose.travel(linkage.joints[name])[0] for body, name in file.sites.slides.items()
+    }
+    return {body: float(np.max(place)) for body, place in places.items()}
 
 
 def linkage_remarks(file: LinkageFile, options: Simulate) -> tuple[str, ...]:
@@ -88,8 +125,8 @@ def _check_walls(file: LinkageFile, columns: Columns) -> None:
             )
 
 
-def _bearings(linkage: Linkage, joint: Joint, given: Pin | Slide) -> dict[str, Record]:
-    """Parameters of the contacts of a loose joint; the largest mass that can rebound there is that
+def _bearings(linkage: Linkage, joint: Joint, given: Pin | Slide) -> dict[str, JointParameters]:
+    """Parameters of the contacts of a joint; the largest mass that can rebound there is that
     of all moving bodies, without the crank unless it is the crank's own pivot."""
     beyond = [
         body for body in linkage.moving if joint.name == linkage.drive or body != linkage.crank
@@ -97,9 +134,9 @@ def _bearings(linkage: Linkage, joint: Joint, given: Pin | Slide) -> dict[str, R
     mass = sum(linkage.bodies[body].mass for body in beyond)
     if isinstance(given, Pin):
         has_journal = joint.body.body == given.journal
-        return {joint.name: record(bearing_parameters(given, has_journal, mass))}
+        return {joint.name: bearing_parameters(given, has_journal, mass)}
     corners = zip(corner_names(joint.name), _CORNERS, strict=True)
-    return {name: record(corner_parameters(given, corner, mass)) for name, corner in corners}
+    return {name: corner_parameters(given, corner, mass) for name, corner in corners}
 
 
 _CORNERS = ((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0))

@@ -15,6 +15,7 @@ from jointgap.core.records import Record
 from jointgap.linkage.compiled import Variant, parameters_of
 from jointgap.linkage.drive import angle_pieces
 from jointgap.linkage.parameters import (
+    CRANK,
     DRIVE_KINDS,
     MOTOR,
     NO_KNOTS,
@@ -92,7 +93,7 @@ class Model:
         `JointParameters` of revolute joints, of all loose ones at least, and of the corners of
         loose slides.
     p : Parameters
-        Drive and effects.
+        Drive and laws of effects.
     variant : Variant
         The machine code of its equations.
     completed : callable
@@ -109,9 +110,17 @@ class Model:
     def drive(self) -> Record:
         return self.p.drive
 
-    @property
-    def effects(self) -> Record:
-        return self.p.effects
+    @cached_property
+    def pushed(self) -> dict[str, Record]:
+        """Laws of the pushed joints by name, and of the crank under that of the drive."""
+        slides = [name for name in self.variant.kind.pushed if self._is_slide(name)]
+        pivots = [name for name in self.variant.kind.pushed if not self._is_slide(name)]
+        of_slides = zip(slides, self.p.slides.laws, strict=False)
+        of_pivots = zip(pivots, self.p.pivots.laws, strict=False)
+        return {**dict(of_slides), **dict(of_pivots), self.linkage.drive: self.p.pivots.laws[CRANK]}
+
+    def _is_slide(self, joint: str) -> bool:
+        return self.linkage.joints[joint].kind == "slide"
 
     @cached_property
     def loose(self) -> tuple[str, ...]:
@@ -239,6 +248,7 @@ class Model:
         k.states, k.half, k.loose, k.pins = self.states, half, len(loose), len(self.pins)
         k.blocks, k.is_free, k.bristles = -(-k.states // BLOCK), self.is_free, self.has_bristles
         k.rubs, k.pushed = variant.kind.rubs, len(variant.kind.pushed)
+        k.slides = sum(map(self._is_slide, variant.kind.pushed))
         k.weights[:half], k.weights[half : 2 * half] = 1.0, VELOCITY_TIME
         k.weights[2 * half : k.states] = 1.0
         if self.is_free:

@@ -18,9 +18,10 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from jointgap.contact.joints import FLIGHT
-from jointgap.core.joints import JOINT
 from jointgap.core.numba_cache import compiled
+from jointgap.effects.base import SLIDER_SIGN_SPEED
 from jointgap.linkage.drive import crank_times
+from jointgap.linkage.topology import FRAME
 from jointgap.motion.integrate import Samples
 from jointgap.motion.model import Model, Workspace
 from jointgap.motion.simulation import evaluated, integrate_on, observed
@@ -70,17 +71,29 @@ def _lasts(model: Model, motion: Samples) -> bool:
 
 
 def _slips(model: Model, motion: Samples) -> list[np.ndarray]:
-    """Sliding speeds (n,) over the speed of their regularisation [1]: of the loose joints and of
-    the slider."""
-    seen = observed(model, motion)
-    slips = [seen["slider_velocity"] / model.effects.slider_sign_speed]
-    rotations = {"rod": seen["rod_angular_velocity"], "crank": seen["crank_speed"]}
-    for name in model.loose:
-        joint, words = model.bearings[name], JOINT[name]
-        body, partner = (rotations.get(each, 0.0) for each in (words.body, words.partner))
-        swing = seen[f"r{words.number}"] * seen[f"gamma{words.number}_dot"]
-        turning = joint.body_radius * body - joint.partner_radius * partner
-        slips.append((swing + joint.side * turning) / joint.friction_speed)
+    """Sliding speeds (n,) over the speed of their regularisation [1]: of the loose joints, and of
+    the bodies on slides and pivots of the frame."""
+    seen, linkage = observed(model, motion), model.linkage
+    speeds = {linkage.crank: seen["crank_speed"]}
+    for body in linkage.moving:
+        speeds[body] = seen.get(f"{body}_angular_velocity", speeds.get(body, 0.0))
+    slips = []
+    for name, joint in linkage.joints.items():
+        if FRAME not in joint.bodies:
+            continue
+        body, law = joint.other(FRAME).body, model.pushed.get(name)
+        if joint.kind == "slide" and not joint.loose:
+            width = SLIDER_SIGN_SPEED if law is None else law.sign_speed
+            slips.append(seen[f"{body}_velocity"] / width)
+        elif law is not None and body != linkage.crank:
+            slips.append(speeds[body] / law.sign_speed)
+    for name in model.pins:
+        bearing, joint = model.bearings[name], linkage.joints[name]
+        body, partner = (speeds.get(each, 0.0) for each in (joint.body.body, joint.partner.body))
+        (x, y), (vx, vy) = (part.T for part in model.vector(motion.states, name))
+        swing = (x * vy - y * vx) / np.maximum(np.hypot(x, y), 1e-300)
+        turning = bearing.body_radius * body - bearing.partner_radius * partner
+        slips.append((swing + bearing.side * turning) / bearing.friction_speed)
     return slips
 
 

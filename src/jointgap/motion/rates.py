@@ -19,8 +19,8 @@ from jointgap.contact.joints import (
 from jointgap.contact.normal_force import damping_factor_at
 from jointgap.core.numba_cache import compiled, inlined
 from jointgap.linkage.drive import crank_motion
-from jointgap.linkage.laws import crank_losses, motor_torque, slider_force
-from jointgap.linkage.parameters import MOTOR
+from jointgap.linkage.laws import force_along, motor_torque, torque_at
+from jointgap.linkage.parameters import CRANK, MOTOR
 from jointgap.motion.events import conditions, corner_conditions
 from jointgap.motion.workspace import CONDITIONS, CORNERS, HERE
 
@@ -101,17 +101,37 @@ def slopes(p, k) -> None:
     if k.contacts > k.pins:
         _push_corners(k)
     if p.drive.kind == MOTOR:
-        forces[4 * k.loose] = motor_torque(p.drive, k.crank[2]) + crank_losses(
-            p, k.sites[0], k.sites[1], k.crank[2], k.turned, k.now
-        )
+        forces[4 * k.loose] = motor_torque(p.drive, k.crank[2]) + torque_on_crank(p, k)
     if k.pushed:
-        k.along[0] = slider_force(p, 0.0, k.sites[0], k.sites[1], k.crank[2], k.turned, k.now)
+        _push(p, k)
     if k.rubs:
         _rub(p, k)
     else:
         run(k.dynamics, place)
     for i in range(h):
         slope[i] = z[h + i]
+
+
+@compiled
+def torque_on_crank(p, k):
+    """Torque [N m] of effects on the crank; `x` and `v` of its formula are those of the first
+    slide."""
+    speed, x, v = k.crank[2], k.turned, k.crank[2]
+    if k.slides:
+        x, v = k.sites[0], k.sites[1]
+    return torque_at(p, CRANK, k.turned, speed, x, v, speed, k.turned, k.now)
+
+
+@compiled
+def _push(p, k):
+    """Forces of effects at the pushed joints."""
+    for i in range(k.pushed):
+        x, v = k.sites[2 * i], k.sites[2 * i + 1]
+        if i < k.slides:
+            k.along[i] = force_along(p, i, 0.0, x, v, k.crank[2], k.turned, k.now)
+        else:
+            n = i - k.slides
+            k.along[i] = torque_at(p, n, x, v, x, v, k.crank[2], k.turned, k.now)
 
 
 @compiled
@@ -151,10 +171,13 @@ _ROUNDS, _SETTLED = 200, 1e-13  # iterations; tolerance relative to reactions an
 def _rub(p, k):
     """Dynamics with friction that depends on the reactions of ideal joints, found from the assumed
     ones; NaN where none are consistent."""
-    reactions, found, width = k.reactions, k.assumed, p.effects.crank_sign_speed
+    reactions, found, width = k.reactions, k.assumed, p.pivots.laws[CRANK].sign_speed
     count = 2 * k.rubbing + k.pushed
-    free, loaded = k.along[0], p.effects.load_friction
-    loaded *= smooth_sign(k.sites[1] / p.effects.slider_sign_speed)
+    for i in range(k.pushed):
+        k.unloaded[i], k.loaded[i] = k.along[i], 0.0
+        if i < k.slides:
+            law = p.slides.laws[i]
+            k.loaded[i] = law.load_friction * smooth_sign(k.sites[2 * i + 1] / law.sign_speed)
     for j in range(k.rubbing):
         at = 2 * (k.loose + j)
         k.grips[j] = k.levers[j] * smooth_sign((k.turning[at] - k.turning[at + 1]) / width)
@@ -166,8 +189,8 @@ def _rub(p, k):
         for j in range(k.rubbing):
             x, y = found[2 * j], found[2 * j + 1]
             k.moments[j] = -k.grips[j] * math.sqrt(x * x + y * y)
-        if k.pushed:
-            k.along[0] = free - loaded * abs(found[2 * k.rubbing])
+        for i in range(k.pushed):
+            k.along[i] = k.unloaded[i] - k.loaded[i] * abs(found[2 * k.rubbing + i])
         run(k.dynamics, k.place)
         change, size = 0.0, inertia
         for i in range(count):

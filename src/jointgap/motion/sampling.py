@@ -6,9 +6,8 @@ import numpy as np
 
 from jointgap.contact.joints import FLIGHT, joint_force
 from jointgap.core.numba_cache import compiled
-from jointgap.linkage.laws import crank_losses
 from jointgap.motion.integrate import EVENT
-from jointgap.motion.rates import run, set_crank_at, set_damping, slopes
+from jointgap.motion.rates import run, set_crank_at, set_damping, slopes, torque_on_crank
 from jointgap.motion.workspace import CORNERS
 
 
@@ -114,7 +113,7 @@ def fill_samples(p, k, found, bodies, numbers, accelerations):
         for i in range(others):
             numbers[n, 3 + bodies + i] = k.channels[2 * bodies + i]
         # of the drive: without its rotor's inertia and the crank's friction
-        losses = crank_losses(p, k.sites[0], k.sites[1], k.crank[2], k.turned, k.now)
+        losses = torque_on_crank(p, k)
         numbers[n, 3 + bodies] -= losses + p.drive.rotor_inertia * numbers[n, 4 + bodies]
 
 

@@ -2,8 +2,6 @@
 
 import math
 from collections.abc import Collection
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,23 +10,14 @@ from jointgap.config import Mechanism, Simulate, check_drive, check_tolerance
 from jointgap.contact.bearings import bearing_parameters
 from jointgap.contact.parameters import JointParameters
 from jointgap.core.errors import InputError, SimulationError
-from jointgap.core.formula import NOTHING
 from jointgap.core.joints import JOINT, JOINTS
 from jointgap.core.records import record
 from jointgap.core.schema import TRAJECTORY
-from jointgap.effects.base import CRANK_SIGN_SPEED, SLIDER_SIGN_SPEED
 from jointgap.linkage.compiled import Kind, variant_of
 from jointgap.linkage.from_file import linkage_of_slider_crank
-from jointgap.linkage.parameters import (
-    DRIVE_KINDS,
-    NO_TABLE,
-    DriveParameters,
-    EffectParameters,
-    Parameters,
-    program_record,
-    table_record,
-)
-from jointgap.linkage.topology import FRAME, Bending, Linkage
+from jointgap.linkage.parameters import DriveParameters, Parameters
+from jointgap.linkage.topology import FRAME
+from jointgap.motion.effects import compiled_effects, laws_of, rubs_in, with_changed_bodies
 from jointgap.motion.integrate import NOT_FINITE
 from jointgap.motion.model import Columns, Model, drive_records
 from jointgap.motion.simulation import (
@@ -40,8 +29,6 @@ from jointgap.motion.simulation import (
     modes_of,
     observed,
 )
-
-_SLIDER = ("slider",)
 
 
 def joint_parameters(mechanism: Mechanism, name: str) -> JointParameters:
@@ -74,66 +61,26 @@ def model_of(mechanism: Mechanism, options: Simulate) -> Model:
     check_tolerance(made, options)
     drive, knots = drive_records(options)
     made.check_contacts(max(abs(drive.speed), options.highest_speed))
-    fields = _fields(made, drive)
-    effects, bodies = EffectParameters(**fields["effects"]), fields["bodies"]
-    bearings = {name: record(JointParameters(**fields[name])) for name in JOINTS}
-    linkage = _with_effects(linkage_of_slider_crank(made), bodies)
+    joints = {name: joint_parameters(made, name)._asdict() for name in JOINTS}
+    records = compiled_effects(made.effects, drive, joints, made.crank.length)
+    bearings = {name: record(JointParameters(**records["joints"][name])) for name in JOINTS}
+    linkage = with_changed_bodies(linkage_of_slider_crank(made), records["bodies"])
     is_free = options.drive.FREES_CRANK
     if is_free:
         linkage = linkage.with_inertia(linkage.crank, drive.rotor_inertia)
-    formulas = {name: program_record(program) for name, program in fields["formulas"].items()}
-    table = fields["tables"].get("slider_table")
-    is_pushed = effects.on_slider or formulas["crank_formula"].length > 0
-    rubs = effects.load_friction != 0.0 or any(
-        bearing.pin_friction != 0.0 and not bearing.loose for bearing in bearings.values()
-    )
-    p = Parameters(
-        drive=record(DriveParameters(**fields["drive"])),
-        knots=knots,
-        effects=record(effects),
-        slider_table=NO_TABLE if table is None else table_record(table),
-        **formulas,
-    )
-    kind = Kind(is_free, _SLIDER if is_pushed else (), bool(rubs))
-    return Model(linkage, bearings, p, variant_of(linkage, (1.0,), kind), short_form)
-
-
-def _fields(made: Mechanism, drive: DriveParameters) -> dict[str, dict[str, Any]]:
-    """Numbers by group and name, with those of the effects."""
     outermost = math.sqrt((made.crank.length + made.rod.length) ** 2 - made.slider.offset**2)
-    signs = {"slider_sign_speed": SLIDER_SIGN_SPEED, "crank_sign_speed": CRANK_SIGN_SPEED}
-    fields: dict[str, dict[str, Any]] = {
-        "bodies": {"crank_length": made.crank.length},
-        **{name: joint_parameters(made, name)._asdict() for name in JOINTS},
-        "drive": drive._asdict(),
-        "effects": EffectParameters(gas_outermost=outermost, **signs)._asdict(),
-        "formulas": {"slider_formula": NOTHING, "crank_formula": NOTHING},
-        "tables": {},
-    }
-    fields["drive"]["kind"] = DRIVE_KINDS[drive.kind]
-    for effect in made.effects:
-        effect.compile_into(fields)
-    fields["drive"]["kind"] = DRIVE_KINDS.index(fields["drive"]["kind"])
-    return fields
-
-
-def _with_effects(linkage: Linkage, changes: dict[str, Any]) -> Linkage:
-    """The linkage with an unbalance of the crank and a bending rod."""
-    bodies = dict(linkage.bodies)
-    if "unbalance" in changes:
-        mass, place = changes["unbalance"]
-        crank = bodies["crank"]
-        total = crank.mass + mass
-        centre = tuple(
-            (crank.mass * c + mass * x) / total for c, x in zip(crank.centre, place, strict=True)
-        )
-        apart = math.dist(crank.centre, place)
-        inertia = crank.inertia + crank.mass * mass / total * apart**2
-        bodies["crank"] = replace(crank, mass=total, centre=centre, inertia=inertia)
-    if "bending" not in changes:
-        return replace(linkage, bodies=bodies)
-    bodies["rod"] = replace(bodies["rod"], bending=Bending(*changes["bending"]))
-    return replace(linkage, bodies=bodies, kinds={**linkage.kinds, "rod": "bending"})
+    laws = laws_of(records, made.sites, {"slider": outermost})
+    p = Parameters(
+        drive=record(DriveParameters(**records["drive"])),
+        knots=knots,
+        slides=laws.slides,
+        pivots=laws.pivots,
+        formulas=laws.formulas,
+        table=laws.table,
+    )
+    rubs = laws.load_friction or rubs_in(bearings)
+    kind = Kind(is_free, laws.pushed, rubs)
+    return Model(linkage, bearings, p, variant_of(linkage, (1.0,), kind), short_form)
 
 
 _NAMES = {

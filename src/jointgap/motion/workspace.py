@@ -10,10 +10,11 @@ from scipy.integrate import DOP853
 
 from jointgap.contact.parameters import JointParameters
 from jointgap.core.records import Record, record
+from jointgap.linkage.parameters import MOST_PIVOTS, MOST_SLIDES
 
-MOST_STATES, MOST_CONTACTS, MOST_RUBBING, MOST_SITES = 48, 16, 16, 4
+MOST_STATES, MOST_CONTACTS, MOST_RUBBING, MOST_SITES = 48, 16, 16, MOST_SLIDES + MOST_PIVOTS
 """Largest numbers of states, of contacts, of ideal joints with friction, and of pushed
-bodies."""
+joints."""
 
 MOST_PARAMETERS, MOST_KEPT, MOST_CHANNELS = 512, 1024, 256
 """Room for the machine code."""
@@ -82,6 +83,8 @@ WORKSPACE = np.dtype(
             ("earlier", "f8", (MOST_CONTACTS, EPISODE)),  # Episodes before the last step
             ("modes", "i8", (MOST_CONTACTS,)),
             ("levers", "f8", (MOST_RUBBING,)),  # [m] Friction radii of ideal joints
+            ("unloaded", "f8", (MOST_SITES,)),  # Forces along, without friction by reactions
+            ("loaded", "f8", (MOST_SITES,)),  # The latter over the reactions
             ("grips", "f8", (MOST_RUBBING,)),  # [m] The same with the sign of the rotation
             # Instants
             ("time", "f8", (_ROWS,)),
@@ -106,6 +109,7 @@ WORKSPACE = np.dtype(
             ("contacts", "i8"),
             ("rubbing", "i8"),
             ("pushed", "i8"),
+            ("slides", "i8"),  # Those of them that are slides, the first ones
             ("is_free", "i8"),
             ("rubs", "i8"),
             ("bristles", "i8"),

@@ -16,7 +16,7 @@ from jointgap.config.campaign import Campaign, CampaignRun
 from jointgap.config.channels import PRESSURES
 from jointgap.core.section import ConfigModel
 from jointgap.effects.base import Records
-from jointgap.effects.slider_force_table import (
+from jointgap.effects.force_table import (
     Table,
     add_table,
     corrected,
@@ -36,7 +36,7 @@ _KEPT_ERRORS, _MOST_ERRORS = (0.999, 100)
 class PressureParameters(ConfigModel):
     """An averaged pressure on the slider; keys as of ``slider_force_table``."""
 
-    pieces: Any  # Force by the pressure as read: see `jointgap.effects.slider_force_table.Table`
+    pieces: Any  # Force by the pressure as read: see `jointgap.effects.force_table.Table`
     deviations: Any  # (m, k, 4) Changes of their polynomials by independent errors
     period: float  # [rad]
     begin: float = 0.0  # [rad]
@@ -50,7 +50,7 @@ class PressureParameters(ConfigModel):
 class RecordedPressure(Effect):
     """A pressure on the slider over the crank angle, from the record of a run."""
 
-    GROUP, SITE, DESCRIBED = "slider", "slider", {}
+    GROUP, SITE, BODY, DESCRIBED = "slider", "slider", "slider", {}
     NAME: ClassVar[str] = "cylinder_pressure"
     SEVERAL = True
     name: str = NAME
@@ -61,7 +61,7 @@ class RecordedPressure(Effect):
         pieces = corrected(
             parameters.pieces, parameters, parameters.pressure_zero, parameters.pressure_gain
         )
-        add_table(records, Table(1, 1.0, parameters.begin, parameters.period, pieces))
+        add_table(records, self.BODY, Table(1, 1.0, parameters.begin, parameters.period, pieces))
 
     def largest_force(self, stroke: float) -> float:
         return float(np.abs(self.parameters.pieces[:, -1]).max())
@@ -72,7 +72,7 @@ class Averaged:
     """A periodic average over the crank angle."""
 
     period: float  # [rad]
-    pieces: np.ndarray  # (k, 5) as in `jointgap.effects.slider_force_table.Table`
+    pieces: np.ndarray  # (k, 5) as in `jointgap.effects.force_table.Table`
     # (m, k, 4) Changes of the polynomials by independent errors, of one standard deviation each
     errors: np.ndarray
     residual: float  # Standard deviation from the average

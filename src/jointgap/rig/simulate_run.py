@@ -17,8 +17,8 @@ from jointgap.core.candidates import Candidate, Effects
 from jointgap.core.costs import count_revolutions, count_run
 from jointgap.core.errors import InputError
 from jointgap.core.joints import PINS
+from jointgap.effects.force_table import with_pressure_sensor
 from jointgap.effects.own_law import FORMULA_EFFECTS
-from jointgap.effects.slider_force_table import with_pressure_sensor
 from jointgap.linkage.drive import crank_times
 from jointgap.linkage.parameters import CONSTANT, FLUCTUATING
 from jointgap.motion.integrate import Samples
@@ -268,11 +268,9 @@ def prepared(
     earlier = OTHER_START_REVOLUTIONS * tau if other_start else 0.0
     driven = _driven_run(campaign, plan, mechanism, nuisances, faults, tolerance, earlier, torque)
     change(driven.model)
-    harmonic = driven.model.effects
     # phases refer to time 0 of the record, not of the simulation
-    harmonic.harmonic_phase += harmonic.harmonic_angular_frequency * (
-        plan.samples.time[0] - driven.begin
-    )
+    for law in driven.model.p.slides.laws:
+        law.harmonic_phase += law.harmonic_angular_frequency * (plan.samples.time[0] - driven.begin)
     return Prepared(driven, faults, tolerance)
 
 
@@ -335,14 +333,14 @@ def _driven_run(
             run = drives.motor_run(loaded, campaign.motor, plan, values, error, tolerance, earlier)
         else:
             run = drives.constant_speed_run(loaded, plan, values, error, tolerance, earlier)
-        effects = run.model.effects
-        if effects.table_over == 2:  # over time of the record, not of the simulation
-            if not samples.timed:
-                raise InputError(
-                    "slider_force_table: a load over time requires the channel time; add it, or use"
-                    " angle"
-                )
-            effects.table_begin += run.begin - samples.time[0]
+        for law in run.model.p.slides.laws:
+            if law.table_over == 2:  # over time of the record, not of the simulation
+                if not samples.timed:
+                    raise InputError(
+                        "effects: a force table over time requires the channel time; add it, or use"
+                        " angle"
+                    )
+                law.table_begin += run.begin - samples.time[0]
         return run
 
     run = driven(faults.of_reading(samples.angle))
@@ -562,14 +560,16 @@ def times_at(model: Model, angles: np.ndarray) -> np.ndarray:
 
 def _may_repeat(model: Model) -> bool:
     """Whether the equations of motion have the period of one revolution."""
-    e, drive = model.effects, model.drive
+    drive, slides, pivots = model.drive, model.p.slides.laws, model.p.pivots.laws
     steady = drive.kind == CONSTANT or (
         drive.kind == FLUCTUATING and drive.order == round(drive.order)
     )
-    over_turns = e.table_over == 2 or (e.table_over == 1 and e.table_period > 1.5 * tau)
-    over_turns = over_turns or (e.crank_periodic and e.crank_periodic_order % 1)  # a half order
-    formulas = model.p.slider_formula.length or model.p.crank_formula.length
-    return bool(steady and not e.harmonic and not over_turns and not formulas)
+    over_turns = any(
+        law.table_over == 2 or (law.table_over == 1 and law.table_period > 1.5 * tau)
+        for law in slides
+    ) or any(law.periodic and law.periodic_order % 1 for law in pivots)  # a half order
+    others = any(law.harmonic or law.formula for law in slides)
+    return bool(steady and not over_turns and not others and not any(pivots["formula"]))
 
 
 def _kinematic_motion(model: Model, angles: np.ndarray) -> Samples:

@@ -1,4 +1,5 @@
-"""Torques on the crank, its unbalance, and speed fluctuation of the drive."""
+"""Torques on a body about its pivot on the frame: their laws, and `pivot_torque`, which sums them;
+unbalance of the crank, and speed fluctuation of the drive."""
 
 import math
 from collections.abc import Sequence
@@ -8,9 +9,12 @@ from jointgap.core.candidates import Candidate, LawFamily, Parameter
 from jointgap.effects import base
 from jointgap.effects.base import (
     CRANK_SIGN,
+    CRANK_SIGN_SPEED,
     FRICTION_SURVEY,
+    LAWS,
     DiscoveredLaw,
     Effect,
+    numbers_of,
     parameter,
     register_effect,
 )
@@ -39,42 +43,40 @@ def _unbalance(scale: base.MotionScale) -> float:
     return scale.force / scale.turning**2
 
 
-class CrankEffect(Effect):
-    """A counter-clockwise torque on the crank."""
+class PivotEffect(Effect):
+    """A counter-clockwise torque on a body about its pivot."""
 
-    GROUP, SITE = "crank", "crank_pivot"
+    ON, GROUP, SITE = "pivot", "crank", "{joint}"
 
 
 @register_effect(order=110)
-class CrankCoulombFriction(CrankEffect):
-    """Dry friction of the crank's bearings and seals, independent of load."""
+class CoulombFriction(PivotEffect):
+    """Dry friction of the {site}'s bearings and seals, independent of load."""
 
     LAW = f"M = -m sgn w, {CRANK_SIGN}"
     REFERENCE = FRICTION_SURVEY
-    WORDS = "Coulomb friction of the crank"
-    torque_N_m = parameter(
-        "N*m", "m, friction torque", 0.3, ge=0, compiled="crank_coulomb", step=_torque
-    )
+    WORDS = "Coulomb friction of the {site}"
+    torque_N_m = parameter("N*m", "m, friction torque", 0.3, ge=0, compiled="coulomb", step=_torque)
 
 
 @register_effect(order=115)
-class CrankAngleFriction(CrankEffect):
-    """Angle-dependent dry friction of the crank, such as of an eccentric seal or a bent shaft: a
+class AngleFriction(PivotEffect):
+    """Angle-dependent dry friction of the {site}, such as of an eccentric seal or a bent shaft: a
     family of Coulomb friction.
 
     Not a candidate itself: the share is fitted once Coulomb friction is found.
     """
 
     LAW = f"M = -m [1 - s + s (1 + cos(theta - a)) / 2] sgn w, {CRANK_SIGN}"
-    WORDS = "angle-dependent dry friction of the crank"
-    MEMBERS = {"crank_coulomb_friction": 0.0}
+    WORDS = "angle-dependent dry friction of the {site}"
+    MEMBERS = {"coulomb_friction": 0.0}
     SHAPE = "varying_share"
     torque_N_m = parameter(
         "N*m", "m, largest friction torque", 0.3, ge=0, compiled="angle_friction", step=_torque
     )
     tightest_angle_rad = parameter(
         "rad",
-        "a, crank angle of the largest friction",
+        "a, {site} angle of the largest friction",
         0.5,
         0.0,
         "angle_friction_tightest",
@@ -93,42 +95,41 @@ class CrankAngleFriction(CrankEffect):
 
 
 @register_effect(order=120)
-class CrankViscousFriction(CrankEffect):
-    """Viscous friction of the crank's bearings."""
+class ViscousFriction(PivotEffect):
+    """Viscous friction of the {site}'s bearings."""
 
     LAW = "M = -c w"
     REFERENCE = FRICTION_SURVEY
-    WORDS = "viscous friction of the crank"
+    WORDS = "viscous friction of the {site}"
     damping_N_m_s = parameter(
-        "N*m*s", "c, torque per speed", 0.01, ge=0, compiled="crank_viscous", step=_damping
+        "N*m*s", "c, torque per speed", 0.01, ge=0, compiled="viscous", step=_damping
     )
 
 
 @register_effect(order=123)
-class CrankBrake(CrankEffect):
-    """The known torque of a brake, generator or dynamometer that loads the crank; not a
+class Brake(PivotEffect):
+    """The known torque of a brake, generator or dynamometer that loads the {site}; not a
     candidate."""
 
+    ON = "crank"
     LAW = f"M = -T |w / w0|^n sgn w, {CRANK_SIGN}"
-    WORDS = "a brake of the crank"
-    torque_N_m = parameter(
-        "N*m", "T, torque at the reference speed", 10.0, ge=0, compiled="crank_brake"
-    )
+    WORDS = "a brake of the {site}"
+    torque_N_m = parameter("N*m", "T, torque at the reference speed", 10.0, ge=0, compiled="brake")
     reference_speed_rad_s = parameter(
-        "rad/s", "w0, speed at which the torque is T", 150.0, gt=0, compiled="crank_brake_speed"
+        "rad/s", "w0, speed at which the torque is T", 150.0, gt=0, compiled="brake_speed", off=1.0
     )
     exponent = parameter(
         "",
         "n: 0 constant, 1 generator with a resistor, 2 water brake",
         1.0,
         1.0,
-        "crank_brake_exponent",
+        "brake_exponent",
         ge=0,
         le=4,
     )
 
 
-class PeriodicEffect(CrankEffect):
+class PeriodicEffect(PivotEffect):
     """An effect with ``order`` cycles per revolution."""
 
     ANGLE = "phase_rad"
@@ -151,7 +152,7 @@ class PeriodicEffect(CrankEffect):
         )
         start = [float(order) for order in start] or [order for order in orders if order < 9]
         return cls.candidate(
-            *cls.sizes(context.scale),
+            *cls.sizes(context.at(cls.BODY)),
             order,
             amplitudes=("cosine", "sine"),
             initial_guesses=tuple({"order": order} for order in start),
@@ -167,29 +168,28 @@ class PeriodicEffect(CrankEffect):
 
 
 @register_effect(order=127)
-class CrankPeriodicTorque(PeriodicEffect):
+class PeriodicTorque(PeriodicEffect):
     """A torque locked to the crank angle, such as cogging or gear meshing.
 
     At constant speed the drive compensates it, so that only the crank torque shows it.
     """
 
+    ON = "crank"
     LAW = "M = a cos(k theta - phase)"
-    WORDS = "a periodic torque on the crank"
-    torque_N_m = parameter(
-        "N*m", "a, amplitude", 0.2, ge=0, compiled="crank_periodic", step=_torque
-    )
+    WORDS = "a periodic torque on the {site}"
+    torque_N_m = parameter("N*m", "a, amplitude", 0.2, ge=0, compiled="periodic", step=_torque)
     order = parameter("", "k, cycles per revolution", 12, ge=0.5, le=100, multiple_of=0.5)
     phase_rad = parameter(
         "rad",
         "angle k theta of the largest torque",
         0.5,
         default=0.0,
-        compiled="crank_periodic_phase",
+        compiled="periodic_phase",
     )
 
     def compile_into(self, records: base.Records) -> None:
         super().compile_into(records)
-        records["effects"]["crank_periodic_order"] = float(self.parameters.order)
+        records["sites"][self.BODY]["periodic_order"] = float(self.parameters.order)
 
     def mirrored(self) -> Effect:
         # theta' = -theta and M' = -M: -a cos(-k theta' - phase) = a cos(k theta' - (pi - phase))
@@ -198,27 +198,27 @@ class CrankPeriodicTorque(PeriodicEffect):
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
         yield cls.phase_locked(
-            context, _FITTED_ORDERS, _USUAL_ORDERS, carrier=CrankCoulombFriction.NAME
+            context, _FITTED_ORDERS, _USUAL_ORDERS, carrier=cls.beside(CoulombFriction)
         )
 
 
 @register_effect(order=130)
-class CrankUnbalance(CrankEffect):
-    """An additional mass (imbalance) on the crank, at the distance crank.length from the pivot.
+class Unbalance(PivotEffect):
+    """An additional mass (imbalance) on the {site}, at the distance {site}.length from the pivot.
 
-    Its mass is U / crank.length, its inertia U crank.length. Frame forces, gravity and a motor
+    Its mass is U / {site}.length, its inertia U {site}.length. Frame forces, gravity and a motor
     drive show it.
     """
 
-    SITE = "crank"
-    LAW = "mass U / crank.length, crank.length from the pivot"
+    ON, SITE = "crank", ""
+    LAW = "mass U / {site}.length, {site}.length from the pivot"
     REFERENCE = "ISO 21940-2:2017, rotor balancing, vocabulary"
-    WORDS = "an unbalance of the crank"
+    WORDS = "an unbalance of the {site}"
     ANGLE = "angle_rad"
     unbalance_kg_m = parameter(
         "kg*m", "U, mass times distance from the pivot", 0.005, ge=0, step=_unbalance
     )
-    angle_rad = parameter("rad", "direction relative to the crank", 1.0, default=0.0, odd=True)
+    angle_rad = parameter("rad", "direction relative to the {site}", 1.0, default=0.0, odd=True)
 
     def compile_into(self, records: base.Records) -> None:
         bodies, parameters = records["bodies"], self.parameters
@@ -233,7 +233,7 @@ class SpeedFluctuation(PeriodicEffect):
     """A speed that depends on the crank angle; only for the constant-speed drive, with w0 =
     simulate.speed."""
 
-    SITE = "drive"
+    ON, SITE = "mechanism", "drive"
     LAW = "w = w0 (1 + a cos(k theta - phase))"
     WORDS = "a fluctuating drive speed"
     DRIVE = "constant"
@@ -256,13 +256,36 @@ class SpeedFluctuation(PeriodicEffect):
 
 
 @register_effect(order=240)
-class DiscoveredCrankTorque(DiscoveredLaw):
-    """A counter-clockwise torque on the crank [N m], given by a formula."""
+class DiscoveredTorque(DiscoveredLaw):
+    """A counter-clockwise torque on the {site} [N m], given by a formula."""
 
-    GROUP, SITE = "crank", "crank"
+    ON, GROUP, RULE = "pivot", "crank", "discovered_{site}_torque"
     LAW = "M = formula of v, x, w, theta, t"
-    WORDS = "a crank torque with a formula found by regression"
+    WORDS = "a {site} torque with a formula found by regression"
 
     def mirrored(self) -> Effect:
         effect = super().mirrored()
         return effect.with_parameters(formula=f"-({effect.parameters.formula})")
+
+
+PIVOT_LAWS = numbers_of(law for law in LAWS if law.__module__ == __name__) | {
+    "periodic_order": 0.0,
+    "sign_speed": CRANK_SIGN_SPEED,
+    "formula": 0,  # Place of a program, from 1; 0: none
+}
+"""Numbers of `pivot_torque` and of a formula, by name."""
+
+
+def pivot_torque(p, sign, angle, speed):
+    """Torque [N m] on a body at an angle, with the numbers `PIVOT_LAWS` and the smooth `sign` of
+    its speed; compiled in `jointgap.linkage.laws`."""
+    torque = -p.coulomb * sign - p.viscous * speed
+    if p.angle_friction != 0.0:
+        phase = angle - p.angle_friction_tightest
+        varying = 1.0 - p.angle_friction_share * (0.5 - 0.5 * math.cos(phase))
+        torque -= p.angle_friction * varying * sign
+    if p.periodic != 0.0:
+        torque += p.periodic * math.cos(p.periodic_order * angle - p.periodic_phase)
+    if p.brake != 0.0:
+        torque -= p.brake * (abs(speed) / p.brake_speed) ** p.brake_exponent * sign
+    return torque

@@ -123,15 +123,15 @@ class ForceTableParameters(ConfigModel):
 
 
 @register_effect(order=85)
-class SliderForceTable(Effect):
+class ForceTable(Effect):
     """A known periodic load, such as an indicator diagram, interpolated by a cubic spline."""
 
-    GROUP, SITE = "slider", "slider"
+    ON, GROUP = "slide", "slider"
     LAW = (
         "F = table(theta) or table(t), periodic cubic spline; of a pressure F = -(p - p_ambient) pi"
         " bore^2 / 4, on the crank's side with the other sign"
     )
-    WORDS = "a measured load on the slider"
+    WORDS = "a measured load on the {site}"
     PARAMETERS = ForceTableParameters
     SEVERAL = True
 
@@ -141,9 +141,9 @@ class SliderForceTable(Effect):
         return Path(self.parameters.file).is_file()
 
     def check(self, mechanism: Any) -> None:
-        tables = [effect for effect in mechanism.effects if isinstance(effect, SliderForceTable)]
+        tables = [effect for effect in mechanism.effects if isinstance(effect, ForceTable)]
         if all(table._is_there for table in tables):
-            records: Records = {"effects": {}, "tables": {}}
+            records: Records = {"sites": {}, "tables": {}}
             for table in tables:
                 table.compile_into(records)
 
@@ -153,7 +153,7 @@ class SliderForceTable(Effect):
         sign, over_time = -1.0 if parameters.reversed else 1.0, parameters.time is not None
         if not over_time:
             begin += sign * parameters.zero
-        add_table(records, Table(2 if over_time else 1, sign, begin, period, pieces))
+        add_table(records, self.BODY, Table(2 if over_time else 1, sign, begin, period, pieces))
 
     def largest_force(self, stroke: float) -> float:
         return float(np.abs(_table(self.parameters)[0][:, -1]).max()) if self._is_there else 0.0
@@ -177,15 +177,21 @@ class Table(NamedTuple):
     pieces: np.ndarray  # (k, 5) begin and cubic polynomial, highest power first [N]
 
 
-def add_table(records: Records, table: Table) -> None:
-    """Add a `table` to the `records` of the equations of motion, which have one: the sum of all."""
-    tables = records["tables"].setdefault("listed", [])
+def add_table(records: Records, body: str, table: Table) -> None:
+    """Add a `table` of forces on a `body` to the `records` of the equations of motion, which have
+    one: the sum of all."""
+    tables = records["tables"].setdefault(body, [])
+    if len(records["tables"]) > 1:
+        raise InputError(
+            f"effects: {' and '.join(records['tables'])} have force tables; only one body can have"
+            " them: give the others as formulas"
+        )
     tables.append(table)
     total = table if len(tables) == 1 else _sum(tables)
+    site = records["sites"].setdefault(body, {})
     for key in ("over", "sign", "begin", "period"):
-        records["effects"][f"table_{key}"] = getattr(total, key)
-    records["effects"]["on_slider"] = True
-    records["tables"]["slider_table"] = total.pieces
+        site[f"table_{key}"] = getattr(total, key)
+    records["table"] = total.pieces
 
 
 def with_pressure_sensor(
