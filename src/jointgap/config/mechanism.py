@@ -349,7 +349,48 @@ def with_contacts(joints: Any, contacts: dict[str, Contact] | None) -> Any:
     return joints
 
 
-class Mechanism(ConfigModel):
+class OfAnyKind(ConfigModel):
+    """What a slider-crank and another linkage have in common."""
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Files of its effects."""
+        return tuple(
+            effect.parameters.file for effect in self.effects if hasattr(effect.parameters, "file")
+        )
+
+    def clearance(self, name: str) -> float:
+        """Radial clearance [m] of the joint `name` (equation 1), of a slide half its play; 0 where
+        it is ideal."""
+        joint = self.joint(name)
+        return joint.clearance if joint and joint.loose else 0.0
+
+    def effect(self, name: str, site: str | None = None) -> Any:
+        """Parameters of the effect `name`, at `site` if it has several; None if it is not
+        listed."""
+        for effect in self.effects:
+            if effect.name == name and site in (None, effect.place):
+                return effect.parameters
+        return None
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """Gravitational acceleration, shape (2,) [m/s^2]; zero unless the effect is listed."""
+        gravity, direction = self.effect("gravity"), self.gravity_direction
+        size = gravity.acceleration_m_s2 if gravity else 0.0
+        return size * np.array([math.cos(direction), math.sin(direction)])
+
+    def _check_contact(self, name: str, load: float, speed: float) -> None:
+        """InputError where the contact of a joint is too soft for a `load` [N], at a crank speed of
+        `speed` [rad/s]."""
+        if reason := self.joint(name).too_soft_for(load):
+            raise InputError(
+                f"mechanism.joints.{name}: {reason} (load: inertia at"
+                f" {speed * 30 / math.pi:.4g} rpm, weight and effects)"
+            )
+
+
+class Mechanism(OfAnyKind):
     """A slider-crank, without its drive."""
 
     crank: Link
@@ -425,12 +466,13 @@ class Mechanism(ConfigModel):
         """Its bodies and joints."""
         return SLIDER_CRANK
 
-    @property
-    def files(self) -> tuple[str, ...]:
-        """Files of its effects."""
-        return tuple(
-            effect.parameters.file for effect in self.effects if hasattr(effect.parameters, "file")
-        )
+    def body(self, name: str) -> Link | Slider:
+        """The data of the body `name`."""
+        return getattr(self, name)
+
+    def slide_direction(self, name: str) -> float:
+        """Direction [rad] of the slide `name`, from +x."""
+        return 0.0
 
     def joint(self, name: str) -> Joint | None:
         """The data of the joint `name`; None for ``ideal`` without data."""
@@ -441,26 +483,6 @@ class Mechanism(ConfigModel):
     def loose(self) -> tuple[str, ...]:
         """Names of the loose joints, from the frame to the slider."""
         return tuple(name for name in FROM_FRAME if (joint := self.joint(name)) and joint.loose)
-
-    def clearance(self, name: str) -> float:
-        """Radial clearance [m] of the joint `name` (equation 1); 0 where it is ideal."""
-        joint = self.joint(name)
-        return joint.clearance if joint and joint.loose else 0.0
-
-    def effect(self, name: str, site: str | None = None) -> Any:
-        """Parameters of the effect `name`, at `site` if it has several; None if it is not
-        listed."""
-        for effect in self.effects:
-            if effect.name == name and site in (None, effect.place):
-                return effect.parameters
-        return None
-
-    @property
-    def gravity(self) -> np.ndarray:
-        """Gravitational acceleration, shape (2,) [m/s^2]; zero unless the effect is listed."""
-        gravity, direction = self.effect("gravity"), self.gravity_direction
-        size = gravity.acceleration_m_s2 if gravity else 0.0
-        return size * np.array([math.cos(direction), math.sin(direction)])
 
     def mirrored(self) -> "Mechanism":
         """The mirror image in y = 0, in which a clockwise crank turns counter-clockwise."""
@@ -488,11 +510,7 @@ class Mechanism(ConfigModel):
         masses["crank_pivot"] = crank.mass + masses["crank_pin"]
         force = sum(effect.largest_force(2 * crank.length) for effect in self.effects)
         for name in self.loose:
-            if reason := self.joint(name).too_soft_for(masses[name] * acceleration + force):
-                raise InputError(
-                    f"mechanism.joints.{name}: {reason} (load: inertia at"
-                    f" {speed * 30 / math.pi:.4g} rpm, weight and effects)"
-                )
+            self._check_contact(name, masses[name] * acceleration + force, speed)
 
     def applied(self) -> "Mechanism":
         """The mechanism with its parameters modified by the effects that only change data;

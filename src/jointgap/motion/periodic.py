@@ -18,7 +18,6 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from jointgap.contact.joints import FLIGHT
-from jointgap.core.joints import JOINT
 from jointgap.core.numba_cache import compiled
 from jointgap.linkage.drive import crank_times
 from jointgap.motion.integrate import Samples
@@ -70,15 +69,20 @@ def _lasts(model: Model, motion: Samples) -> bool:
 
 
 def _slips(model: Model, motion: Samples) -> list[np.ndarray]:
-    """Sliding speeds (n,) over the speed of their regularisation [1]: of the loose joints and of
-    the slider."""
-    seen = observed(model, motion)
-    slips = [seen["slider_velocity"] / model.effects.slider_sign_speed]
-    rotations = {"rod": seen["rod_angular_velocity"], "crank": seen["crank_speed"]}
+    """Sliding speeds (n,) over the speed of their regularisation [1]: of bodies on slides of the
+    frame and of the loose joints."""
+    seen, linkage = observed(model, motion), model.linkage
+    sliding = [body for body, kind in linkage.kinds.items() if kind == "sliding"]
+    slips = [seen[f"{body}_velocity"] / model.effects.slider_sign_speed for body in sliding]
+    rotations = {linkage.crank: seen["crank_speed"]}
     for name in model.loose:
-        joint, words = model.bearings[name], JOINT[name]
-        body, partner = (rotations.get(each, 0.0) for each in (words.body, words.partner))
-        swing = seen[f"r{words.number}"] * seen[f"gamma{words.number}_dot"]
+        joint, between = model.bearings[name], linkage.joints[name]
+        body, partner = (
+            rotations.get(each.body, seen.get(f"{each.body}_angular_velocity", 0.0))
+            for each in (between.body, between.partner)
+        )
+        (x, y), (x_dot, y_dot) = (part.T for part in model.vector(motion.states, name))
+        swing = (x * y_dot - y * x_dot) / np.hypot(x, y)
         turning = joint.body_radius * body - joint.partner_radius * partner
         slips.append((swing + joint.side * turning) / joint.friction_speed)
     return slips

@@ -1,4 +1,4 @@
-"""The slider-crank as a model for identification."""
+"""The mechanism of a campaign as a model for identification."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -10,14 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jointgap.config import Mechanism
-from jointgap.config.campaign import NUISANCES, Campaign, CampaignRun
-from jointgap.config.channels import CHANNEL_KINDS, CHANNELS, PRESSURES
+from jointgap.config.campaign import Campaign, CampaignRun, joints_of
+from jointgap.config.channels import PRESSURES
 from jointgap.config.load import validate
 from jointgap.core.candidates import Candidate, Effects, Parameter, Series, Variation
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.formula import compile_formula
-from jointgap.core.joints import PINS
 from jointgap.core.words import joined
 from jointgap.effects import EFFECTS
 from jointgap.effects.base import (
@@ -31,6 +29,7 @@ from jointgap.effects.own_law import FORMULA_EFFECTS
 from jointgap.identification.fit import Fit
 from jointgap.identification.problem import values_in_run
 from jointgap.linkage.laws import evaluate
+from jointgap.motion.of_file import check_linkage
 from jointgap.rig.checks import is_computed
 from jointgap.rig.consistency_checks import consistency_checks
 from jointgap.rig.cylinder_pressure import loads_of_run, perturbed
@@ -50,6 +49,7 @@ from jointgap.rig.sampling import (
     planned_grid,
     sample_grid,
     speed_from_periodicity,
+    with_start,
 )
 from jointgap.rig.sensors import (
     ENCODER_COUPLING,
@@ -195,7 +195,13 @@ def _parameter(
 def _listed(campaign: Campaign, keys: Iterable[str], run: str | None = None) -> list[Parameter]:
     """The nuisances `keys` that a campaign lists and that have an effect."""
     return [
-        _parameter(key, nominal, *campaign.bounds(key, nominal), NUISANCES[key] or "1", run)
+        _parameter(
+            key,
+            nominal,
+            *campaign.bounds(key, nominal),
+            campaign.nuisance_kinds[key].unit or "1",
+            run,
+        )
         for key in keys
         if key in campaign.nuisance and key not in campaign.idle_nuisances
         for nominal in campaign.nominals(key)[:1]
@@ -224,16 +230,21 @@ def check_bounds(campaign: Campaign) -> None:
     bounds = {
         p.name: (p.low, p.high) for p in shared_nuisances(campaign) if p.name in campaign.nuisance
     }
-    tightest = {"crank_length": 1, "rod_length": 0} | {f"{pin}_clearance": 1 for pin in PINS}
+    sites = campaign.mechanism.sites
+    tightest = {f"{link}_length": 1 if link == sites.crank else 0 for link in sites.links}
+    tightest |= {f"{joint}_clearance": 1 for joint in joints_of(sites)}
     together = {key: bounds[key][end] for key, end in tightest.items() if key in bounds}
     alone = [{key: end} for key, ends in bounds.items() for end in ends]
     for values in [*alone, together] if len(together) > 1 else alone:
         at = ", ".join(
-            f"{key} = {value:g} {NUISANCES[key]}".rstrip() for key, value in values.items()
+            f"{key} = {value:g} {campaign.nuisance_kinds[key].unit}".rstrip()
+            for key, value in values.items()
         )
         source = f"campaign {campaign.name}, nuisance, at the bound {at}"
         try:
-            validate(Mechanism, with_nuisances(campaign.mechanism, values).model_dump(), source)
+            changed = with_nuisances(campaign.mechanism, values)
+            validate(type(changed), changed.model_dump(), source)
+            check_linkage(changed, source)
         except InputError as error:
             raise InputError(f"{error}; or narrow the bounds") from error
 
@@ -255,9 +266,12 @@ def run_nuisances(campaign: Campaign, plan: RunPlan, searched: bool) -> tuple[Pa
     if campaign.drive == "measured_angle":
         return tuple(nuisances)
     speed, first_angle, reach = samples.speed, samples.first_angle, samples.speed_reach
-    if samples.encoded and reach > 0:
+    is_free = campaign.drive == "free"
+    if is_free:
+        speed, reach = samples.start_speed, samples.start_reach
+    if (samples.encoded or is_free) and reach > 0:
         nuisances.append(_parameter("speed", speed, speed - reach, speed + reach, "rad/s", run.id))
-    elif not samples.encoded and "speed" in campaign.nuisance:
+    elif not (samples.encoded or is_free) and "speed" in campaign.nuisance:
         low, high = campaign.bounds("speed", run.speed)
         nuisances.append(
             _parameter("speed", min(max(speed, low), high), low, high, "rad/s", run.id)
@@ -335,9 +349,9 @@ class SliderCrankModel:
     def _samples(self, data: RunData, channel: str, noise: float | None) -> Series:
         samples = data.plan.samples
         run = data.plan.run.id
-        jitter = self.campaign.jitter
+        jitter, kind = self.campaign.jitter, self.campaign.channel_kinds[channel]
         rows = self._rows[run, channel]
-        if jitter is None and not (samples.timed and CHANNEL_KINDS[channel].speed_power == 0):
+        if jitter is None and not (samples.timed and kind.speed_power == 0):
             # cycle-to-cycle variation of velocities and accelerations is due to impacts
             jitter = 0.0
         resolution = _resolution(self.campaign, channel)
@@ -346,9 +360,7 @@ class SliderCrankModel:
             column[rows]
             for column in (data.values[channel], samples.time, samples.angle, data.held_out)
         ]
-        return Series(
-            run, channel, CHANNELS[channel], *columns, sd, resolution=resolution, jitter=jitter
-        )
+        return Series(run, channel, kind.unit, *columns, sd, resolution=resolution, jitter=jitter)
 
     def _statistics(self, run: str, data: RunData) -> Iterator[Series]:
         """Series of the chaotic channels: statistics of the fitted, then of the held-out
@@ -365,7 +377,7 @@ class SliderCrankModel:
         unknown = np.full(middles.size, np.nan)
         for name in parts[0]:
             value, error = (np.concatenate([part[name][i] for part in parts]) for i in (0, 1))
-            unit = CHANNELS[name.partition(" ")[0]]
+            unit = self.campaign.unit(name.partition(" ")[0])
             yield Series(
                 run,
                 name,
@@ -425,7 +437,10 @@ class SliderCrankModel:
             encoder += [*(() if self._chaotic else ENCODER_COUPLING), ENCODER_ECCENTRICITY]
         torque = scale.force / DETECTABLE_SHARE * scale.stroke
         start = self._estimated_encoder_offset
-        sensors = sensor_candidates(spreads, encoder, scale.turning, torque, listed, runs, start)
+        units = {name: campaign.unit(name) for name in spreads}
+        sensors = sensor_candidates(
+            spreads, encoder, scale.turning, torque, listed, runs, units, start
+        )
         return (*physical_candidates(context), *law_candidates(campaign, scale), *sensors)
 
     def simulate(
@@ -529,7 +544,7 @@ def _inconsistent_channels(
     corrected, erring = {}, False
     sensors = tuple(candidate for candidate in fit.hypothesis if candidate.sensor)
     for run, plan in model.plans.items():
-        keys = [p.key for p in model.nuisances if p.run == run and p.name in Faults.NUISANCES]
+        keys = [p.key for p in model.nuisances if p.run == run and Faults.has(p.name)]
         keys += [
             f"{candidate.label}.{p.key}"
             for candidate in sensors
@@ -631,6 +646,9 @@ def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> Run
     )
     if samples.encoded and is_computed(campaign, run.id, recording.time, recording.crank_angle):
         samples = replace(samples, computed=True, first_reach=0.0, speed_reach=0.0)
+    if campaign.drive == "free":
+        speeds = recording.channels.get("crank_speed")
+        samples = with_start(samples, None if speeds is None else run.side * speeds)
     plan = replace(_plan(campaign, run, samples), second_clock=recording.second_clock)
     measured = {**recording.channels, "crank_angle": recording.crank_angle}
     values = {channel: measured[channel] for channel in plan.channels}
