@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jointgap.config.campaign import CHANNELS, UNITS
+from jointgap.config.campaign import UNITS
+from jointgap.config.channels import CHANNELS
 from jointgap.core.units import unit_factor
 
 _ZERO_OFF_DEG = (20.0, 180.0)  # encoder zero, either sign; smaller ones are a listed effect

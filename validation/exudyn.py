@@ -141,7 +141,7 @@ class LooseLinkage:
             place = {"localPosition": [*local, 0.0], **places[body]}
             return self.system.AddMarker(items.MarkerBodyRigid(**place))
 
-        for name, joint in file.loose.items():
+        for name, joint in file.loose_joints.items():
             bodies = sorted(file.shared[name], key=lambda body, joint=joint: body != joint.journal)
             markers = [marker(body, name) for body in bodies]
             _add_contact(self.system, items, joint, markers)

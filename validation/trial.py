@@ -16,7 +16,8 @@ from scipy.optimize import brentq, lsq_linear
 from scipy.signal import lfilter
 
 from jointgap.config import EFFECTS
-from jointgap.config.campaign import CHANNELS, UNITS
+from jointgap.config.campaign import UNITS
+from jointgap.config.channels import CHANNELS
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.formula import compile_formula
 from jointgap.core.units import unit_factor

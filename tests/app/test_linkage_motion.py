@@ -45,7 +45,7 @@ def test_a_length_or_clearance_is_changed_by_its_path():
         file, {"bodies.crank.length": "110 mm", "joints.A.bearing_radius": "10.1 mm"}
     )
     assert longer.bodies["crank"].length == 0.11
-    assert longer.loose["A"].clearance == pytest.approx(1.5e-4)
+    assert longer.loose_joints["A"].clearance == pytest.approx(1.5e-4)
     swings = [np.ptp(jg.simulate(each, **RUN).samples["rocker_angle"]) for each in (file, longer)]
     assert swings[1] > 1.05 * swings[0]
 

@@ -8,7 +8,8 @@ import pytest
 
 from benchmarks.project import ROOT
 from jointgap.campaign.page import page
-from jointgap.config.campaign import CHANNELS, NUISANCES
+from jointgap.config.campaign import NUISANCES
+from jointgap.config.channels import CHANNELS
 from jointgap.config.load import load_campaign
 from jointgap.core.page import to_html, to_markdown
 from jointgap.effects import EFFECTS

@@ -9,7 +9,8 @@ import pytest
 import yaml
 
 from jointgap.config import read_yaml
-from jointgap.config.campaign import CHANNELS, NUISANCES, RESERVED_IDS, SHARED, Campaign
+from jointgap.config.campaign import NUISANCES, RESERVED_IDS, SHARED, Campaign
+from jointgap.config.channels import CHANNELS
 from jointgap.config.load import campaign_json_schema, load_campaign, validate
 from jointgap.config.yaml_files import merge
 from jointgap.core.errors import InputError
@@ -279,7 +280,7 @@ runs: x => runs = 'x': must be a list
 runs: [3] => runs.0 = 3: must be a mapping of keys to values
 mechanism: 3 => mechanism = 3: must be the path of a mechanism file, or a mapping of keys to values
 folder: null => folder = None: must be a path, written as text
-drive: 3 => drive = 3: must be 'constant_speed', 'measured_angle' or 'motor'
+drive: 3 => drive = 3: must be 'constant_speed', 'measured_angle', 'motor' or 'free'
 name: 2026-05-01 => name = datetime.date(2026, 5, 1): must be text; write it in quotation marks
 name: true => name = True: must be text; write it in quotation marks
 name: "" => name = '': must have at least 1 character

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from jointgap.config.channels import MIRRORED
+from jointgap.config.channels import channel_kinds
 from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINTS
+from jointgap.core.sites import SLIDER_CRANK
 from jointgap.effects import EFFECTS
 from jointgap.effects.base import example
 from jointgap.motion.simulation import integrate_to_angles, observed
@@ -14,6 +15,7 @@ from tests.motion.cases import SPEED, effect, mechanism, options
 
 ACROSS = {"mass_centre_across": 0.01}
 ANGLES = 0.7 + np.linspace(0.0, 1.5, 91)
+MIRRORED = [name for name, kind in channel_kinds(SLIDER_CRANK).items() if kind.mirrored]
 READ = ("slider_position", "slider_acceleration", "rod_acceleration_x", "frame_force_x", *MIRRORED)
 OWN = {
     "crank_unbalance": effect("crank_unbalance", unbalance_kg_m=0.02, angle_rad=1.0),

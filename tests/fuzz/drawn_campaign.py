@@ -11,8 +11,9 @@ import yaml
 
 from jointgap.config import Mechanism, Simulate
 from jointgap.config.campaign import UNITS
-from jointgap.config.channels import CHANNELS, MIRRORED
+from jointgap.config.channels import CHANNELS, channel_kinds
 from jointgap.config.scenario import MotorDrive
+from jointgap.core.sites import SLIDER_CRANK
 from jointgap.core.units import unit_factor
 from jointgap.motion.slider_crank import simulate
 from tests.motion.cases import BODIES, effect, joint
@@ -92,7 +93,8 @@ def draw_campaign(rng: np.random.Generator, folder: Path) -> Path:
     return path
 
 
-TURNED = {*MIRRORED}  # have the other sign where the crank turns clockwise
+TURNED = {name for name, kind in channel_kinds(SLIDER_CRANK).items() if kind.mirrored}
+"""Have the other sign where the crank turns clockwise."""
 
 
 def _mechanism(rng: np.random.Generator, loose: tuple[str, ...], fastest: float) -> dict:

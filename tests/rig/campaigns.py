@@ -7,7 +7,7 @@ import pandas as pd
 import yaml
 
 from jointgap.config import Mechanism, Simulate
-from jointgap.config.campaign import CHANNELS as UNITS
+from jointgap.config.channels import CHANNELS as UNITS
 from jointgap.config.load import load_campaign
 from jointgap.motion.slider_crank import simulate
 from jointgap.rig.model import SliderCrankModel, build_model

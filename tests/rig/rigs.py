@@ -7,8 +7,8 @@ from copy import deepcopy
 import numpy as np
 
 from jointgap.config import Simulate
-from jointgap.config.campaign import CHANNELS as UNITS
 from jointgap.config.campaign import Campaign
+from jointgap.config.channels import CHANNELS as UNITS
 from jointgap.core.candidates import Candidate
 from jointgap.motion.slider_crank import simulate
 from jointgap.rig.model import SliderCrankModel, build_model

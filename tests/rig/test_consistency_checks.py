@@ -8,7 +8,7 @@ from scipy.signal import butter, sosfilt, sosfiltfilt
 from jointgap.config import Simulate
 from jointgap.config.load import load_campaign
 from jointgap.core.errors import InputError
-from jointgap.motion.kinematics import ideal_channels
+from jointgap.motion.ideal import ideal_channels
 from jointgap.motion.slider_crank import model_of
 from jointgap.rig.read_files import read_measurements
 from jointgap.rig.simulate_run import channels_at

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from jointgap.campaign.analyse import analyse
-from jointgap.config.channels import MIRRORED
+from jointgap.config.channels import channel_kinds
 from jointgap.config.scenario import MotorDrive
+from jointgap.core.sites import SLIDER_CRANK
 from jointgap.rig.model import build_model
 from jointgap.rig.sensors import Faults
 from tests.rig.campaigns import samples, written
@@ -18,6 +19,7 @@ FRICTION = 4.0  # N
 PLAY = math.radians(1.2)
 ECCENTRICITY, PHASE = math.radians(0.25), math.radians(40.0)
 READ = ("time", "crank_angle", "crank_torque", "slider_acceleration")
+MIRRORED = [name for name, kind in channel_kinds(SLIDER_CRANK).items() if kind.mirrored]
 WINDUP = ("encoder_windup", {"compliance_rad_N_m": 1.0 / 60.0})
 BACKLASH = ("encoder_backlash", {"play_rad": PLAY})
 OFF_CENTRE = (

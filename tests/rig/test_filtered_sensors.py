@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from jointgap.campaign.analyse import analyse
-from jointgap.config.campaign import CHANNELS as UNITS
+from jointgap.config.channels import CHANNELS as UNITS
 from jointgap.rig import sensors
 from tests.rig.campaigns import model_of, samples, written
 from tests.rig.rigs import mechanism, read, rig

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from jointgap.config import MotorDrive
-from jointgap.config.campaign import CHANNELS as UNITS
-from jointgap.config.campaign import PRESSURES
+from jointgap.config.channels import CHANNELS as UNITS
+from jointgap.config.channels import PRESSURES
 from jointgap.core.joints import PINS
 from jointgap.rig.model import build_model
 from tests.rig.rigs import CHANNELS, campaign, mechanism, read, recorded, seen, worst

@@ -68,7 +68,7 @@ class LinkageMotion(Result):
     @property
     def loose(self) -> dict[str, float]:
         """Clearances [m] of the loose joints."""
-        return {name: joint.clearance for name, joint in self.linkage.loose.items()}
+        return {name: joint.clearance for name, joint in self.linkage.loose_joints.items()}
 
     @property
     def figures(self) -> Mapping[str, str]:

@@ -156,7 +156,7 @@ def _blocks(
     folder: Path,
 ) -> list[Block]:
     is_linkage = isinstance(mechanism, LinkageFile)
-    loose = tuple(mechanism.loose if is_linkage else mechanism.applied().loose)
+    loose = mechanism.applied().loose
     state = "All joints are ideal."
     if loose:
         state = (

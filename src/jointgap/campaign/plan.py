@@ -17,7 +17,7 @@ import pandas as pd
 from jointgap.campaign.labels import format_detectable, format_label, names_to_labels, unit_of
 from jointgap.campaign.tables import BETWEEN_TEXTS
 from jointgap.config.campaign import Campaign, Channel
-from jointgap.config.channels import CHANNELS, PRESSURES
+from jointgap.config.channels import PRESSURES
 from jointgap.core.candidates import Candidate, Model
 from jointgap.core.results_folder import Frames
 from jointgap.core.schema import CONFUSABILITY
@@ -198,8 +198,8 @@ def extended(campaign: Campaign) -> Campaign:
         changes = {"id": name, "file": "-", "speed": speed, "role": "identify"}
         runs.append(campaign.runs[0].model_copy(update=changes))
     channels = {
-        name: Channel(column=f"({name})", unit=unit.replace("^", "**"))
-        for name, unit in CHANNELS.items()
+        name: Channel(column=f"({name})", unit=kind.unit.replace("^", "**"))
+        for name, kind in campaign.channel_kinds.items()
         if name not in (*campaign.channels, *_PRESCRIBED)
     }
     update = {"runs": tuple(runs), "channels": campaign.channels | channels}

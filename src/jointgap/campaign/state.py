@@ -104,6 +104,6 @@ class CampaignState:
     @cached_property
     def library(self) -> list[Candidate]:
         """Candidate terms of a force law."""
-        from jointgap.rig.model import library
+        from jointgap.rig.missing_effects import library
 
-        return list(library(self.model))
+        return list(library(self.campaign.mechanism, self.model.context))

@@ -2,16 +2,18 @@
 quantities."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from datetime import date as Date
 from decimal import Decimal
+from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import yaml
 from pydantic import (
     BeforeValidator,
     Field,
+    TypeAdapter,
     ValidationInfo,
     WithJsonSchema,
     field_serializer,
@@ -19,13 +21,14 @@ from pydantic import (
     model_validator,
 )
 
-from jointgap.config.channels import CHANNELS, PRESSURES
+from jointgap.config.channels import PRESSURES, ChannelKind, channel_kinds
+from jointgap.config.linkage_file import LinkageFile
 from jointgap.config.mechanism import Mechanism
 from jointgap.config.scenario import MotorDrive
 from jointgap.core.csv_files import Csv
 from jointgap.core.errors import did_you_mean
-from jointgap.core.joints import PINS
 from jointgap.core.section import ConfigModel, Name, Word, checked, text_of
+from jointgap.core.sites import SLIDER_CRANK, Sites
 from jointgap.core.units import (
     Angle,
     PositiveLength,
@@ -37,6 +40,7 @@ from jointgap.core.units import (
     to_si,
     unit_factor,
 )
+from jointgap.core.words import joined
 from jointgap.effects import EFFECTS, AnyEffect
 from jointgap.effects.clearance import LEAST_CLEARANCE
 from jointgap.effects.force_table import ForceTableParameters
@@ -189,9 +193,8 @@ def _amount(value: Any, unit: str, where: str = "") -> float:
     return amount
 
 
-def channel_factor(name: str, unit: str, scale: str | None = None) -> float:
-    """SI value of one `unit` of the column of the channel `name`."""
-    base = CHANNELS[name]
+def channel_factor(name: str, base: str, unit: str, scale: str | None = None) -> float:
+    """Value in the unit `base` of one `unit` of the column of the channel `name`."""
     try:
         return unit_factor(unit, base) if scale is None else scaled_unit_factor(scale, unit, base)
     except ValueError as error:
@@ -201,14 +204,31 @@ def channel_factor(name: str, unit: str, scale: str | None = None) -> float:
         raise ValueError(f"{name}.{key} {error}{hint and f'; {hint}'}") from error
 
 
-def _errors_of_channels(channels: dict[str, Channel]) -> Iterator[str]:
+def _groups(kinds: Mapping[str, ChannelKind]) -> dict[str, set[str]]:
+    """The channels of each group in the rules of their keys."""
+    return {
+        "time": {"time"},
+        "crank_angle": {"crank_angle"},
+        "angles": {name for name, kind in kinds.items() if kind.unit == "rad"},
+        "accelerations": {name for name, kind in kinds.items() if kind.axis},
+        "pressures": {*PRESSURES},
+    }
+
+
+def _errors_of_channels(
+    channels: dict[str, Channel], kinds: Mapping[str, ChannelKind]
+) -> Iterator[str]:
     columns: dict[str, str] = {}
+    groups = _groups(kinds)
+    angles = joined(name for name in kinds if name in groups["angles"])
     for name, channel in channels.items():
         for rule in _TABLES["keys_of_channels"]:
-            allowed = rule.get("only") or CHANNELS.keys() - {*rule["except"]}
-            for key in rule["keys"] if name not in allowed else ():
+            named = set().union(*(groups[group] for group in rule.get("only", rule.get("except"))))
+            applies = (name in named) == ("only" in rule)
+            for key in () if applies else rule["keys"]:
                 if getattr(channel, key) != Channel.model_fields[key].default:
-                    yield f"{name}.{key} does not apply: {rule['why']}; remove it"
+                    why = rule["why"].format(angles=angles)
+                    yield f"{name}.{key} does not apply: {why}; remove it"
         if name in PRESSURES and channel.bore is None:
             yield (
                 f"{name} requires bore, the diameter on which it acts; add it, such as 'bore:"
@@ -219,7 +239,7 @@ def _errors_of_channels(channels: dict[str, Channel]) -> Iterator[str]:
         if channel.filter != "zero_phase" and channel.bandwidth is None:
             yield f"{name}.filter requires bandwidth; add bandwidth, or remove filter"
         try:
-            channel_factor(name, channel.unit, channel.scale)
+            channel_factor(name, kinds[name].unit, channel.unit, channel.scale)
         except ValueError as error:
             yield str(error)
         if channel.column in columns:
@@ -231,21 +251,62 @@ def _errors_of_channels(channels: dict[str, Channel]) -> Iterator[str]:
 
 
 SHARED = ("joint_friction", "restitution")
-"""Quantities that both pins share unless they are listed per pin."""
+"""Quantities that the joints share unless they are listed per joint."""
 
 MOTOR_LINE = ("stall_torque", "no_load_speed")
 """The torque-speed line of a motor: supply and winding may differ between runs."""
-
-RUN_NUISANCES = ("speed", "encoder_zero", "slider_position_zero", *MOTOR_LINE)
-"""Quantities with one value per run; `PRESSURE_ZERO` too if the runs have their own pressures."""
 
 PRESSURE_ZERO = "pressure_zero"
 PRESSURE_SENSOR = (PRESSURE_ZERO, "pressure_gain")
 """Zero and gain of the sensor of all pressures on the slider."""
 
-NEEDED_CHANNELS: dict[str, list[str]] = _TABLES["needed_channels"]
-"""Nuisances of sensors (nominally 0 unless the bounds differ), and the channels that they act
-on."""
+POSITION_ZERO = "_position_zero"
+"""End of the name of the zero of a position."""
+
+
+class Nuisance(NamedTuple):
+    """A quantity that may be uncertain."""
+
+    unit: str  # SI; '' for a pure number
+    limits: str  # By their name in `_LIMITS`
+    part: str  # The body or joint that it is of; '' for others
+    what: str  # Its name there, such as mass
+    needs: tuple[str, ...]  # Channels that it acts on, of a sensor; it is then nominally 0
+
+
+def nuisances_of(sites: Sites, loose: Collection[str] = ()) -> dict[str, Nuisance]:
+    """Every nuisance of a mechanism with the `sites` and `loose` joints, by name."""
+    moving = [body for body in sites.bodies if body != sites.crank]
+    sliding = [body for body in moving if body in sites.slides and sites.slides[body] not in loose]
+    is_short = sites is SLIDER_CRANK
+    parts = {
+        "moving": moving,
+        "turning": [body for body in sites.bodies if body not in sliding],
+        "links": sites.links,
+        "sliding": sliding,
+        "joints": joints_of(sites),
+        "any": [""],
+        "slider": ["slider"] if is_short else [],
+        "slider_crank": [""] if is_short else [],
+    }
+    return {
+        name.format(part=part): Nuisance(
+            unit,
+            limits,
+            part,
+            name.replace("{part}", "").strip("_"),
+            tuple(channel.format(part=part) for channel in needs),
+        )
+        for group, names in parts.items()
+        for part in names
+        for name, (unit, limits, *needs) in _TABLES["nuisances"][group].items()
+    }
+
+
+def joints_of(sites: Sites) -> tuple[str, ...]:
+    """Revolute joints whose clearance and contact may be uncertain: all but the drive."""
+    return tuple(name for name in sites.revolutes if name != sites.drive)
+
 
 _LIMITS: dict[str, dict[str, float]] = {
     "positive": {"gt": 0},
@@ -257,23 +318,29 @@ _LIMITS: dict[str, dict[str, float]] = {
 }
 """Physical limits of nuisances, by their name in `campaign.yaml`."""
 
-NUISANCES: dict[str, str] = {key: unit for key, (unit, _) in _TABLES["nuisances"].items()}
-"""SI unit of every quantity accepted under ``nuisance``; ``''`` for pure numbers."""
+NUISANCE_RULES = [
+    name for names in _TABLES["nuisances"].values() for name in names if "{part}" in name
+]
+"""Names of the nuisances of the parts of a mechanism, with {part} for a body or joint."""
+
+NUISANCES = {key: kind.unit for key, kind in nuisances_of(SLIDER_CRANK).items()}
+"""SI unit of every quantity accepted under ``nuisance`` of a slider-crank; ``''`` for pure
+numbers."""
 
 _AMOUNT_EXAMPLES: dict[str, str] = _TABLES["amount_examples"]
 """Example of a deviation from nominal, by unit."""
 
 
 def _share_or_bounds(
-    key: str, value: Any, nominals: tuple[float, ...]
+    key: str, value: Any, kind: Nuisance, nominals: tuple[float, ...]
 ) -> float | tuple[float, float]:
     """The `value` of a nuisance in a campaign file: a share of its nominal value, or bounds
     [SI]."""
-    unit = NUISANCES[key]
+    unit = kind.unit
     error_text = " is not a range"
     try:
         if isinstance(value, list | tuple) and len(value) == 2:
-            low, high = (_possible(key, bound) for bound in value)
+            low, high = (_possible(kind, bound) for bound in value)
             if low >= high:
                 raise ValueError("is in the wrong order or empty; write the lower bound first")
             return low, high
@@ -288,21 +355,20 @@ def _share_or_bounds(
                 amount = checked(quantity(unit, gt=0), value)
                 if len(set(nominals)) != 1:
                     raise ValueError("requires exactly one nominal value")
-                return _possible(key, nominals[0] - amount), _possible(key, nominals[0] + amount)
+                return _possible(kind, nominals[0] - amount), _possible(kind, nominals[0] + amount)
     except ValueError as error:
         error_text = f": {error}"
     # a percentage of a nominal 0 is not a range
-    instead = [] if key in NEEDED_CHANNELS else ["a percentage such as '5 %'"]
+    instead = [] if kind.needs else ["a percentage such as '5 %'"]
     instead += [f"an amount such as {_AMOUNT_EXAMPLES[unit]}"] if unit in _AMOUNT_EXAMPLES else []
     raise ValueError(
         f"{key} = {value!r}{error_text}; give {' or '.join(instead)} or bounds such as [low, high]"
     )
 
 
-def _possible(key: str, value: Any) -> float:
+def _possible(kind: Nuisance, value: Any) -> float:
     """The `value` [SI] of a nuisance; ValueError outside of its limits."""
-    unit, limits = _TABLES["nuisances"][key]
-    return checked(quantity(unit, **_LIMITS[limits]), value)
+    return checked(quantity(kind.unit, **_LIMITS[kind.limits]), value)
 
 
 def _as_written(value: float | tuple[float, float]) -> str | list[float]:
@@ -310,20 +376,22 @@ def _as_written(value: float | tuple[float, float]) -> str | list[float]:
     return list(value) if isinstance(value, tuple) else f"{Decimal(repr(value)) * 100} %"
 
 
-def _nominal_values(mechanism: Mechanism, key: str) -> tuple[float, ...]:
-    """Values [SI] of the nuisance `key` in a `mechanism`, one or one per pin; () where it has no
+def _nominal_values(mechanism: Mechanism | LinkageFile, kind: Nuisance) -> tuple[float, ...]:
+    """Values [SI] of a nuisance in a `mechanism`, one or one per joint; () where it has no
     effect."""
-    if key in NEEDED_CHANNELS:
+    if kind.needs:
         return (0.0,)
-    part, _, name = key.partition("_")
-    if hasattr(getattr(mechanism, part, None), name):  # such as slider_mass
-        return (getattr(getattr(mechanism, part), name),)
-    pins = [pin for pin in PINS if pin in key] or PINS
-    joints = [mechanism.joint(pin) for pin in pins if pin in mechanism.loose]
-    if key.endswith("clearance"):
-        return tuple(joint.clearance for joint in joints)
-    name = "friction" if "friction" in key else "restitution"
-    values = [getattr(joint.contact, name) for joint in joints]
+    joints = [kind.part] if kind.part else joints_of(mechanism.sites)
+    loose = [mechanism.joint(name) for name in joints if name in mechanism.loose]
+    if kind.what == "clearance":
+        values = [joint.clearance for joint in loose]
+    elif kind.what in SHARED:
+        name = kind.what.removeprefix("joint_")
+        values = [getattr(joint.contact, name) for joint in loose]
+    elif kind.part:
+        values = [getattr(mechanism.body(kind.part), kind.what)]
+    else:  # not of the mechanism
+        values = []
     return tuple(value for value in values if value is not None)
 
 
@@ -386,6 +454,14 @@ _PAIR = {"type": "array", "items": _FILE, "minItems": 2, "maxItems": 2}
 Files = Annotated[
     str | tuple[str, str], BeforeValidator(_one_or_two), WithJsonSchema({"anyOf": [_FILE, _PAIR]})
 ]
+
+
+def _kinds_of(mechanism: Mechanism | LinkageFile) -> dict[str, ChannelKind]:
+    return channel_kinds(mechanism.sites, mechanism.loose)
+
+
+def _all_of(joints: Collection[str]) -> str:
+    return "both pins" if len(joints) == 2 else "all pins"
 
 
 class CampaignRun(ConfigModel, use_attribute_docstrings=True):
@@ -469,6 +545,14 @@ def _day(date: Any) -> Any:
 Day = Annotated[Date, BeforeValidator(_day)]
 
 
+def _mechanism(content: Any) -> Mechanism | LinkageFile:
+    """The mechanism of a campaign: a linkage if it has ``bodies``, else a slider-crank."""
+    if isinstance(content, LinkageFile):
+        return content
+    is_linkage = isinstance(content, dict) and "bodies" in content
+    return (LinkageFile if is_linkage else Mechanism).model_validate(content)
+
+
 class Campaign(ConfigModel, use_attribute_docstrings=True):
     """A rig and its measurements, without the samples."""
 
@@ -476,15 +560,15 @@ class Campaign(ConfigModel, use_attribute_docstrings=True):
     """name of the campaign, and of its folder of results"""
     date: Day | None = None
     """day of the measurement, for trends: 2026-03-01"""
-    mechanism: Mechanism
+    mechanism: Annotated[Mechanism | LinkageFile, BeforeValidator(_mechanism)]
     """the current model of the mechanism"""
-    drive: Literal["constant_speed", "measured_angle", "motor"] = "constant_speed"
-    """of the crank"""
+    drive: Literal["constant_speed", "measured_angle", "motor", "free"] = "constant_speed"
+    """of the crank; free: a coast-down, without torque"""
     motor: MotorDrive | None = None
     """torque-speed line of the motor"""
     runs: tuple[CampaignRun, ...] = Field(min_length=1)
     """the runs, one file each"""
-    channels: dict[Literal[tuple(CHANNELS)], Channel] = Field(min_length=1)
+    channels: dict[str, Channel] = Field(min_length=1)
     """the measured quantities"""
     nuisance: dict[str, float | tuple[float, float]] = Field({})
     """bounds of uncertain quantities"""
@@ -503,8 +587,15 @@ class Campaign(ConfigModel, use_attribute_docstrings=True):
 
     @field_validator("channels")
     @classmethod
-    def _fit_their_columns(cls, channels: dict[str, Channel]) -> dict[str, Channel]:
-        if wrong := list(_errors_of_channels(channels)):
+    def _fit_their_columns(
+        cls, channels: dict[str, Channel], info: ValidationInfo
+    ) -> dict[str, Channel]:
+        if (mechanism := info.data.get("mechanism")) is None:  # invalid itself
+            return channels
+        kinds = _kinds_of(mechanism)
+        # raises with the place of each key
+        TypeAdapter(dict[Literal[tuple(kinds)], Any]).validate_python(channels)
+        if wrong := list(_errors_of_channels(channels, kinds)):
             raise ValueError("; ".join(wrong))
         return channels
 
@@ -513,31 +604,41 @@ class Campaign(ConfigModel, use_attribute_docstrings=True):
     def _are_shares_or_bounds(cls, nuisance: Any, info: ValidationInfo) -> Any:
         if not isinstance(nuisance, dict):
             raise ValueError("must map quantities to bounds, e.g. 'slider_mass: 5 %'")
+        mechanism = info.data.get("mechanism")
+        if mechanism is None:  # invalid itself
+            return {}
+        kinds = nuisances_of(mechanism.sites, mechanism.loose)
         for key in nuisance:
-            if key not in NUISANCES:
-                raise ValueError(f"unknown key 'nuisance.{key}'; {did_you_mean(key, NUISANCES)}")
+            if key not in kinds:
+                raise ValueError(f"unknown key 'nuisance.{key}'; {did_you_mean(key, kinds)}")
             shared = next((shared for shared in SHARED if key.startswith(f"{shared}_")), None)
             if shared in nuisance:
-                raise ValueError(f"{shared} (both pins) and {key} are listed; give one of them")
-        mechanism = info.data.get("mechanism")  # None where it is invalid itself
-        if mechanism is None:
-            return {}
+                all_of_them = _all_of(joints_of(mechanism.sites))
+                raise ValueError(f"{shared} ({all_of_them}) and {key} are listed; give one of them")
         runs = info.data.get("runs", ())
         channels = info.data.get("channels", {})
         loads = (*mechanism.effects, *(effect for run in runs for effect in run.effects))
         nominals = {
             key: _pressure_sensor(key, loads, channels)
             if key in PRESSURE_SENSOR
-            else _nominal_values(mechanism, key)
+            else _nominal_values(mechanism, kinds[key])
             for key in nuisance
         }
-        return {key: _share_or_bounds(key, value, nominals[key]) for key, value in nuisance.items()}
+        return {
+            key: _share_or_bounds(key, value, kinds[key], nominals[key])
+            for key, value in nuisance.items()
+        }
 
     @field_validator("candidates")
     @classmethod
-    def _have_free_names(cls, candidates: dict[str, OwnLaw]) -> dict[str, OwnLaw]:
+    def _have_free_names(
+        cls, candidates: dict[str, OwnLaw], info: ValidationInfo
+    ) -> dict[str, OwnLaw]:
+        taken = {*EFFECTS}
+        if mechanism := info.data.get("mechanism"):
+            taken |= {*nuisances_of(mechanism.sites, mechanism.loose), *_kinds_of(mechanism)}
         for name in candidates:
-            if name in {*EFFECTS, *NUISANCES, *CHANNELS} or name.startswith(_OF_OTHERS):
+            if name in taken or name.startswith(_OF_OTHERS):
                 raise ValueError(
                     f"{name} is, or begins like, the name of another effect or quantity; rename it"
                 )
@@ -593,7 +694,11 @@ class Campaign(ConfigModel, use_attribute_docstrings=True):
             yield f"motor is given, but drive is {self.drive}; set 'drive: motor' or remove it"
         if not has & {"time", "crank_angle"}:
             yield "channels: neither time nor crank_angle is given; add one of them"
-        required = {"measured_angle": {"time", "crank_angle"}, "motor": {"time"}}
+        required = {
+            "measured_angle": {"time", "crank_angle"},
+            "motor": {"time"},
+            "free": {"time"},
+        }
         if missing := sorted(required.get(self.drive, set()) - has):
             yield (
                 f"channels: drive {self.drive} requires the channel {' and '.join(missing)}; add it"
@@ -613,6 +718,18 @@ class Campaign(ConfigModel, use_attribute_docstrings=True):
                 yield (
                     f"runs: '{run.id}' has a start angle, but none was measured; give start:"
                     " settled or dead_centre"
+                )
+            if self.drive == "free" and "crank_angle" not in has:
+                if "crank_speed" not in has or run.first_angle is None:
+                    yield (
+                        f"runs: '{run.id}': drive free requires the channel crank_angle, or"
+                        " crank_speed and first_angle of runs, for the motion at the first sample;"
+                        " add it"
+                    )
+            if self.drive == "free" and isinstance(run.start, Start):
+                yield (
+                    f"runs: '{run.id}' has a start before the first sample, but with drive free"
+                    " the motion starts at it; remove start"
                 )
             if len(run.files) > 1 and "time" not in has:
                 yield (
@@ -634,13 +751,14 @@ class Campaign(ConfigModel, use_attribute_docstrings=True):
                 " them the same"
             )
         if key in SHARED and len(set(nominals)) > 1:
-            values = " and ".join(
-                f"{value:g} in {pin}" for value, pin in zip(nominals, PINS, strict=True)
+            pins = [pin for pin in joints_of(self.mechanism.sites) if self.nominals(f"{key}_{pin}")]
+            values = joined(
+                f"{value:g} in {pin}" for value, pin in zip(nominals, pins, strict=True)
             )
-            keys = " and ".join(f"{key}_{pin}" for pin in PINS)
+            keys = joined(f"{key}_{pin}" for pin in pins)
             yield (
-                f"nuisance: {key} requires equal values in both pins, but they are {values}; list"
-                f" {keys}"
+                f"nuisance: {key} requires equal values in {_all_of(pins)}, but they are {values};"
+                f" list {keys}"
             )
         for nominal in nominals:
             low, high = self.bounds(key, nominal)
@@ -654,7 +772,7 @@ class Campaign(ConfigModel, use_attribute_docstrings=True):
                 )
             for bound in (low, high):
                 try:
-                    _possible(key, bound)
+                    _possible(self.nuisance_kinds[key], bound)
                 except ValueError as error:
                     yield (
                         f"{where}, and {bound:g} at {_as_written(self.nuisance[key])} {error};"
@@ -670,11 +788,11 @@ class Campaign(ConfigModel, use_attribute_docstrings=True):
             return () if self.motor is None else (getattr(self.motor, key),)
         if key in PRESSURE_SENSOR:
             return _pressure_sensor(key, (*self.mechanism.effects, *self._run_loads), self.channels)
-        bounds = self.nuisance.get(key)
-        if key in NEEDED_CHANNELS and isinstance(bounds, tuple):
+        bounds, kind = self.nuisance.get(key), self.nuisance_kinds[key]
+        if kind.needs and isinstance(bounds, tuple):
             if not bounds[0] <= 0.0 <= bounds[1]:  # an encoder mounted the other way round
                 return (0.5 * (bounds[0] + bounds[1]),)
-        return _nominal_values(self.mechanism, key)
+        return _nominal_values(self.mechanism, kind)
 
     @property
     def _run_loads(self) -> tuple[AnyEffect, ...]:
@@ -687,9 +805,24 @@ class Campaign(ConfigModel, use_attribute_docstrings=True):
             return bounds
         return nominal * (1 - bounds), nominal * (1 + bounds)
 
+    @cached_property
+    def channel_kinds(self) -> dict[str, ChannelKind]:
+        """The channels that its mechanism may have."""
+        return _kinds_of(self.mechanism)
+
+    @cached_property
+    def nuisance_kinds(self) -> dict[str, Nuisance]:
+        """The quantities of its mechanism and sensors that may be uncertain."""
+        return nuisances_of(self.mechanism.sites, self.mechanism.loose)
+
+    def unit(self, channel: str) -> str:
+        """SI unit of a channel."""
+        return self.channel_kinds[channel].unit
+
     def factor(self, channel: str) -> float:
         """SI value of one unit of the channel's column, without its sign."""
-        return channel_factor(channel, self.channels[channel].unit, self.channels[channel].scale)
+        given = self.channels[channel]
+        return channel_factor(channel, self.unit(channel), given.unit, given.scale)
 
     def shown_unit(self, channel: str) -> tuple[str, float]:
         """Display unit of a channel, and its SI value: the column's unit, except for counts and
@@ -698,8 +831,9 @@ class Campaign(ConfigModel, use_attribute_docstrings=True):
         unit = self.channels[channel].unit
         if scale is None and split_share(unit)[1] == 1.0:
             return unit, self.factor(channel)
-        unit = {"rad": "deg"}.get(CHANNELS[channel], CHANNELS[channel])
-        return unit, channel_factor(channel, unit)
+        base = self.unit(channel)
+        unit = {"rad": "deg"}.get(base, base)
+        return unit, channel_factor(channel, base, unit)
 
     @property
     def data_files(self) -> tuple[Path, ...]:
@@ -714,11 +848,10 @@ class Campaign(ConfigModel, use_attribute_docstrings=True):
         def is_idle(key: str) -> bool:
             if key == "speed":
                 return recorded
-            if key == "crank_inertia" and self.drive == "constant_speed":
+            if key == f"{self.mechanism.sites.crank}_inertia" and self.drive == "constant_speed":
                 return self.mechanism.effect("speed_fluctuation") is None
-            return not (
-                self.nominals(key) and self.channels.keys() >= set(NEEDED_CHANNELS.get(key, ()))
-            )
+            needed = self.nuisance_kinds[key].needs
+            return not (self.nominals(key) and self.channels.keys() >= {*needed})
 
         return tuple(key for key in self.nuisance if is_idle(key))
 
@@ -726,9 +859,11 @@ class Campaign(ConfigModel, use_attribute_docstrings=True):
     def run_nuisances(self) -> tuple[str, ...]:
         """Nuisances with one value per run: with pressures of the single runs also the zero of
         their sensor."""
+        zeros = [key for key in self.nuisance_kinds if key.endswith(POSITION_ZERO)]
+        of_runs = ("speed", "encoder_zero", *zeros, *MOTOR_LINE)
         if _pressure_sensor(PRESSURE_ZERO, self._run_loads, self.channels):
-            return (*RUN_NUISANCES, PRESSURE_ZERO)
-        return RUN_NUISANCES
+            return (*of_runs, PRESSURE_ZERO)
+        return of_runs
 
     @property
     def own_loads(self) -> tuple[str, ...]:

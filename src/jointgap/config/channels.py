@@ -1,9 +1,14 @@
-"""The quantities that a rig can measure: one record a channel in `channels.yaml`."""
+"""The quantities that a rig can measure: by rule from the bodies and slides of its mechanism, one
+record a quantity in `channels.yaml`."""
 
+import re
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
+
+from jointgap.core.sites import SLIDER_CRANK, Sites
 
 
 @dataclass(frozen=True)
@@ -16,23 +21,47 @@ class ChannelKind:
     speed_power: int | None = None  # To which it scales in the ideal motion; 0: a position
     mirrored: bool = False  # Whether the mirror image of the mechanism changes its sign
     force: bool = False  # Whether loads and friction change it
-    # Share of gravity along an accelerometer: cos or sin of the angle of `gravity_direction`
-    gravity: str = ""
+    axis: str = ""  # Of an accelerometer: x, y, or slide, along that of its body
     piston_side: str = ""  # On which a pressure acts; a pressure is a load and not compared
+    part: str = ""  # The body or slide that it is of; empty for the crank and the frame
 
 
 _KINDS = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))
-CHANNEL_KINDS = {name: ChannelKind(**keys) for name, keys in _KINDS.items()}
-"""Every channel, in the order of files and figures."""
+_SYNONYMS = _KINDS.pop("synonyms")
 
-CHANNELS = {name: kind.unit for name, kind in CHANNEL_KINDS.items()}
-"""SI unit of each channel."""
 
-PRESSURES = {name: kind.piston_side for name, kind in CHANNEL_KINDS.items() if kind.piston_side}
+def channel_kinds(sites: Sites, loose: Collection[str] = ()) -> dict[str, ChannelKind]:
+    """Every channel of a mechanism with the `sites`, in the order of files and figures; a body on a
+    `loose` slide can turn."""
+    moving = [body for body in sites.bodies if body != sites.crank]
+    sliding = [body for body in moving if body in sites.slides and sites.slides[body] not in loose]
+    parts = {
+        "crank": [""],
+        "sliding": sliding,
+        "turning": [body for body in moving if body not in sliding],
+        "drive": [""],
+        "slides": sites.slides.values(),
+        "frame": [""],
+        "slider_crank": [""] if sites is SLIDER_CRANK else [],
+    }
+    return dict(kind for group, names in parts.items() for kind in _kinds(group, names))
+
+
+def _kinds(group: str, parts: Iterable[str]) -> Iterator[tuple[str, ChannelKind]]:
+    """The channels of a group of `channels.yaml` of each of its `parts`."""
+    for part in parts:
+        words = " ".join(re.findall(r"[^\W\d_]+", part.lower()))
+        words = f"{words} {_SYNONYMS.get(part, '')}".strip()
+        for name, keys in _KINDS[group].items():
+            texts = {key: text.format(part=words) for key, text in keys.items() if "words" in key}
+            yield name.format(part=part), ChannelKind(**keys | texts, part=part)
+
+
+CHANNEL_RULES = [name for kinds in _KINDS.values() for name in kinds if "{part}" in name]
+"""Names of the channels of the parts of a mechanism, with {part} for a body or slide."""
+
+CHANNELS = {name: kind.unit for name, kind in channel_kinds(SLIDER_CRANK).items()}
+"""SI unit of each channel of a slider-crank."""
+
+PRESSURES = {name: side["piston_side"] for name, side in _KINDS["slider_crank"].items()}
 """Channels of known loads on the slider, and the side of the slider on which they act."""
-
-MIRRORED = tuple(name for name, kind in CHANNEL_KINDS.items() if kind.mirrored)
-"""Channels that change their sign in the mirror image of the mechanism."""
-
-FORCES = tuple(name for name, kind in CHANNEL_KINDS.items() if kind.force)
-"""Channels that loads and friction change; the others are geometric."""

@@ -14,16 +14,7 @@ from pydantic import (
     field_validator,
 )
 
-from jointgap.config.mechanism import (
-    Contact,
-    Joint,
-    angle_of,
-    effect_of,
-    errors_of_effects,
-    gravity_of,
-    with_contacts,
-    with_data_effects,
-)
+from jointgap.config.mechanism import Contact, Joint, OfAnyKind, angle_of, with_contacts
 from jointgap.core.errors import did_you_mean
 from jointgap.core.section import ConfigModel, Word, checked, complaints
 from jointgap.core.sites import FRAME, Sites
@@ -78,6 +69,30 @@ class BodyPart(ConfigModel):
     def names(self) -> tuple[str, ...]:
         """Names of its points."""
         return self.ends or tuple(self.points)
+
+    @property
+    def places(self) -> dict[str, Point]:
+        """Its points by name, of a link its ends."""
+        ends = ((0.0, 0.0), (self.length, 0.0))
+        return self.points or dict(zip(self.ends, ends, strict=True))
+
+    @property
+    def reach(self) -> float:
+        """Largest distance [m] of two of its points."""
+        places = [*self.places.values()]
+        return max(math.dist(one, other) for one in places for other in places)
+
+    def mass_centre_from(self, point: str) -> tuple[float, float]:
+        """Vector [m] from one of its points to its mass centre."""
+        centre, (x, y) = self.mass_centre, self.places[point]
+        along, across = centre if isinstance(centre, tuple) else (centre, 0.0)
+        return along - x, across - y
+
+    def with_length(self, length: float) -> "BodyPart":
+        """The link with another length [m]; its mass centre is scaled along it."""
+        centre, ratio = self.mass_centre, length / self.length
+        along = (centre[0] * ratio, centre[1]) if isinstance(centre, tuple) else centre * ratio
+        return self.model_copy(update={"length": length, "mass_centre": along})
 
 
 class Slide(ConfigModel):
@@ -161,7 +176,7 @@ _EFFECTS = {
 }
 
 
-class LinkageFile(ConfigModel):
+class LinkageFile(OfAnyKind):
     """A planar linkage of one degree of freedom, without its drive.
 
     A point name that two bodies share is a revolute joint, ideal unless `joints` has its bearing.
@@ -265,7 +280,7 @@ class LinkageFile(ConfigModel):
                 yield f"{what} and {owner[column]} would both have the column {column}; rename one"
                 return
             owner[column] = what
-        yield from errors_of_effects(self)
+        yield from self.errors_of_effects()
 
     def _columns(self) -> Iterator[tuple[str, str]]:
         """Columns of a simulation that may exist, and what they are of."""
@@ -312,25 +327,6 @@ class LinkageFile(ConfigModel):
         bodies = {name: body.names for name, body in self.bodies.items()}
         return {FRAME: tuple(self.frame.points)} | bodies
 
-    def effect(self, name: str, site: str | None = None) -> Any:
-        """Parameters of the effect `name`, at `site` if it has several; None if it is not
-        listed."""
-        return effect_of(self, name, site)
-
-    @property
-    def gravity(self) -> np.ndarray:
-        """Gravitational acceleration, shape (2,) [m/s^2]; zero unless the effect is listed."""
-        return gravity_of(self)
-
-    def applied(self) -> "LinkageFile":
-        """The linkage with its parameters modified by the effects that only change data;
-        `effects` keeps the others."""
-        return with_data_effects(self)
-
-    def body(self, name: str) -> BodyPart:
-        """The data of a body."""
-        return self.bodies[name]
-
     @property
     def sites(self) -> Sites:
         """Its bodies and joints."""
@@ -363,14 +359,43 @@ class LinkageFile(ConfigModel):
         return {name: joint for name, joint in self.joints.items() if isinstance(joint, Slide)}
 
     @property
-    def loose(self) -> dict[str, Pin | Slide]:
+    def loose(self) -> tuple[str, ...]:
+        """Names of the loose joints."""
+        return tuple(self.loose_joints)
+
+    @property
+    def loose_joints(self) -> dict[str, Pin | Slide]:
         """The loose joints by name."""
         return {name: joint for name, joint in self.joints.items() if joint.loose}
 
     @property
     def loose_pins(self) -> dict[str, Pin]:
         """The loose revolute joints by name."""
-        return {name: joint for name, joint in self.loose.items() if isinstance(joint, Pin)}
+        return {name: joint for name, joint in self.loose_joints.items() if isinstance(joint, Pin)}
+
+    def body(self, name: str) -> BodyPart:
+        """The data of the body `name`."""
+        return self.bodies[name]
+
+    def joint(self, name: str) -> Pin | Slide | None:
+        """The data of the joint `name`; None for an ideal one without data."""
+        return self.joints.get(name)
+
+    def slide_direction(self, name: str) -> float:
+        """Direction [rad] of the slide `name`, in its carrier's axes."""
+        return self.slides[name].direction or 0.0
+
+    def check_contacts(self, speed: float) -> None:
+        """InputError where a loose joint's contact is too soft for its loads at a crank speed of
+        `speed` [rad/s]: about the inertia of all bodies with the acceleration of the crank's end,
+        and weight."""
+        crank = self.bodies.get(self.sites.crank)
+        if crank is None:  # its own error
+            return
+        mass = sum(body.mass for body in self.bodies.values())
+        load = mass * (crank.reach * speed**2 + float(np.hypot(*self.gravity)))
+        for name in self.loose_pins:
+            self._check_contact(name, load, speed)
 
     @property
     def shared_by_two(self) -> dict[str, tuple[str, str]]:

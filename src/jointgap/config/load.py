@@ -1,12 +1,13 @@
 """Reads configurations and campaign files, and writes their JSON schemas."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 from pydantic import BaseModel, Field, ValidationError
 
-from jointgap.config.campaign import NUISANCES, Campaign
+from jointgap.config.campaign import NUISANCE_RULES, NUISANCES, Campaign
+from jointgap.config.channels import CHANNEL_RULES, CHANNELS
 from jointgap.config.linkage_file import LinkageFile
 from jointgap.config.mechanism import Mechanism
 from jointgap.config.scenario import Scenario
@@ -243,11 +244,18 @@ def campaign_json_schema() -> dict[str, Any]:
         "type": "string",
         "description": "percentage of nominal, or amount, in both directions",
     }
+    schema["properties"]["channels"]["propertyNames"] = _names(CHANNELS, CHANNEL_RULES)
     schema["properties"]["nuisance"] |= {
-        "propertyNames": {"enum": list(NUISANCES)},
+        "propertyNames": _names(NUISANCES, NUISANCE_RULES),
         "additionalProperties": {"anyOf": [share, bounds]},
     }
     return schema | {"title": "jointgap campaign"}
+
+
+def _names(known: Iterable[str], rules: Iterable[str]) -> dict[str, Any]:
+    """The names of a slider-crank, and those of other linkages by rules with {part}."""
+    of_parts = (rule.replace("{part}", ".+") for rule in rules)
+    return {"anyOf": [{"enum": [*known]}, {"pattern": f"^({'|'.join(of_parts)})$"}]}
 
 
 def _schema(model: type[ConfigModel]) -> dict[str, Any]:

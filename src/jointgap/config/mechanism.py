@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import (
@@ -349,7 +349,84 @@ def with_contacts(joints: Any, contacts: dict[str, Contact] | None) -> Any:
     return joints
 
 
-class Mechanism(ConfigModel):
+class OfAnyKind(ConfigModel):
+    """What a slider-crank and another linkage have in common."""
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Files of its effects."""
+        return tuple(
+            effect.parameters.file for effect in self.effects if hasattr(effect.parameters, "file")
+        )
+
+    def clearance(self, name: str) -> float:
+        """Radial clearance [m] of the joint `name` (equation 1), of a slide half its play; 0 where
+        it is ideal."""
+        joint = self.joint(name)
+        return joint.clearance if joint and joint.loose else 0.0
+
+    def effect(self, name: str, site: str | None = None) -> Any:
+        """Parameters of the effect `name`, at `site` if it has several; None if it is not
+        listed."""
+        for effect in self.effects:
+            if effect.name == name and site in (None, effect.place):
+                return effect.parameters
+        return None
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """Gravitational acceleration, shape (2,) [m/s^2]; zero unless the effect is listed."""
+        gravity, direction = self.effect("gravity"), self.gravity_direction
+        size = gravity.acceleration_m_s2 if gravity else 0.0
+        return size * np.array([math.cos(direction), math.sin(direction)])
+
+    def applied(self) -> Self:
+        """The mechanism with its parameters modified by the effects that only change data;
+        `effects` keeps the others.
+
+        InputError where the modified data are invalid.
+        """
+        of_data = [effect for effect in self.effects if effect.changes_data(self)]
+        if not of_data:
+            return self
+        data = self.model_dump()
+        data["effects"] = [effect.model_dump() for effect in self.effects if effect not in of_data]
+        for effect in of_data:
+            effect.apply(data)
+        try:
+            return type(self).model_validate(data)
+        except ValidationError as error:
+            names = ", ".join(effect.name for effect in of_data)
+            raise InputError(
+                f"with the effects {names}: {'; '.join(complaints(error, data))}"
+            ) from error
+
+    def errors_of_effects(self) -> Iterator[str]:
+        """Errors of effects that are listed twice, and of those that cannot act here."""
+        sites = [(effect.name, effect.place) for effect in self.effects if not effect.SEVERAL]
+        for name, site in sites:
+            if sites.count((name, site)) > 1:
+                yield (
+                    f"effects: {name} at {site} is listed more than once; combine its parameters"
+                    " in one entry"
+                )
+        if any(effect.changes_data(self) for effect in self.effects):
+            self.applied()  # raises for invalid data
+            return
+        for effect in self.effects:
+            effect.check(self)
+
+    def _check_contact(self, name: str, load: float, speed: float) -> None:
+        """InputError where the contact of a joint is too soft for a `load` [N], at a crank speed of
+        `speed` [rad/s]."""
+        if reason := self.joint(name).too_soft_for(load):
+            raise InputError(
+                f"mechanism.joints.{name}: {reason} (load: inertia at"
+                f" {speed * 30 / math.pi:.4g} rpm, weight and effects)"
+            )
+
+
+class Mechanism(OfAnyKind):
     """A slider-crank, without its drive."""
 
     crank: Link
@@ -407,23 +484,20 @@ class Mechanism(ConfigModel):
                 " crank cannot turn; lengthen the rod, shorten the crank, or check the units of"
                 " the lengths and radii"
             )
-        yield from errors_of_effects(self)
+        yield from self.errors_of_effects()
 
     @property
     def sites(self) -> Sites:
         """Its bodies and joints."""
         return SLIDER_CRANK
 
-    @property
-    def files(self) -> tuple[str, ...]:
-        """Files of its effects."""
-        return tuple(
-            effect.parameters.file for effect in self.effects if hasattr(effect.parameters, "file")
-        )
-
-    def body(self, name: str) -> Any:
-        """The data of a body."""
+    def body(self, name: str) -> Link | Slider:
+        """The data of the body `name`."""
         return getattr(self, name)
+
+    def slide_direction(self, name: str) -> float:
+        """Direction [rad] of the slide `name`, from +x."""
+        return 0.0
 
     def joint(self, name: str) -> Joint | None:
         """The data of the joint `name`; None for ``ideal`` without data."""
@@ -434,21 +508,6 @@ class Mechanism(ConfigModel):
     def loose(self) -> tuple[str, ...]:
         """Names of the loose joints, from the frame to the slider."""
         return tuple(name for name in FROM_FRAME if (joint := self.joint(name)) and joint.loose)
-
-    def clearance(self, name: str) -> float:
-        """Radial clearance [m] of the joint `name` (equation 1); 0 where it is ideal."""
-        joint = self.joint(name)
-        return joint.clearance if joint and joint.loose else 0.0
-
-    def effect(self, name: str, site: str | None = None) -> Any:
-        """Parameters of the effect `name`, at `site` if it has several; None if it is not
-        listed."""
-        return effect_of(self, name, site)
-
-    @property
-    def gravity(self) -> np.ndarray:
-        """Gravitational acceleration, shape (2,) [m/s^2]; zero unless the effect is listed."""
-        return gravity_of(self)
 
     def mirrored(self) -> "Mechanism":
         """The mirror image in y = 0, in which a clockwise crank turns counter-clockwise."""
@@ -476,72 +535,9 @@ class Mechanism(ConfigModel):
         masses["crank_pivot"] = crank.mass + masses["crank_pin"]
         force = sum(effect.largest_force(2 * crank.length) for effect in self.effects)
         for name in self.loose:
-            if reason := self.joint(name).too_soft_for(masses[name] * acceleration + force):
-                raise InputError(
-                    f"mechanism.joints.{name}: {reason} (load: inertia at"
-                    f" {speed * 30 / math.pi:.4g} rpm, weight and effects)"
-                )
-
-    def applied(self) -> "Mechanism":
-        """The mechanism with its parameters modified by the effects that only change data;
-        `effects` keeps the others.
-
-        InputError where the modified data are invalid.
-        """
-        return with_data_effects(self)
+            self._check_contact(name, masses[name] * acceleration + force, speed)
 
     def with_lengths(self, crank_length: float, rod_length: float) -> "Mechanism":
         """The mechanism with other lengths [m]; mass centres are scaled, all else is unchanged."""
         crank, rod = self.crank.with_length(crank_length), self.rod.with_length(rod_length)
         return self.model_copy(update={"crank": crank, "rod": rod})
-
-
-def errors_of_effects(mechanism: Any) -> Iterator[str]:
-    """Errors of effects that are listed twice, and of those that cannot act in a mechanism."""
-    sites = [(effect.name, effect.place) for effect in mechanism.effects if not effect.SEVERAL]
-    for name, site in sites:
-        if sites.count((name, site)) > 1:
-            yield (
-                f"effects: {name} at {site} is listed more than once; combine its parameters in one"
-                " entry"
-            )
-    if any(effect.changes_data(mechanism) for effect in mechanism.effects):
-        mechanism.applied()  # raises for invalid data
-        return
-    for effect in mechanism.effects:
-        effect.check(mechanism)
-
-
-def with_data_effects(mechanism: Any) -> Any:
-    """A mechanism with its parameters modified by the effects that only change data; InputError
-    where the modified data are invalid."""
-    of_data = [effect for effect in mechanism.effects if effect.changes_data(mechanism)]
-    if not of_data:
-        return mechanism
-    data = mechanism.model_dump()
-    data["effects"] = [effect.model_dump() for effect in mechanism.effects if effect not in of_data]
-    for effect in of_data:
-        effect.apply(data)
-    try:
-        return type(mechanism).model_validate(data)
-    except ValidationError as error:
-        names = ", ".join(effect.name for effect in of_data)
-        raise InputError(
-            f"with the effects {names}: {'; '.join(complaints(error, data))}"
-        ) from error
-
-
-def effect_of(mechanism: Any, name: str, site: str | None = None) -> Any:
-    """Parameters of the effect `name` of a mechanism, at `site` if it has several; None if it is
-    not listed."""
-    for effect in mechanism.effects:
-        if effect.name == name and site in (None, effect.place):
-            return effect.parameters
-    return None
-
-
-def gravity_of(mechanism: Any) -> np.ndarray:
-    """Gravitational acceleration, shape (2,) [m/s^2]; zero unless the effect is listed."""
-    gravity, direction = effect_of(mechanism, "gravity"), mechanism.gravity_direction
-    size = gravity.acceleration_m_s2 if gravity else 0.0
-    return size * np.array([math.cos(direction), math.sin(direction)])

@@ -72,7 +72,9 @@ class MotionScale:
     guide : float
         Guide force [N].
     middle : float
-        Position at mid-stroke [m].
+        Position at mid-stroke [m]; of a body on a pivot the mean of its extreme angles [rad].
+    swing : float
+        Half the difference of the extreme angles of a body on a pivot [rad].
     """
 
     stroke: float
@@ -81,6 +83,7 @@ class MotionScale:
     force: float
     guide: float
     middle: float
+    swing: float = 0.0
 
     @classmethod
     def of(cls, mechanism: Any, turning: float) -> "MotionScale":

@@ -5,7 +5,7 @@ import math
 import re
 from collections.abc import Collection, Iterator, Mapping
 from itertools import combinations
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from pydantic import (
     BeforeValidator,
@@ -16,16 +16,21 @@ from pydantic import (
 )
 
 from jointgap.core.formula import _parsed, compile_formula
-from jointgap.core.section import ConfigModel
+from jointgap.core.section import ConfigModel, Word
+from jointgap.core.sites import Sites
 from jointgap.core.units import Dimension, coherent, dimension_of, format_dimension, split_quantity
 from jointgap.core.words import joined
 
-FORMULA_EFFECTS = {"slider": "discovered_slider_force", "crank": "discovered_crank_torque"}
-"""The effect of a mechanism file that has a formula, by site."""
+
+def formula_effect(sites: Sites, body: str) -> str:
+    """The effect of a mechanism file that has a formula, at a body."""
+    return f"discovered_{body}_{'force' if body in sites.slides else 'torque'}"
+
 
 _MOST_PARAMETERS, _MOST_SHAPES = 6, 2
-_KEYS = {"slider": ("force", "N"), "crank": ("torque", "N*m")}
+_UNITS = {"force": "N", "torque": "N*m"}
 _VARIABLES = {"v": "m/s", "x": "m", "w": "1/s", "theta": "", "pi": ""}
+_AT_A_PIVOT = {"v": "1/s", "x": ""}  # Of a body apart from the crank
 _RANGE = re.compile(r"\s*(.+?)\s+to\s+(.+?)\s*", re.DOTALL)
 
 
@@ -85,12 +90,17 @@ class OwnLaw(ConfigModel):
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, Range]
 
-    site: Literal["slider", "crank"] = Field(description="body on which it acts")
+    site: Word = Field(description="body on which it acts, on a slide or a pivot of the frame")
     force: str | None = Field(
         None,
-        description="site slider: force along +x [N], of v, x (slider), w, theta (crank): -c*v^3",
+        description=(
+            "of a body on a slide: force along it [N], of its v and x, and w, theta of the crank:"
+            " -c*v^3"
+        ),
     )
-    torque: str | None = Field(None, description="site crank: counter-clockwise torque [N m]: -m*w")
+    torque: str | None = Field(
+        None, description="of the crank, or a body on a pivot: counter-clockwise [N m]: -m*w"
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -98,9 +108,14 @@ class OwnLaw(ConfigModel):
         return data  # unlike those of other sections, further keys are parameters
 
     @property
+    def key(self) -> str:
+        """``force`` or ``torque``."""
+        return "force" if self.torque is None else "torque"
+
+    @property
     def formula(self) -> str:
         """Force [N] or torque [N m]."""
-        return getattr(self, _KEYS[self.site][0]) or ""
+        return getattr(self, self.key) or ""
 
     @property
     def spans(self) -> dict[str, Span]:
@@ -114,12 +129,12 @@ class OwnLaw(ConfigModel):
         return _amplitudes(self.formula, self.spans)[0]
 
     def errors(self) -> Iterator[str]:
-        key, unit = _KEYS[self.site]
-        other = "torque" if key == "force" else "force"
-        if getattr(self, other) is not None or not self.formula:
+        key = self.key
+        unit = _UNITS[key]
+        if (self.force is None) == (self.torque is None) or not self.formula:
             yield (
-                f"site {self.site} requires the key {key} [{unit}], and not {other}, such as {key}:"
-                " '-c*v'"
+                "requires either the key force [N], of a body on a slide, or torque [N m], such as"
+                " force: '-c*v'"
             )
         spans = self.spans
         if not 0 < len(spans) <= _MOST_PARAMETERS:
@@ -159,7 +174,10 @@ class OwnLaw(ConfigModel):
                     " is absent"
                 )
         dimensions = {name: span.dimension for name, span in spans.items()}
-        dimensions |= {name: dimension_of(unit) for name, unit in _VARIABLES.items()}
+        variables = _VARIABLES
+        if key == "torque" and self.site != "crank":
+            variables = _VARIABLES | _AT_A_PIVOT
+        dimensions |= {name: dimension_of(unit) for name, unit in variables.items()}
         dimension, required = _dimension(_parsed(self.formula), dimensions), dimension_of(unit)
         if dimension is not None and dimension != required:
             name = sets[0][0]

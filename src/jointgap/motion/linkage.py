@@ -37,8 +37,9 @@ from jointgap.motion.simulation import (
 )
 
 
-def linkage_model(file: LinkageFile, options: Simulate) -> Model:
-    """The model of a linkage file under a drive.
+def linkage_model(file: LinkageFile, options: Simulate, drawn_at: float | None = None) -> Model:
+    """The model of a linkage file under a drive; the stated angles of its bodies are those at the
+    crank angle `drawn_at` [rad], by default at the start.
 
     Raises
     ------
@@ -48,8 +49,8 @@ def linkage_model(file: LinkageFile, options: Simulate) -> Model:
     """
     file = file.applied()
     linkage = linkage_of_file(file)
-    signs = signs_of(linkage, options.start_angle)
-    clearances = {name: joint.clearance for name, joint in file.loose.items()}
+    signs = signs_of(linkage, options.start_angle if drawn_at is None else drawn_at)
+    clearances = {name: joint.clearance for name, joint in file.loose_joints.items()}
     check_turning(linkage, signs, _play(file, linkage))
     check_drive(file, options)
     check_clearance_tolerance(clearances, options)
@@ -99,8 +100,8 @@ def linkage_remarks(file: LinkageFile, options: Simulate) -> tuple[str, ...]:
 
 def _play(file: LinkageFile, linkage: Linkage) -> float:
     """Distance [m] by which all clearances together may shift a joint; a slide also by its tilt."""
-    play = sum(joint.clearance for joint in file.loose.values())
-    for slide in file.loose.values():
+    play = sum(joint.clearance for joint in file.loose_joints.values())
+    for slide in file.loose_joints.values():
         if isinstance(slide, Slide):
             points = linkage.bodies[slide.slide[1]].points.values()
             arm = max(math.hypot(*map(number, point)) for point in points)
@@ -110,7 +111,7 @@ def _play(file: LinkageFile, linkage: Linkage) -> float:
 
 def _check_walls(file: LinkageFile, columns: Columns) -> None:
     """SimulationError where a corner is deeper in a wall than its clearance."""
-    for name, slide in file.loose.items():
+    for name, slide in file.loose_joints.items():
         if not isinstance(slide, Slide):
             continue
         reach = np.abs(columns[f"{name}_offset"]) + 0.5 * slide.length * np.abs(

@@ -9,7 +9,12 @@ from jointgap.config.campaign import Campaign
 from jointgap.core.outliers import off_the_line
 
 MIN_SAMPLES = 12  # Of a run and of each channel
-SPEED_RATIOS = {"constant_speed": (0.5, 1.5), "measured_angle": (0.5, 1.5), "motor": (0.2, 5.0)}
+SPEED_RATIOS = {
+    "constant_speed": (0.5, 1.5),
+    "measured_angle": (0.5, 1.5),
+    "motor": (0.2, 5.0),
+    "free": (0.2, 5.0),
+}
 """Plausible range of mean speed over nominal speed [1], by drive."""
 # [1] Of the stated speed, over the mean one; measured speeds scatter by less
 REPORTED_SPEED_ERROR = 0.03

@@ -13,10 +13,10 @@ from math import degrees, log, pi, sqrt, tau
 import numpy as np
 
 from jointgap.config.campaign import FILTER_ORDER, UNITS, Campaign, CampaignRun, Channel
-from jointgap.config.channels import CHANNEL_KINDS, CHANNELS, FORCES
+from jointgap.config.channels import ChannelKind
 from jointgap.core.units import counts_near, split_share, unit_factor
 from jointgap.core.words import joined, number
-from jointgap.motion.kinematics import ideal_orders
+from jointgap.motion.ideal import ideal_orders
 from jointgap.rig.recording import Contradiction, Recording
 from jointgap.rig.sampling import aperiodic_share, speed_from_periodicity
 
@@ -38,6 +38,7 @@ _REFERENCE = "the value computed from the crank motion"
 class Orders:
     """Low crank orders of a channel in one run: channel [SI] = Re sum C_k exp(i k angle)."""
 
+    kind: ChannelKind
     measured: np.ndarray
     expected: np.ndarray
     error: float  # [SI] Standard error of the measured orders' norm
@@ -185,9 +186,9 @@ def _timed(
     if campaign.drive != "constant_speed" or abs(ratio) < log(1.1):
         return angle, speed, []
     orders = _orders(campaign, recording, angle, speed)
-    powers = {name: CHANNEL_KINDS[name].speed_power for name in orders}
+    powers = {name: series.kind.speed_power for name, series in orders.items()}
     rates = [name for name in orders if powers[name] and abs(orders[name].correlation) > 0.5]
-    rates = [name for name in rates if name not in FORCES] or rates
+    rates = [name for name in rates if not orders[name].kind.force] or rates
     # rates that agree with the stated speed refute the times
     votes = [-log(orders[name].factor) / (powers[name] * ratio) for name in rates]
     kind, fix = "time", "correct one of them"
@@ -237,7 +238,8 @@ def _agreement(orders: Mapping[str, Orders]) -> tuple[float, float]:
     """Mean share of the variance explained by the ideal motion at the best first angle, and that
     angle [rad]; without forces if there are other channels.
     """
-    channels = [orders[name] for name in orders if name not in FORCES] or list(orders.values())
+    series_of_all = [*orders.values()]
+    channels = [series for series in series_of_all if not series.kind.force] or series_of_all
     phases = np.arange(180) * (tau / 180)
     scores = np.zeros(phases.size)
     for series in channels:
@@ -269,7 +271,8 @@ def _orders(
     columns = np.column_stack([np.ones(angle.size), turning.real, turning.imag])
     for name, values in recording.channels.items():
         used = np.isfinite(angle) & np.isfinite(values)
-        if name not in expected or (name in FORCES and is_loaded) or used.sum() < 4 * count + 4:
+        kind = campaign.channel_kinds[name]
+        if name not in expected or (kind.force and is_loaded) or used.sum() < 4 * count + 4:
             continue
         x = columns[used]
         y = values[used]
@@ -279,7 +282,7 @@ def _orders(
         filtered = expected[name] * _response(campaign.channels[name], frequencies)
         if np.linalg.norm(filtered) > 0.0:
             measured = weights[1 : count + 1] - 1j * weights[count + 1 :]
-            orders[name] = Orders(measured, filtered, error, np.var(y), speed)
+            orders[name] = Orders(kind, measured, filtered, error, np.var(y), speed)
     return orders
 
 
@@ -403,7 +406,7 @@ def _off_by(
 ) -> Contradiction:
     """A channel that is `factor` times its `reference`, with the sign or unit that fits."""
     channel = campaign.channels[name]
-    base = CHANNELS[name]
+    base = campaign.unit(name)
     if factor < 0.0:
         fix = "remove the channel's sign: -1" if channel.sign == -1 else "give the channel sign: -1"
         sentence = (
@@ -435,7 +438,7 @@ def _encoder_zeros(campaign: Campaign, all_orders: AllOrders) -> dict[str, float
     zeros = {
         run: _common_phase({run: orders})
         for run, orders in all_orders.items()
-        if sum(name not in FORCES for name in orders) >= least
+        if sum(not series.kind.force for series in orders.values()) >= least
     }
     return {run: zero for run, zero in zeros.items() if zero}
 
@@ -452,7 +455,7 @@ def _common_phase(all_orders: AllOrders) -> float:
         for name, series in orders.items()
         if series.is_clear(0.3)
     ]
-    channels = [series for name, series in clear if name not in FORCES]
+    channels = [series for _, series in clear if not series.kind.force]
     least = MIN_CORRELATION
     if not channels:
         channels = [series for _, series in clear]
@@ -522,13 +525,13 @@ def _swapped(campaign: Campaign, all_orders: AllOrders) -> list[Contradiction]:
         scale = campaign.factor(b) / campaign.factor(a)  # each column is read in the other's unit
         as_is = misfit(a, a), misfit(b, b)
         exchanged = misfit(a, b, 1.0 / scale), misfit(b, a, scale)
-        has_force = any(name in FORCES for name in pair)
+        are_forces = [campaign.channel_kinds[name].force for name in pair]
         gain = sum(exchanged) / sum(as_is)
         is_near = all(
-            value < (0.7 if name in FORCES else 0.15)
-            for value, name in zip(exchanged, pair, strict=True)
+            value < (0.7 if is_force else 0.15)
+            for value, is_force in zip(exchanged, are_forces, strict=True)
         )
-        if min(as_is) > 0.15 and is_near and gain < (0.5 if has_force else 0.3):
+        if min(as_is) > 0.15 and is_near and gain < (0.5 if any(are_forces) else 0.3):
             pairs.append((gain, pair))
     contradictions = []
     reported = set()
@@ -580,7 +583,7 @@ def _of_channel(
     is_alike = max(factors) < ALIKE * min(factors)
     common = np.median(factors)
     least, gains = MIN_CORRELATION, GAINS
-    if channel in FORCES:
+    if campaign.channel_kinds[channel].force:
         least, gains = MIN_CORRELATION_OF_FORCES, GAINS_OF_FORCES
         speeds = [abs(orders.speed) for orders in clear.values()]
         apart = max(speeds) / min(speeds)

@@ -11,8 +11,9 @@ from scipy.interpolate import CubicSpline, make_interp_spline
 from scipy.sparse import eye_array
 from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
-from jointgap.config import Effect, Mechanism, MotorDrive, Simulate
+from jointgap.config import Effect, FreeDrive, Mechanism, MotorDrive, Simulate
 from jointgap.config.campaign import MOTOR_LINE, CampaignRun, Start
+from jointgap.config.linkage_file import LinkageFile
 from jointgap.core.errors import InputError
 from jointgap.core.records import record
 from jointgap.identification.noise import scatter_between_samples
@@ -27,9 +28,9 @@ from jointgap.linkage.drive import (
     standstill_time,
 )
 from jointgap.linkage.parameters import MEASURED, MOST_KNOTS, DriveParameters, knots_record
-from jointgap.motion.model import Model
-from jointgap.motion.simulation import integrate_to_angles
-from jointgap.motion.slider_crank import model_of, start_state
+from jointgap.motion.model import Model, beginning
+from jointgap.motion.of_file import model_of, start_state
+from jointgap.motion.simulation import integrate_on, integrate_to_angles
 from jointgap.rig.sampling import SampleGrid
 
 Values = Mapping[str, float]  # Of nuisances, by name
@@ -43,6 +44,7 @@ MAX_SETTLING_REVOLUTIONS = 30  # For slow transients (a bending rod, a motor)
 MOST_PASSES = 4  # Of the longest settling, for a motor or an engine with a heavy flywheel
 SETTLING_TIME_CONSTANTS = 7.0  # [1] Length of a slow transient: exp(-7) is a thousandth
 MOTOR_SAMPLES_PER_REVOLUTION = 60  # Knots of a motor's angle over time
+FREE_PASSES = 3  # Of the motion before a coast-down, for its speed
 # [rad/s] Start at rest: equations over the crank angle cannot start at zero speed
 REST_SPEED = 1e-3
 # [mean piece of a measured angle] Shorter ones make a spline through their ends inaccurate
@@ -358,14 +360,7 @@ def motor_run(
     if isinstance(run.start, Start):
         back = _turned_before(run.start, first_angle, speed)
     elif not starts_with_record(run):
-        crank = mechanism.crank
-        inertia = (
-            motor.inertia
-            + crank.inertia
-            + crank.mass * (crank.mass_centre**2 + crank.mass_centre_across**2)
-        )
-        # an upper bound for the reciprocating masses
-        inertia += (mechanism.slider.mass + mechanism.rod.mass) * crank.length**2
+        inertia = motor.inertia + _largest_inertia(mechanism)
         falling = motor.stall_torque / motor.no_load_speed  # of the torque with the speed
         if brake := mechanism.effect("crank_brake"):
             slope = brake.exponent * brake.torque_N_m / brake.reference_speed_rad_s
@@ -394,6 +389,68 @@ def motor_run(
         for _ in range(4):
             away = angle_over_time(begin + samples.elapsed[finite]) + shift - samples.read[finite]
             begin = max(begin - float(np.mean(away)) / speed, 0.0)
+
+    def at(elapsed: np.ndarray) -> np.ndarray:
+        return angle_over_time(begin + elapsed)
+
+    return DrivenRun(model, at(samples.elapsed), begin, at)
+
+
+def _largest_inertia(mechanism: Mechanism | LinkageFile) -> float:
+    """Moment of inertia [kg m^2] about the crank's axis: of the crank, and an upper bound for the
+    other bodies."""
+    sites = mechanism.sites
+    crank = mechanism.body(sites.crank)
+    if isinstance(mechanism, LinkageFile):
+        centre = crank.mass_centre_from(sites.drive)
+        moving = sum(body.mass for body in mechanism.bodies.values()) - crank.mass
+        reach = crank.reach
+    else:
+        centre = crank.mass_centre, crank.mass_centre_across
+        moving, reach = mechanism.slider.mass + mechanism.rod.mass, crank.length
+    return crank.inertia + crank.mass * (centre[0] ** 2 + centre[1] ** 2) + moving * reach**2
+
+
+def free_run(
+    mechanism: Mechanism | LinkageFile,
+    plan: RunPlan,
+    values: Values,
+    error: np.ndarray | float,
+    tolerance: float,
+    earlier: float,
+) -> DrivenRun:
+    """A crank without torque that has the angle and speed of the record at the first sample;
+    `error` [rad] of the encoder at the samples.
+
+    An unknown motion in loose joints begins before it, with the speed from which it arrives so.
+    """
+    samples = plan.samples
+    offset = float(error[0]) if np.ndim(error) else error
+    first_angle = values.get("first_angle", samples.first_angle) - offset
+    speed = values.get("speed", samples.start_speed)
+    is_led_in = has_unknown_start(plan.run) and bool(mechanism.loose)
+    back = earlier + SETTLING_REVOLUTIONS * tau if is_led_in else 0.0
+    drive = FreeDrive(kind="free")
+    model = model_of(mechanism, options_of(speed, first_angle - back, tolerance, drive=drive))
+    turn = np.arange(MOTOR_SAMPLES_PER_REVOLUTION + 1) * (tau / MOTOR_SAMPLES_PER_REVOLUTION)
+    lead = first_angle - np.append(np.arange(back, 0.0, -turn[1]), 0.0)
+    for _ in range(FREE_PASSES if back else 1):
+        workspace = beginning(model, start_state(model), 0.0)
+        before, workspace = integrate_on(model, workspace, lead, tolerance)
+        arrived = float(model.crank_state(before.states[-1])[1])
+        # the next pass loses as much energy
+        ahead = model.drive.speed**2 + speed**2 - arrived**2
+        start_speed, model.drive.speed = model.drive.speed, math.sqrt(max(ahead, REST_SPEED**2))
+    model.drive.speed = start_speed
+    begin = float(before.times[-1])
+    times, angles = [before.times], [lead]
+    # a little more than the record, for the last derivative
+    while times[-1][-1] < begin + 1.05 * samples.elapsed[-1]:
+        further = angles[-1][-1] + turn[1:]
+        found, workspace = integrate_on(model, workspace, further, tolerance)
+        times.append(found.times)
+        angles.append(further)
+    angle_over_time = CubicSpline(np.concatenate(times), np.concatenate(angles))
 
     def at(elapsed: np.ndarray) -> np.ndarray:
         return angle_over_time(begin + elapsed)

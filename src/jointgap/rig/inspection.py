@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config.campaign import Campaign, CampaignRun
-from jointgap.config.channels import CHANNELS
 from jointgap.core.words import format_name, format_unit
 from jointgap.rig.checks import cycle_scatter
 from jointgap.rig.recording import Measurements, Recording
@@ -26,7 +25,7 @@ def inspect(
     recordings = [
         (run, measurements.runs[run.id]) for run in campaign.runs if run.id in measurements.runs
     ]
-    numbers = [row for run, recording in recordings for row in _numbers(run, recording)]
+    numbers = [row for run, recording in recordings for row in _numbers(campaign, run, recording)]
     return pd.DataFrame(numbers), {
         run.id: _draw(campaign, run, recording) for run, recording in recordings
     }
@@ -51,7 +50,7 @@ def _turned(run: CampaignRun, recording: Recording) -> tuple[np.ndarray, np.ndar
     )
 
 
-def _numbers(run: CampaignRun, recording: Recording) -> list[dict]:
+def _numbers(campaign: Campaign, run: CampaignRun, recording: Recording) -> list[dict]:
     angle, _ = _turned(run, recording)
     total = angle[-1] - angle[0]
     samples = angle.size
@@ -72,7 +71,7 @@ def _numbers(run: CampaignRun, recording: Recording) -> list[dict]:
             {
                 "run": run.id,
                 "channel": name,
-                "unit": CHANNELS[name],
+                "unit": campaign.unit(name),
                 "role": run.role,
                 "samples": samples,
                 "gaps": np.count_nonzero(~np.isfinite(values)),

@@ -1,36 +1,27 @@
-"""The slider-crank as a model for identification."""
+"""The mechanism of a campaign as a model for identification."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from itertools import product
 from math import tau
 from typing import NamedTuple
 
 import numpy as np
 
-from jointgap.config import Mechanism
-from jointgap.config.campaign import NUISANCES, Campaign, CampaignRun
-from jointgap.config.channels import CHANNEL_KINDS, CHANNELS, PRESSURES
+from jointgap.config.campaign import Campaign, CampaignRun, joints_of
+from jointgap.config.channels import PRESSURES
 from jointgap.config.load import validate
 from jointgap.core.candidates import Candidate, Effects, Parameter, Series, Variation
 from jointgap.core.errors import InputError, SimulationError
-from jointgap.core.formula import compile_formula
-from jointgap.core.joints import PINS
 from jointgap.core.words import joined
-from jointgap.effects import EFFECTS
 from jointgap.effects.base import (
     DETECTABLE_SHARE,
-    GROUPS,
-    SLIDER_SIGN_SPEED,
     FitContext,
-    MotionScale,
 )
-from jointgap.effects.own_law import FORMULA_EFFECTS
 from jointgap.identification.fit import Fit
 from jointgap.identification.problem import values_in_run
-from jointgap.linkage.laws import evaluate
+from jointgap.motion.of_file import check_linkage
 from jointgap.rig.checks import is_computed
 from jointgap.rig.consistency_checks import consistency_checks
 from jointgap.rig.cylinder_pressure import loads_of_run, perturbed
@@ -42,6 +33,12 @@ from jointgap.rig.drives import (
     starts_with_record,
 )
 from jointgap.rig.linearised import linearised_changes
+from jointgap.rig.missing_effects import (
+    bounded,
+    law_candidates,
+    motion_scales,
+    physical_candidates,
+)
 from jointgap.rig.read_files import check_runs_left
 from jointgap.rig.recording import OF_SAMPLES, Measurements, Recording, noise_of
 from jointgap.rig.sampling import (
@@ -50,6 +47,7 @@ from jointgap.rig.sampling import (
     planned_grid,
     sample_grid,
     speed_from_periodicity,
+    with_start,
 )
 from jointgap.rig.sensors import (
     ENCODER_COUPLING,
@@ -61,7 +59,6 @@ from jointgap.rig.sensors import (
     sensor_candidates,
 )
 from jointgap.rig.simulate_run import (
-    augmented_mechanism,
     channels_read,
     friction_speed,
     numerics_for,
@@ -77,14 +74,11 @@ from jointgap.rig.statistics import (
 )
 from jointgap.rig.windows import RunInWindows, run_in_windows
 
-STEP_SHARE_OF_BOUNDS = 0.02  # [1] Step of a nuisance over the width of its bounds (experience)
 # [1] Half width of the bounds of `friction_speed`, which is not measured
 FRICTION_SPEED_FACTOR = 4.0
 # [1] Half width of the bounds of steady-contact damping: the last impacts before steady contact,
 # whose damping the published laws keep, have 0.02 to 0.22 m/s (default: 0.05 m/s)
 STEADY_CONTACT_DAMPING_FACTOR = 4.0
-OWN_LAW_ANGLES = 72  # Per revolution, for the size of a law that a campaign states
-SHAPES_TRIED = (1 / 6, 1 / 2, 5 / 6)  # [1, of the range] Start values of its shape parameters
 # [rad] Bounds of a searched first angle, as the current model may lack an effect
 FIRST_ANGLE_REACH = math.pi / 6
 # Per revolution, if the first angle or clock offset is unknown; start of the fit
@@ -97,105 +91,16 @@ MAX_PLANNED_REVOLUTIONS = 60
 PLANNED_FORCE_ORDER = 1.37
 
 
-def physical_candidates(context: FitContext) -> list[Candidate]:
-    """Possible missing effects by group, without those that the mechanism has or that cannot act in
-    it."""
-    candidates = []
-    for effect in EFFECTS.values():
-        for candidate in effect.candidates(context):
-            site = candidate.site if candidate.has_site else None
-            if context.mechanism.effect(candidate.name, site) is None and _is_possible(
-                context, candidate
-            ):
-                place = GROUPS.index(effect.GROUP), effect.sites().index(site) if site else 0
-                candidates.append((place, candidate))
-    return [candidate for _, candidate in sorted(candidates, key=lambda entry: entry[0])]
-
-
-def _is_possible(context: FitContext, candidate: Candidate) -> bool:
-    """Whether the effect is valid in a mechanism file at a small size."""
-    small = {
-        f"{candidate.label}.{p.key}": (
-            min(max(p.step, p.low), p.high) if p.key in candidate.amplitudes else p.nominal
-        )
-        for p in candidate.coordinates
-    }
-    try:
-        augmented_mechanism(context.mechanism, (candidate,), small)
-    except InputError:
-        return False
-    return True
-
-
-def law_candidates(campaign: Campaign, scale: MotionScale) -> list[Candidate]:
-    """The laws that a campaign states itself, except those that the mechanism has."""
-    angle = tau * (np.arange(OWN_LAW_ANGLES) + 0.5) / OWN_LAW_ANGLES
-    place = scale.middle + scale.stroke * np.cos(angle)
-    speed = -scale.stroke * scale.turning * np.sin(angle)
-    candidates = []
-    for name, law in campaign.candidates.items():
-        if campaign.mechanism.effect(FORMULA_EFFECTS[law.site], name) is not None:
-            continue
-        spans, amplitudes = law.spans, law.amplitudes
-        shapes = {key: span for key, span in spans.items() if key not in amplitudes}
-        middles = {key: span.middle for key, span in shapes.items()}
-        starts = [
-            [span.low + share * (span.high - span.low) for share in SHAPES_TRIED]
-            for span in shapes.values()
-        ]
-        guesses = tuple(dict(zip(shapes, start, strict=True)) for start in product(*starts))
-        most = scale.force * (scale.stroke if law.site == "crank" else 1.0)
-        coordinates = []
-        for key in amplitudes:
-            sizes = []
-            for values in (middles, *guesses):
-                program = compile_formula(
-                    law.formula, {**dict.fromkeys(amplitudes, 0.0), **values, key: 1.0}
-                )
-                force = [
-                    evaluate(program.codes, program.numbers, v, x, scale.turning, theta, 0.0)
-                    for v, x, theta in zip(speed, place, angle, strict=True)
-                ]
-                sizes.append(float(np.sqrt(np.mean(np.square(force)))))
-                if not sizes[-1] < math.inf or sizes[0] == 0.0:
-                    settings = ", ".join(
-                        f"{parameter} = {value:g}"
-                        for parameter, value in {key: 1.0, **values}.items()
-                    )
-                    raise InputError(
-                        f"campaign {campaign.name}, candidates.{name}: with {settings} the formula"
-                        f" '{law.formula}' is {sizes[-1]:g} over a turn; write |v|^n for v^n, or"
-                        " correct it or the ranges"
-                    )
-            span = spans[key]
-            coordinates.append(Parameter(key, 0.0, span.low, span.high, most / sizes[0], span.unit))
-        coordinates += [
-            _parameter(key, span.middle, span.low, span.high, span.unit)
-            for key, span in shapes.items()
-        ]
-        candidates.append(
-            Candidate(
-                name,
-                law.site,
-                tuple(coordinates),
-                amplitudes,
-                initial_guesses=guesses,
-                formula=law.formula,
-            )
-        )
-    return candidates
-
-
-def _parameter(
-    name: str, nominal: float, low: float, high: float, unit: str, run: str | None = None
-) -> Parameter:
-    return Parameter(name, nominal, low, high, STEP_SHARE_OF_BOUNDS * (high - low), unit, run)
-
-
 def _listed(campaign: Campaign, keys: Iterable[str], run: str | None = None) -> list[Parameter]:
     """The nuisances `keys` that a campaign lists and that have an effect."""
     return [
-        _parameter(key, nominal, *campaign.bounds(key, nominal), NUISANCES[key] or "1", run)
+        bounded(
+            key,
+            nominal,
+            *campaign.bounds(key, nominal),
+            campaign.nuisance_kinds[key].unit or "1",
+            run,
+        )
         for key in keys
         if key in campaign.nuisance and key not in campaign.idle_nuisances
         for nominal in campaign.nominals(key)[:1]
@@ -210,10 +115,10 @@ def shared_nuisances(campaign: Campaign) -> tuple[Parameter, ...]:
     if (width := friction_speed(campaign.mechanism)) is not None:
         low = width / FRICTION_SPEED_FACTOR
         high = width * FRICTION_SPEED_FACTOR
-        nuisances.append(_parameter("friction_speed", width, low, high, "m/s"))
+        nuisances.append(bounded("friction_speed", width, low, high, "m/s"))
     reach = math.log(STEADY_CONTACT_DAMPING_FACTOR)
     names = steady_contact_damping(campaign.mechanism).values()
-    return (*nuisances, *(_parameter(name, 0.0, -reach, reach, "1") for name in names))
+    return (*nuisances, *(bounded(name, 0.0, -reach, reach, "1") for name in names))
 
 
 def check_bounds(campaign: Campaign) -> None:
@@ -224,16 +129,21 @@ def check_bounds(campaign: Campaign) -> None:
     bounds = {
         p.name: (p.low, p.high) for p in shared_nuisances(campaign) if p.name in campaign.nuisance
     }
-    tightest = {"crank_length": 1, "rod_length": 0} | {f"{pin}_clearance": 1 for pin in PINS}
+    sites = campaign.mechanism.sites
+    tightest = {f"{link}_length": 1 if link == sites.crank else 0 for link in sites.links}
+    tightest |= {f"{joint}_clearance": 1 for joint in joints_of(sites)}
     together = {key: bounds[key][end] for key, end in tightest.items() if key in bounds}
     alone = [{key: end} for key, ends in bounds.items() for end in ends]
     for values in [*alone, together] if len(together) > 1 else alone:
         at = ", ".join(
-            f"{key} = {value:g} {NUISANCES[key]}".rstrip() for key, value in values.items()
+            f"{key} = {value:g} {campaign.nuisance_kinds[key].unit}".rstrip()
+            for key, value in values.items()
         )
         source = f"campaign {campaign.name}, nuisance, at the bound {at}"
         try:
-            validate(Mechanism, with_nuisances(campaign.mechanism, values).model_dump(), source)
+            changed = with_nuisances(campaign.mechanism, values)
+            validate(type(changed), changed.model_dump(), source)
+            check_linkage(changed, source)
         except InputError as error:
             raise InputError(f"{error}; or narrow the bounds") from error
 
@@ -250,22 +160,23 @@ def run_nuisances(campaign: Campaign, plan: RunPlan, searched: bool) -> tuple[Pa
         offset = plan.clock_offset
         reach = FIRST_ANGLE_REACH / samples.speed
         nuisances.append(
-            _parameter("clock_offset", offset, offset - reach, offset + reach, "s", run.id)
+            bounded("clock_offset", offset, offset - reach, offset + reach, "s", run.id)
         )
     if campaign.drive == "measured_angle":
         return tuple(nuisances)
     speed, first_angle, reach = samples.speed, samples.first_angle, samples.speed_reach
-    if samples.encoded and reach > 0:
-        nuisances.append(_parameter("speed", speed, speed - reach, speed + reach, "rad/s", run.id))
-    elif not samples.encoded and "speed" in campaign.nuisance:
+    is_free = campaign.drive == "free"
+    if is_free:
+        speed, reach = samples.start_speed, samples.start_reach
+    if (samples.encoded or is_free) and reach > 0:
+        nuisances.append(bounded("speed", speed, speed - reach, speed + reach, "rad/s", run.id))
+    elif not (samples.encoded or is_free) and "speed" in campaign.nuisance:
         low, high = campaign.bounds("speed", run.speed)
-        nuisances.append(
-            _parameter("speed", min(max(speed, low), high), low, high, "rad/s", run.id)
-        )
+        nuisances.append(bounded("speed", min(max(speed, low), high), low, high, "rad/s", run.id))
     reach = FIRST_ANGLE_REACH if searched else samples.first_reach
     if reach > 0:
         nuisances.append(
-            _parameter(
+            bounded(
                 "first_angle", first_angle, first_angle - reach, first_angle + reach, "rad", run.id
             )
         )
@@ -281,8 +192,8 @@ class RunData(NamedTuple):
     searched: bool = False  # Whether the first angle was found by a search
 
 
-class SliderCrankModel:
-    """A `jointgap.core.candidates.Model` of a slider-crank; `left_out`: the reason for each run
+class LinkageModel:
+    """A `jointgap.core.candidates.Model` of a linkage; `left_out`: the reason for each run
     that is not used."""
 
     def __init__(
@@ -335,9 +246,9 @@ class SliderCrankModel:
     def _samples(self, data: RunData, channel: str, noise: float | None) -> Series:
         samples = data.plan.samples
         run = data.plan.run.id
-        jitter = self.campaign.jitter
+        jitter, kind = self.campaign.jitter, self.campaign.channel_kinds[channel]
         rows = self._rows[run, channel]
-        if jitter is None and not (samples.timed and CHANNEL_KINDS[channel].speed_power == 0):
+        if jitter is None and not (samples.timed and kind.speed_power == 0):
             # cycle-to-cycle variation of velocities and accelerations is due to impacts
             jitter = 0.0
         resolution = _resolution(self.campaign, channel)
@@ -346,9 +257,7 @@ class SliderCrankModel:
             column[rows]
             for column in (data.values[channel], samples.time, samples.angle, data.held_out)
         ]
-        return Series(
-            run, channel, CHANNELS[channel], *columns, sd, resolution=resolution, jitter=jitter
-        )
+        return Series(run, channel, kind.unit, *columns, sd, resolution=resolution, jitter=jitter)
 
     def _statistics(self, run: str, data: RunData) -> Iterator[Series]:
         """Series of the chaotic channels: statistics of the fitted, then of the held-out
@@ -365,7 +274,7 @@ class SliderCrankModel:
         unknown = np.full(middles.size, np.nan)
         for name in parts[0]:
             value, error = (np.concatenate([part[name][i] for part in parts]) for i in (0, 1))
-            unit = CHANNELS[name.partition(" ")[0]]
+            unit = self.campaign.unit(name.partition(" ")[0])
             yield Series(
                 run,
                 name,
@@ -395,22 +304,30 @@ class SliderCrankModel:
         }
 
     @cached_property
+    def context(self) -> FitContext:
+        """What the candidates of effects depend on: the motion at the mean speed of the runs."""
+        campaign, runs = self.campaign, tuple(self.plans)
+        turning = float(np.mean([plan.samples.speed for plan in self.plans.values()]))
+        scale, scales = motion_scales(campaign.mechanism, turning)
+        shared = {p.name: p for p in self.nuisances if p.run is None}
+        constant = campaign.drive == "constant_speed"
+        frequency = PLANNED_FORCE_ORDER * turning / tau
+        middles = {run: float(np.mean(plan.samples.time)) for run, plan in self.plans.items()}
+        return FitContext(
+            campaign.mechanism, scale, shared, constant, frequency, runs, middles, scales
+        )
+
+    @cached_property
     def candidates(self) -> tuple[Candidate, ...]:
         """All possible missing effects and sensor faults."""
-        campaign = self.campaign
-        runs = tuple(self.plans)
-        scale = motion_scale(self)
+        campaign, context = self.campaign, self.context
+        runs, scale = context.runs, context.scale
         read = channels_read(campaign, self.plans[runs[0]], self.nominal(runs[0]))
         spreads = {
             name: float(np.ptp(v) and np.std(v))
             for name, v in read.items()
             if name != "crank_angle"
         }
-        shared = {p.name: p for p in self.nuisances if p.run is None}
-        constant = campaign.drive == "constant_speed"
-        frequency = PLANNED_FORCE_ORDER * scale.turning / tau
-        middles = {run: float(np.mean(plan.samples.time)) for run, plan in self.plans.items()}
-        context = FitContext(campaign.mechanism, scale, shared, constant, frequency, runs, middles)
         # with a single fitted run its zero is the common offset
         several = sum(plan.run.role != "confirm" for plan in self.plans.values()) > 1
         encoder = [ENCODER_OFFSET] if "crank_angle" in campaign.channels else []
@@ -425,8 +342,11 @@ class SliderCrankModel:
             encoder += [*(() if self._chaotic else ENCODER_COUPLING), ENCODER_ECCENTRICITY]
         torque = scale.force / DETECTABLE_SHARE * scale.stroke
         start = self._estimated_encoder_offset
-        sensors = sensor_candidates(spreads, encoder, scale.turning, torque, listed, runs, start)
-        return (*physical_candidates(context), *law_candidates(campaign, scale), *sensors)
+        units = {name: campaign.unit(name) for name in spreads}
+        sensors = sensor_candidates(
+            spreads, encoder, scale.turning, torque, listed, runs, units, start
+        )
+        return (*physical_candidates(context), *law_candidates(campaign, context), *sensors)
 
     def simulate(
         self, run: str, values: Values, effects: Effects = (), numerics: int = 0
@@ -473,42 +393,8 @@ class SliderCrankModel:
         return {channel: value[self._rows[plan.run.id, channel]] for channel, value in read.items()}
 
 
-def motion_scale(model: SliderCrankModel) -> MotionScale:
-    """Magnitudes of the motion at the mean speed of the runs."""
-    speeds = [plan.samples.speed for plan in model.plans.values()]
-    return MotionScale.of(model.campaign.mechanism, float(np.mean(speeds)))
-
-
-def library(model: SliderCrankModel) -> tuple[Candidate, ...]:
-    """A candidate for each term of a slider force or crank torque."""
-    scale = motion_scale(model)
-    symbols = {"Y": f"(x - {scale.middle!r})", "S": f"tanh(v/{SLIDER_SIGN_SPEED!r})"}
-    slider = (
-        "1 v |v| S v*|v| v^3 Y Y^3 |Y| cos(theta) sin(theta) Y*v Y*|v| Y*S v*cos(theta)"
-        " v*sin(theta)"
-    )
-    crank = "1 w w*|w| cos(theta) sin(theta) cos(2*theta) sin(2*theta)"
-    sizes = {"Y": scale.stroke, "v": scale.speed, "w": scale.turning}
-    candidates = []
-    for effect, site, terms, largest in (
-        ("discovered_slider_force", "slider", slider, scale.force),
-        ("discovered_crank_torque", "crank", crank, scale.force * scale.stroke),
-    ):
-        for term in terms.split():
-            power = 3 if "^3" in term else 1
-            size = math.prod(
-                magnitude ** (power * term.count(symbol)) for symbol, magnitude in sizes.items()
-            )
-            coefficient = Parameter("coefficient", 0.0, step=largest / size)
-            text = term.replace("Y", symbols["Y"]).replace("S", symbols["S"])
-            candidates.append(
-                Candidate(f"{effect}[{text}]", site, (coefficient,), ("coefficient",))
-            )
-    return tuple(candidates)
-
-
 def remaining_inconsistencies(
-    model: SliderCrankModel, measurements: Measurements, explanations: Sequence[Fit]
+    model: LinkageModel, measurements: Measurements, explanations: Sequence[Fit]
 ) -> tuple[str, ...]:
     """Channels that are inconsistent with at least one of the explanations."""
     return tuple(
@@ -520,16 +406,14 @@ def remaining_inconsistencies(
     )
 
 
-def _inconsistent_channels(
-    model: SliderCrankModel, measurements: Measurements, fit: Fit
-) -> list[str]:
+def _inconsistent_channels(model: LinkageModel, measurements: Measurements, fit: Fit) -> list[str]:
     """Channels that are inconsistent after removing the sensor faults of a fit; without runs whose
     own fault is not fitted, such as the encoder zero of a held-out run.
     """
     corrected, erring = {}, False
     sensors = tuple(candidate for candidate in fit.hypothesis if candidate.sensor)
     for run, plan in model.plans.items():
-        keys = [p.key for p in model.nuisances if p.run == run and p.name in Faults.NUISANCES]
+        keys = [p.key for p in model.nuisances if p.run == run and Faults.has(p.name)]
         keys += [
             f"{candidate.label}.{p.key}"
             for candidate in sensors
@@ -556,7 +440,7 @@ def build_model(
     campaign: Campaign,
     measurements: Measurements | None = None,
     revolutions: Mapping[str, float] | None = None,
-) -> SliderCrankModel:
+) -> LinkageModel:
     """The model of a campaign; without measurements of the planned runs (chaotic ones with
     `revolutions`).
 
@@ -579,7 +463,7 @@ def build_model(
     )
     contradictions = measurements.contradictions if measurements else ()
     phases = [item.phase for item in contradictions if item.is_encoder_zero]
-    return SliderCrankModel(campaign, runs, left_out, phases[0] if phases else None)
+    return LinkageModel(campaign, runs, left_out, phases[0] if phases else None)
 
 
 def _plan(campaign: Campaign, run: CampaignRun, samples: SampleGrid) -> RunPlan:
@@ -631,6 +515,9 @@ def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> Run
     )
     if samples.encoded and is_computed(campaign, run.id, recording.time, recording.crank_angle):
         samples = replace(samples, computed=True, first_reach=0.0, speed_reach=0.0)
+    if campaign.drive == "free":
+        speeds = recording.channels.get("crank_speed")
+        samples = with_start(samples, None if speeds is None else run.side * speeds)
     plan = replace(_plan(campaign, run, samples), second_clock=recording.second_clock)
     measured = {**recording.channels, "crank_angle": recording.crank_angle}
     values = {channel: measured[channel] for channel in plan.channels}

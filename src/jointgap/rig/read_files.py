@@ -16,11 +16,12 @@ from jointgap.config.campaign import (
     CampaignRun,
     channel_factor,
 )
-from jointgap.config.channels import CHANNELS, PRESSURES
+from jointgap.config.channels import PRESSURES
 from jointgap.core.csv_files import Columns, read_columns
 from jointgap.core.errors import InputError, UnusableRun
 from jointgap.core.units import split_share
 from jointgap.core.words import number
+from jointgap.motion.of_file import check_linkage
 from jointgap.rig import checks
 from jointgap.rig.checks import MIN_SAMPLES, REPORTED_SPEED_ERROR, SPEED_RATIOS
 from jointgap.rig.consistency_checks import consistency_checks
@@ -109,15 +110,15 @@ class RunFile:
 
     def in_units(self, channel: str) -> dict[str, float]:
         """Factors [1] from values of `channel` in its stated unit to values read in other units."""
+        base = self.campaign.unit(channel)
         return {
-            unit: channel_factor(channel, unit) / self.campaign.factor(channel)
+            unit: channel_factor(channel, base, unit) / self.campaign.factor(channel)
             for unit in PROPOSED_UNITS[channel]
         }
 
 
 _IDLE = dict.fromkeys(MOTOR_LINE, "requires drive: motor") | {
     "speed": "follows from time and crank_angle",
-    "crank_inertia": "requires drive: motor or measured_angle",
     **dict.fromkeys(
         PRESSURE_SENSOR,
         "requires a slider_force_table of a pressure, or the channel cylinder_pressure",
@@ -126,15 +127,21 @@ _IDLE = dict.fromkeys(MOTOR_LINE, "requires drive: motor") | {
 """Why a nuisance has no effect, if the mechanism is not the reason."""
 
 
+def _idle(campaign: Campaign, key: str) -> str:
+    if key == f"{campaign.mechanism.sites.crank}_inertia":
+        return "requires drive: motor or measured_angle"
+    return _IDLE.get(key, "has no effect in this mechanism")
+
+
 def read_measurements(campaign: Campaign, compared: bool = True) -> Measurements:
     """All samples of a campaign.
 
     Samples without time stamp (or, without times, without crank angle) are skipped with a remark.
     """
     remarks = [
-        f"nuisance {key} {_IDLE.get(key, 'has no effect in this mechanism')} and is ignored"
-        for key in campaign.idle_nuisances
+        f"nuisance {key} {_idle(campaign, key)} and is ignored" for key in campaign.idle_nuisances
     ]
+    check_linkage(campaign.mechanism, f"campaign {campaign.name}, mechanism")
     files = {run.id: _open(campaign, run) for run in campaign.runs}
     runs, contradictions = {}, []
     for run, file in files.items():
@@ -282,7 +289,7 @@ def _check_samples(file: RunFile, name: str, samples: np.ndarray, turned: np.nda
     if (places := checks.outliers(samples)).size:
         file.remark(
             name,
-            f"{samples[places[0]]:g} {CHANNELS[name]} is far from all others"
+            f"{samples[places[0]]:g} {file.campaign.unit(name)} is far from all others"
             f" ({_samples(places.size)}); if this means 'no data', leave the cell empty",
             places[0],
         )
@@ -405,7 +412,8 @@ def _check_units(file: RunFile) -> None:
     columns = file.columns
     for name in file.channels:
         channel = file.campaign.channels[name]
-        unit = columns.other_unit(channel.column, file.campaign.factor(name), CHANNELS[name])
+        base = file.campaign.unit(name)
+        unit = columns.other_unit(channel.column, file.campaign.factor(name), base)
         if unit and channel.scale is None:
             raise file.error(
                 name,

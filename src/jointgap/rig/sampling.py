@@ -14,6 +14,9 @@ EVEN_ROWS = math.radians(0.5)
 # [1] Bounds of estimated speed and phase: five standard errors, doubled as errors of an encoder
 # repeat
 REACH = 2.0 * 5.0
+# [revolutions], [1], [1, of the mean speed] Of a free crank: readings for its speed at the first
+# sample, their least number, and the least bounds of that speed
+START_TURN, LEAST_OF_START, LEAST_START_REACH = 0.2, 8, 0.02
 SPEED_HARMONICS = 6  # Of the Fourier series that estimates the speed of a crank without encoder
 SPEED_STEP = 0.02  # [revolutions over the record] An eighth of the period of the sixth harmonic
 
@@ -31,11 +34,22 @@ class SampleGrid:
     speed_reach: float = 0.0  # Largest error of `speed` [rad/s]
     timed: bool = True  # Whether times were recorded
     computed: bool = False  # Whether the angles were computed instead of measured
+    start: tuple[float, float] | None = None  # Of a free crank: `start_speed`, `start_reach`
 
     @property
     def encoded(self) -> bool:
         """Whether times and angles were both recorded."""
         return self.timed and bool(np.isfinite(self.read).any())
+
+    @property
+    def start_speed(self) -> float:
+        """Speed of a free crank at the first sample [rad/s]."""
+        return self.start[0] if self.start else self.speed
+
+    @property
+    def start_reach(self) -> float:
+        """Largest error of `start_speed` [rad/s]."""
+        return self.start[1] if self.start else 0.0
 
     @property
     def elapsed(self) -> np.ndarray:
@@ -125,6 +139,30 @@ def sample_grid(
     if np.abs(read - angle)[finite].max() > max(EVEN_ROWS, 2.0 * step):
         angle = np.interp(rows, rows[finite], read[finite])
     return SampleGrid((angle - angle[0]) / speed, read, angle, float(angle[0]), speed, timed=False)
+
+
+def with_start(grid: SampleGrid, speeds: np.ndarray | None) -> SampleGrid:
+    """The samples of a free crank with its angle and speed at the first one, from a polynomial
+    through the first readings of the angle, or of the `speeds` (n,) [rad/s]."""
+    readings = grid.read if np.isfinite(grid.read).any() else speeds
+    begin = np.flatnonzero(np.isfinite(readings))
+    early = np.searchsorted(grid.elapsed[begin], START_TURN * tau / grid.speed)
+    rows = begin[: max(early, LEAST_OF_START)]
+    degree = 3 if readings is grid.read else 2
+    powers = np.vander(grid.elapsed[rows], degree + 1, increasing=True)
+    weights = np.linalg.lstsq(powers, readings[rows], rcond=None)[0]
+    left = readings[rows] - powers @ weights
+    variance = float(left @ left) / max(rows.size - degree - 1, 1)
+    errors = np.sqrt(variance * np.diag(np.linalg.pinv(powers.T @ powers)))
+    place = degree - 2  # of the speed
+    speed, reach = float(weights[place]), REACH * float(errors[place])
+    reach = min(max(reach, LEAST_START_REACH * grid.speed), 0.5 * grid.speed)
+    if not place:
+        return replace(grid, start=(speed, reach))
+    first_reach = max(grid.first_reach, REACH * float(errors[0]))
+    return replace(
+        grid, first_angle=float(weights[0]), first_reach=first_reach, start=(speed, reach)
+    )
 
 
 def channel_rows(elapsed: np.ndarray, value: np.ndarray) -> np.ndarray:

@@ -10,8 +10,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 from scipy.linalg.blas import dtbsv
 
-from jointgap.config.campaign import FILTER_ORDER, Campaign, Channel
-from jointgap.config.channels import CHANNEL_KINDS, CHANNELS
+from jointgap.config.campaign import FILTER_ORDER, POSITION_ZERO, Campaign, Channel
 from jointgap.core.candidates import Candidate, LawFamily, Parameter
 from jointgap.core.errors import MEANINGS
 from jointgap.effects.base import DETECTABLE_SHARE, Values, amplitude, size_and_angle
@@ -30,13 +29,21 @@ STANDARD_GRAVITY = 9.80665  # [m/s^2]
 def at_sensor(campaign: Campaign, side: float, channel: str, values: np.ndarray) -> np.ndarray:
     """What acts on the sensor of a `channel` with the `values` of a simulated motion, which is
     mirrored on the `side` -1: signs of the file, and gravity of an accelerometer that reads it."""
-    kind = CHANNEL_KINDS[channel]
+    kind = campaign.channel_kinds[channel]
     if kind.mirrored:
         values = side * values
     if campaign.channels[channel].reads_gravity:
-        share = getattr(math, kind.gravity)(campaign.mechanism.gravity_direction)
-        values = values - STANDARD_GRAVITY * share
+        x, y = {"x": (1.0, 0.0), "y": (0.0, 1.0)}.get(kind.axis) or _along(campaign, kind.part)
+        down = campaign.mechanism.gravity_direction
+        values = values - STANDARD_GRAVITY * (x * math.cos(down) + y * math.sin(down))
     return values
+
+
+def _along(campaign: Campaign, body: str) -> tuple[float, float]:
+    """Direction of the slide of a `body`."""
+    mechanism = campaign.mechanism
+    direction = mechanism.slide_direction(mechanism.sites.slides[body])
+    return math.cos(direction), math.sin(direction)
 
 
 def remembered_time(channels: Iterable[Channel], revolution: float) -> float:
@@ -419,10 +426,11 @@ def sensor_candidates(
     torque: float,
     listed: Collection[str],
     runs: Sequence[str],
+    units: Mapping[str, str],
     offset=None,
 ) -> list[Candidate]:
     """Possible sensor faults: those of the `encoder` (`offset` [rad]: start value) and those of
-    channels whose readings have the standard deviations `spreads`.
+    channels whose readings have the standard deviations `spreads` and the `units`.
     """
     candidates = []
     for name in encoder:
@@ -435,7 +443,7 @@ def sensor_candidates(
             candidate = replace(candidate, initial_guesses=({}, {parameter: offset}))
         candidates.append(candidate)
     readings = {
-        channel: Reading(spread, CHANNELS[channel], turning) for channel, spread in spreads.items()
+        channel: Reading(spread, units[channel], turning) for channel, spread in spreads.items()
     }
     return candidates + channel_faults(readings)
 
@@ -454,8 +462,11 @@ def channel_faults(readings: Mapping[str, Reading]) -> list[Candidate]:
 class Faults:
     """The sensor faults among effects and nuisances."""
 
-    NUISANCES = ("encoder_zero", "encoder_lag", "slider_position_zero", "clock_offset")
-    """Nuisances that are sensor faults."""
+    @staticmethod
+    def has(nuisance: str) -> bool:
+        """Whether a nuisance is a sensor fault."""
+        others = ("encoder_zero", "encoder_lag", "clock_offset")
+        return nuisance in others or nuisance.endswith(POSITION_ZERO)
 
     def __init__(
         self,
@@ -472,8 +483,10 @@ class Faults:
         self._faults = [
             (FAULTS[SENSOR_DELAY], channel, offset) for channel in second_clock if offset
         ]
-        if position_zero := nuisances.get("slider_position_zero", 0.0):
-            self._faults.append((FAULTS["sensor_bias"], "slider_position", position_zero))
+        for name, value in nuisances.items():
+            if name.endswith(POSITION_ZERO) and value:
+                channel = name.removesuffix("_zero")
+                self._faults.append((FAULTS["sensor_bias"], channel, value))
         for candidate, values in effects:
             name, site = candidate.name, candidate.site
             if name == ENCODER_LAG:

@@ -9,23 +9,25 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from jointgap.config import EFFECTS, Effect, Mechanism
-from jointgap.config.campaign import Campaign
+from jointgap.config.campaign import Campaign, joints_of
 from jointgap.config.friction_laws import FRICTION_LAWS
+from jointgap.config.linkage_file import LinkageFile, Slide
 from jointgap.config.load import validate
+from jointgap.config.mechanism import Joint
 from jointgap.config.scenario import TOLERANCE_SHARE
 from jointgap.core.candidates import Candidate, Effects
 from jointgap.core.costs import count_revolutions, count_run
 from jointgap.core.errors import InputError
-from jointgap.core.joints import PINS
+from jointgap.effects import effects_of
 from jointgap.effects.force_table import with_pressure_sensor
-from jointgap.effects.own_law import FORMULA_EFFECTS
+from jointgap.effects.own_law import formula_effect
 from jointgap.linkage.drive import crank_times
 from jointgap.linkage.parameters import CONSTANT, FLUCTUATING
 from jointgap.motion.integrate import Samples
 from jointgap.motion.model import Model, Workspace, beginning
+from jointgap.motion.of_file import start_state
 from jointgap.motion.periodic import COARSE_ANGLES, coarse_angles
 from jointgap.motion.simulation import integrate_on, observed
-from jointgap.motion.slider_crank import start_state
 from jointgap.rig import drives, sensors
 from jointgap.rig.cylinder_pressure import with_loads
 from jointgap.rig.drives import TOLERANCE, RunPlan, Values
@@ -47,15 +49,10 @@ TRANSIENT_REVOLUTIONS = 1.5  # A record that begins earlier after the start is s
 # Earlier begin of the motion for another start: not at a symmetry of the slider-crank (golden
 # section)
 OTHER_START_REVOLUTIONS = 1.382
-_NUISANCES_OF_PARTS = {
-    "crank": ("inertia",),
-    "rod": ("mass", "inertia"),
-    "slider": ("mass", "offset"),
-}
 UNSTATED_NOISE_SHARE = 0.02  # [1, of a channel's standard deviation] Noise if it is not stated
 
 
-def friction_speed(mechanism: Mechanism) -> float | None:
+def friction_speed(mechanism: Mechanism | LinkageFile) -> float | None:
     """Regularisation speed [m/s] of friction in the first loose pin with friction; None if there is
     none.
 
@@ -66,7 +63,7 @@ def friction_speed(mechanism: Mechanism) -> float | None:
     return next((contact.friction_speed for contact in contacts if contact.friction > 0), None)
 
 
-def steady_contact_damping(mechanism: Mechanism) -> dict[str, str]:
+def steady_contact_damping(mechanism: Mechanism | LinkageFile) -> dict[str, str]:
     """Name of the damping nuisance of each loose joint with fading contact memory.
 
     The nuisance is the natural logarithm of the damping of steady contact over that of the
@@ -80,48 +77,52 @@ def steady_contact_damping(mechanism: Mechanism) -> dict[str, str]:
     }
 
 
-def with_nuisances(mechanism: Mechanism, values: Values) -> Mechanism:
+def with_nuisances(mechanism: Mechanism | LinkageFile, values: Values) -> Mechanism | LinkageFile:
     """`mechanism` with the `values` of its nuisances."""
-    lengths = (
-        values.get(f"{body}_length", getattr(mechanism, body).length) for body in ("crank", "rod")
-    )
-    modified = mechanism.with_lengths(*lengths)
-    changes = {
-        part: {key: values[f"{part}_{key}"] for key in keys if f"{part}_{key}" in values}
-        for part, keys in _NUISANCES_OF_PARTS.items()
-    }
-    joints = {}
-    for pin in mechanism.loose:
-        joint = mechanism.joint(pin)
-        contact_data, contact = joint.contact, {}
-        for key in ("joint_friction", "restitution") if pin in PINS else ():
-            name = key.removeprefix("joint_")
-            if (nominal := getattr(contact_data, name)) is not None:
-                contact[name] = values.get(f"{key}_{pin}", values.get(key, nominal))
-        if "friction_speed" in values:
-            contact["friction_speed"] = (
-                contact_data.friction_speed * values["friction_speed"] / friction_speed(mechanism)
-            )
-        if (name := f"lasting_damping_{pin}") in values:
-            contact["reference_approach_speed"] = contact_data.reference_speed * math.exp(
-                -values[name]
-            )
-        change: dict[str, Any] = {"contact": contact_data.model_copy(update=contact)}
-        if f"{pin}_clearance" in values:
-            change["bearing_radius"] = joint.journal_radius + values[f"{pin}_clearance"]
-        joints[pin] = joint.model_copy(update=change)
-    changes["joints"] = joints
-    update = {
-        part: getattr(modified, part).model_copy(update=change) for part, change in changes.items()
-    }
-    return modified.model_copy(
-        update=update | {"effects": with_pressure_sensor(modified.effects, values)}
-    )
+    sites = mechanism.sites
+    bodies = {}
+    for name in sites.bodies:
+        body = mechanism.body(name)
+        if name in sites.links:
+            body = body.with_length(values.get(f"{name}_length", body.length))
+        own = {key: values.get(f"{name}_{key}") for key in ("mass", "inertia", "offset")}
+        change = {key: value for key, value in own.items() if value is not None}
+        bodies[name] = body.model_copy(update=change)
+    joints = {name: _joint_with_nuisances(mechanism, name, values) for name in mechanism.loose}
+    if isinstance(mechanism, LinkageFile):
+        update = {"bodies": bodies, "joints": {**mechanism.joints, **joints}}
+    else:
+        update = {**bodies, "joints": mechanism.joints.model_copy(update=joints)}
+    effects = with_pressure_sensor(mechanism.effects, values)
+    return mechanism.model_copy(update=update | {"effects": effects})
 
 
-def with_effects(mechanism: Mechanism, effects: Effects) -> Mechanism:
+def _joint_with_nuisances(
+    mechanism: Mechanism | LinkageFile, name: str, values: Values
+) -> Joint | Slide:
+    joint = mechanism.joint(name)
+    contact_data, contact = joint.contact, {}
+    for key in ("joint_friction", "restitution") if name in joints_of(mechanism.sites) else ():
+        of_contact = key.removeprefix("joint_")
+        if (nominal := getattr(contact_data, of_contact)) is not None:
+            contact[of_contact] = values.get(f"{key}_{name}", values.get(key, nominal))
+    if "friction_speed" in values:
+        contact["friction_speed"] = (
+            contact_data.friction_speed * values["friction_speed"] / friction_speed(mechanism)
+        )
+    if (damping := f"lasting_damping_{name}") in values:
+        contact["reference_approach_speed"] = contact_data.reference_speed * math.exp(
+            -values[damping]
+        )
+    change: dict[str, Any] = {"contact": contact_data.model_copy(update=contact)}
+    if f"{name}_clearance" in values:
+        change["bearing_radius"] = joint.journal_radius + values[f"{name}_clearance"]
+    return joint.model_copy(update=change)
+
+
+def with_effects(mechanism: Mechanism | LinkageFile, effects: Effects) -> Mechanism | LinkageFile:
     """`mechanism` with additional effects."""
-    added, formulas = [], {}
+    known, added, formulas = effects_of(mechanism.sites), [], {}
     for candidate, values in effects:
         if candidate.name.startswith("discovered_"):
             formulas.setdefault(candidate.name.partition("[")[0], []).append((candidate, values))
@@ -131,34 +132,36 @@ def with_effects(mechanism: Mechanism, effects: Effects) -> Mechanism:
             is_there = any(values[key] for key in sizes & values.keys())
             if candidate.formula and is_there:
                 parameters = {"formula": candidate.formula, "coefficients": dict(values)}
-                name = FORMULA_EFFECTS[candidate.site]
-                added.append(_effect(name, candidate.site, parameters, label=candidate.name))
-            elif is_there or (not candidate.formula and EFFECTS[candidate.name].ACTS_AT_ZERO):
-                added.append(_effect(candidate.name, candidate.site, candidate.parameters(values)))
+                effect = known[formula_effect(mechanism.sites, candidate.site)]
+                added.append(_effect(effect, "", parameters, label=candidate.name))
+            elif is_there or (not candidate.formula and known[candidate.name].ACTS_AT_ZERO):
+                effect, parameters = known[candidate.name], candidate.parameters(values)
+                added.append(_effect(effect, candidate.site, parameters))
     for name, terms in formulas.items():
-        is_listed = mechanism.effect(name, EFFECTS[name].SITE) is not None
-        added.append(_formula(name, terms, label="found" if is_listed else ""))
+        is_listed = mechanism.effect(name, known[name].SITE) is not None
+        added.append(_formula(known[name], terms, label="found" if is_listed else ""))
     return mechanism.model_copy(update={"effects": (*mechanism.effects, *added)})
 
 
-def _effect(name: str, site: str, parameters: Mapping[str, Any], **keys: str) -> Effect:
-    effect = EFFECTS[name]
-    data = {"name": name, "parameters": dict(parameters)} | keys
+def _effect(effect: type[Effect], site: str, parameters: Mapping[str, Any], **keys: str) -> Effect:
+    data = {"name": effect.NAME, "parameters": dict(parameters)} | keys
     data |= {"site": site} if "site" in effect.model_fields else {}
-    return validate(effect, data, name)
+    return validate(effect, data, effect.NAME)
 
 
-def _formula(name: str, terms: Effects, label: str) -> Effect:
+def _formula(effect: type[Effect], terms: Effects, label: str) -> Effect:
     """One law of several terms, each with a coefficient: ``discovered_slider_force[v^3]``."""
     parts, coefficients = [], {}
     for place, (candidate, values) in enumerate(terms, 1):
         term = candidate.name.partition("[")[2].removesuffix("]")
         if not term:
-            raise InputError(f"{candidate.name}: has no term; use a name such as {name}[v^3]")
+            raise InputError(
+                f"{candidate.name}: has no term; use a name such as {effect.NAME}[v^3]"
+            )
         parts.append(f"c{place}*({term})")
         coefficients[f"c{place}"] = values[candidate.amplitudes[0]]
     return _effect(
-        name, "", {"formula": " + ".join(parts), "coefficients": coefficients}, label=label
+        effect, "", {"formula": " + ".join(parts), "coefficients": coefficients}, label=label
     )
 
 
@@ -176,10 +179,10 @@ def simulated_effects(effects: Effects) -> tuple[list, list, float]:
 
 
 def augmented_mechanism(
-    mechanism: Mechanism,
+    mechanism: Mechanism | LinkageFile,
     hypothesis: Sequence[Candidate] = (),
     values: Mapping[str, float] | None = None,
-) -> Mechanism:
+) -> Mechanism | LinkageFile:
     """The mechanism with re-fitted nuisances and effects."""
     values = values or {}
     modified = with_nuisances(mechanism, {key: v for key, v in values.items() if "@" not in key})
@@ -191,9 +194,8 @@ def augmented_mechanism(
         effects.append((candidate, effect_values))
         # a partly replaced nuisance, such as the other pin's friction
         modified = with_nuisances(modified, effect_values)
-    return validate(
-        Mechanism, with_effects(modified, effects).model_dump(), "the augmented mechanism"
-    )
+    augmented = with_effects(modified, effects).model_dump()
+    return validate(type(mechanism), augmented, "the augmented mechanism")
 
 
 # Equivalent solver variants; their differences count as solver error. The last one requires loose
@@ -331,6 +333,8 @@ def _driven_run(
             run = drives.measured_angle_run(loaded, plan, faults.of_reading, faults.lag, tolerance)
         elif campaign.drive == "motor":
             run = drives.motor_run(loaded, campaign.motor, plan, values, error, tolerance, earlier)
+        elif campaign.drive == "free":
+            run = drives.free_run(loaded, plan, values, error, tolerance, earlier)
         else:
             run = drives.constant_speed_run(loaded, plan, values, error, tolerance, earlier)
         for law in run.model.p.slides.laws:
@@ -442,7 +446,7 @@ def _change_over_noise(campaign: Campaign, plan: RunPlan, count: int) -> Callabl
     return change
 
 
-def tolerance_for(mechanism: Mechanism, usual: float = TOLERANCE) -> float:
+def tolerance_for(mechanism: Mechanism | LinkageFile, usual: float = TOLERANCE) -> float:
     """Local error of a step [m] for a fit: smaller for films and small clearances."""
     film = any(mechanism.effect("lubricated_joint", joint) for joint in mechanism.loose)
     shares = [TOLERANCE_SHARE * mechanism.clearance(joint) for joint in mechanism.loose]

@@ -8,11 +8,12 @@ from math import tau
 
 import numpy as np
 
-from jointgap.config import Mechanism
 from jointgap.config.campaign import Campaign
+from jointgap.config.linkage_file import LinkageFile
 from jointgap.core.candidates import Effects
+from jointgap.core.joints import JOINTS
+from jointgap.motion.of_file import Vectors
 from jointgap.motion.parallel import cores
-from jointgap.motion.slider_crank import perturbed_start
 from jointgap.rig.drives import RunPlan, Values
 from jointgap.rig.simulate_run import UNSTATED_NOISE_SHARE, channels_read
 
@@ -206,8 +207,10 @@ def persistence(rows: np.ndarray, block: int) -> np.ndarray:
     return np.repeat(np.fmax(cycle_mean(ratio.reshape(-1, BINS), axis=1), 1.0), BINS)
 
 
-# quasi-random sequence: multiples of the golden and the plastic ratio
-_SPREADING = np.array([0.6180339887, 0.7548776662, 0.5698402910])
+# quasi-random sequence: multiples of the golden and the plastic ratio, then of roots of primes
+_SPREADING = np.array(
+    [0.6180339887, 0.7548776662, 0.5698402910, *np.sqrt([2, 3, 5, 7, 11, 13, 17, 19, 23]) % 1.0]
+)
 
 
 @dataclass(frozen=True)
@@ -228,9 +231,10 @@ def chaotic_channels(
 ) -> tuple[str, ...]:
     """Channels in which two simulations from nearly equal starts differ significantly compared with
     noise."""
-    if not campaign.mechanism.applied().loose:
+    if not campaign.mechanism.applied().loose or campaign.drive == "free":  # no cycles repeat
         return ()
-    start = _start(campaign.mechanism, np.full(3, START_DISTANCE), np.zeros(3))
+    count = len(_start_joints(campaign))
+    start = _start(campaign, np.full(count, START_DISTANCE), np.zeros(count))
     nominal, perturbed = (
         channels_read(campaign, plan, values, perturbation=perturbation)
         for perturbation in (None, start)
@@ -244,11 +248,20 @@ def chaotic_channels(
     return tuple(filter(is_chaotic, plan.channels))
 
 
-def _start(mechanism: Mechanism, distance: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Start with clearance vectors of `distance` (3,) [m] and `direction` (3,) [rad], in the order
-    of `JOINTS`."""
-    vectors = np.column_stack([distance * np.cos(direction), distance * np.sin(direction)]).ravel()
-    return perturbed_start(vectors, mechanism.applied().loose)
+def _start_joints(campaign: Campaign) -> tuple[str, ...]:
+    """Revolute joints in whose clearances starts are distributed: loose ones, of a slider-crank
+    with places for the others."""
+    mechanism = campaign.mechanism
+    return tuple(mechanism.loose_pins) if isinstance(mechanism, LinkageFile) else JOINTS
+
+
+def _start(campaign: Campaign, distance: np.ndarray, direction: np.ndarray) -> Vectors:
+    """Start with clearance vectors of `distance` (n,) [m] and `direction` (n,) [rad], in the order
+    of `_start_joints`."""
+    vectors = np.column_stack([distance * np.cos(direction), distance * np.sin(direction)])
+    named = zip(_start_joints(campaign), vectors, strict=True)
+    loose = campaign.mechanism.applied().loose
+    return {name: vector for name, vector in named if name in loose}
 
 
 def chaotic_run(
@@ -350,7 +363,9 @@ def _ensemble(
     """Crank angles and readings of `count` simulations from distributed starts, concatenated with a
     distance of full revolutions.
     """
-    spread = np.mod((np.arange(count)[:, None] + 0.5) * _SPREADING, 1.0)
+    spread = np.mod(
+        (np.arange(count)[:, None] + 0.5) * _SPREADING[: len(_start_joints(campaign))], 1.0
+    )
     mechanism = campaign.mechanism.applied()
     radius = 0.5 * min(
         min(values.get(f"{joint}_clearance", np.inf), mechanism.clearance(joint))
@@ -359,9 +374,7 @@ def _ensemble(
 
     def member(place: int) -> dict[str, np.ndarray]:
         # the square root distributes starts uniformly over the disc
-        start = _start(
-            campaign.mechanism, radius * np.sqrt(spread[place]), tau * spread[place][::-1]
-        )
+        start = _start(campaign, radius * np.sqrt(spread[place]), tau * spread[place][::-1])
         return channels_read(campaign, plan, values, effects, numerics, start)
 
     with ThreadPoolExecutor(min(cores(), count)) as pool:

@@ -16,8 +16,10 @@ from jointgap.rig.drives import RunPlan, Values
 from jointgap.rig.simulate_run import Columns, Prepared, prepared, read, simulated_effects
 
 TOLERANCE = 1e-11  # [m] Local error of a step: at 1e-10 some finite differences are half noise
-# Tried initial directions of each loose joint, by number of loose joints
+# Tried initial directions of each loose joint, by number of loose joints; of more joints this many
+# of each one, while the others have their settled direction
 DIRECTIONS = {1: 12, 2: 8, 3: 6}
+DIRECTIONS_OF_MANY = 4
 MOTIONS_KEPT = 8  # Cached simulations
 LEAD = 1e-3  # [revolutions] Begin of the first window before the record
 
@@ -29,8 +31,8 @@ def run_in_windows(
     effects: Effects,
     rows: Mapping[str, np.ndarray],
 ) -> "RunInWindows | None":
-    """A run in windows; None without channels besides the crank angle, with ideal joints, a motor
-    or a film.
+    """A run in windows; None without channels besides the crank angle, with ideal joints, a loose
+    slide, a free crank or a film.
 
     `rows` (n,) are the samples of each channel.
     """
@@ -38,8 +40,9 @@ def run_in_windows(
         return None
     run = prepared(campaign, plan, values, simulated_effects(effects)[0], tolerance=TOLERANCE)
     model = run.driven.model
-    films = any(model.bearings[name].film_viscosity > 0.0 for name in model.loose)
-    size = 0 if films or model.is_free else 2 * len(model.loose)
+    films = any(model.bearings[name].film_viscosity > 0.0 for name in model.pins)
+    others = films or model.is_free or model.pins != model.loose
+    size = 0 if others else 2 * len(model.loose)
     return RunInWindows(campaign, plan, run, rows, size) if size else None
 
 
@@ -66,7 +69,7 @@ def _simulated(
 
 
 class RunInWindows:
-    """A `jointgap.core.candidates.WindowedRun` of a slider-crank. State of each loose joint: angle
+    """A `jointgap.core.candidates.WindowedRun` of a mechanism. State of each loose joint: angle
     of the pin on the clearance circle, and its rate over the crank speed."""
 
     def __init__(
@@ -190,10 +193,7 @@ class RunInWindows:
         )
         rows = self._rows(edges, angles)
         readings = self._readings(rows, places, edges[-1], measured, noise)
-        joints = self.size // 2
-        directions = np.linspace(0.0, tau, DIRECTIONS[joints], endpoint=False)
-        guesses = np.zeros((directions.size**joints, self.size))
-        guesses[:, 0::2] = list(product(directions, repeat=joints))
+        guesses = self._guesses(edges)
         prior = np.full((count, self.size), np.nan)
         settings = windows.FilterSettings(jump, float(most))
         starts = guesses
@@ -212,6 +212,24 @@ class RunInWindows:
             sums.deviance,
             sums.readings,
         )
+
+    def _guesses(self, edges: np.ndarray) -> np.ndarray:
+        """Initial states (n, states) to try."""
+        joints = self.size // 2
+        if joints in DIRECTIONS:
+            directions = np.linspace(0.0, tau, DIRECTIONS[joints], endpoint=False)
+            guesses = np.zeros((directions.size**joints, self.size))
+            guesses[:, 0::2] = list(product(directions, repeat=joints))
+            return guesses
+        still = np.zeros((edges.size - 1, self.size))
+        model = self._run.driven.model
+        start = windows.WindowStates(edges, still, windows.resting(model, len(still)))
+        settled = self.steady_states(start).slow[0]
+        turned = np.arange(DIRECTIONS_OF_MANY) * (tau / DIRECTIONS_OF_MANY)
+        guesses = np.tile(settled, (joints * turned.size, 1))
+        for joint in range(joints):
+            guesses[joint * turned.size : (joint + 1) * turned.size, 2 * joint] += turned
+        return guesses
 
     def deviance_of(
         self,
