@@ -9,6 +9,7 @@ from jointgap.config import Simulate
 from jointgap.config.linkage_file import LinkageFile
 from jointgap.config.load import validate
 from jointgap.core.errors import InputError, SimulationError
+from jointgap.effects import SLIDER_SIGN_SPEED
 from jointgap.motion.integrate import EVENT
 from jointgap.motion.linkage import linkage_model, simulate_linkage
 from jointgap.motion.simulation import integrate_to_angles, observed
@@ -120,6 +121,35 @@ def test_elastic_walls_without_friction_conserve_energy():
     total = energy(samples)[samples["guide_contacts"] == 0]
     assert samples["guide_contacts"].max() > 0 and total.size > 100
     assert np.ptp(total) < 2e-9 * total[0]
+
+
+@pytest.mark.parametrize(
+    "law, size, exponent", [("viscous_friction", 0.05, 2), ("coulomb_friction", 0.2, 1)]
+)
+def test_friction_along_a_loose_slide_takes_its_work_from_a_free_crank(law, size, exponent):
+    key = "damping_N_s_m" if exponent == 2 else "force_N"
+    rubbing = {"name": f"slider_{law}", "parameters": {key: size}}
+    content = published().model_dump()
+    content["effects"] = [*content["effects"], rubbing]
+    model = linkage_model(LinkageFile.model_validate(content), Simulate(speed=150.0, drive=FREE))
+    for corner in model.contacts:
+        model.bearings[corner].damping = 0.0
+    angles = np.linspace(0.0, 2 * math.pi, 14401)
+    samples = observed(model, integrate_to_angles(model, model.start(), angles, 1e-12))
+    speed, flies = samples["slider_velocity_x"], samples["guide_contacts"] == 0
+    power = size * (speed**2 if exponent == 2 else speed * np.tanh(speed / SLIDER_SIGN_SPEED))
+    steps = 0.5 * (power[1:] + power[:-1]) * np.diff(samples["time"])
+    lost = np.append(0.0, np.cumsum(steps))
+    kept = energy(samples) + lost
+    assert samples["guide_contacts"].max() > 0
+    assert np.ptp(kept[flies]) < 1e-5 * lost[-1] and lost[-1] > 0.01 * kept[0]
+
+
+def test_friction_by_the_load_of_a_loose_slide_is_refused_as_its_contact_has_friction():
+    rubbing = {"name": "slider_load_friction", "parameters": {"coefficient": 0.1}}
+    content = published().model_dump() | {"effects": [rubbing]}
+    with pytest.raises(InputError, match="slider_load_friction requires an ideal slide"):
+        validate(LinkageFile, content, "flores.yaml")
 
 
 def test_friction_tilts_the_block_and_takes_energy():

@@ -672,9 +672,14 @@ class DiscoveredLaw(Effect):
         programs = records["formulas"]
         programs[self.BODY] = _sum(programs.get(self.BODY, NOTHING), program)
 
+    @property
+    def odd_variables(self) -> tuple[str, ...]:
+        """Variables that change their sign in the mirror image: angles and their rates."""
+        return "theta", "w"
+
     def mirrored(self) -> Effect:
-        """Angle and speed of the crank change their sign."""
-        formula = re.sub(r"\b(theta|w)\b", r"(-\1)", self.parameters.formula, flags=re.ASCII)
+        odd = rf"\b({'|'.join(self.odd_variables)})\b"
+        formula = re.sub(odd, r"(-\1)", self.parameters.formula, flags=re.ASCII)
         return self.with_parameters(formula=formula)
 
 

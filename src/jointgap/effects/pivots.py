@@ -267,10 +267,17 @@ class DiscoveredTorque(DiscoveredLaw):
         effect = super().mirrored()
         return effect.with_parameters(formula=f"-({effect.parameters.formula})")
 
+    @property
+    def odd_variables(self) -> tuple[str, ...]:
+        # of the crank x and v are those of the first slide, of others its own angle and speed
+        of_slide = self.BODY == self.SITES.crank and self.SITES.slides
+        return super().odd_variables if of_slide else (*super().odd_variables, "x", "v")
+
 
 PIVOT_LAWS = numbers_of(law for law in LAWS if law.__module__ == __name__) | {
     "periodic_order": 0.0,
     "sign_speed": CRANK_SIGN_SPEED,
+    "follows_slide": 0,  # 1: the variables of the formula are those of the first slide
     "formula": 0,  # Place of a program, from 1; 0: none
 }
 """Numbers of `pivot_torque` and of a formula, by name."""

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from functools import partial
+from typing import Any
 
 from jointgap.core.candidates import LawFamily, Parameter
 from jointgap.effects import base
@@ -234,6 +235,13 @@ class LoadFriction(SlideEffect):
         compiled="load_friction",
         step=_coefficient,
     )
+
+    def check(self, mechanism: Any) -> None:
+        if self.SITE in mechanism.loose:
+            raise ValueError(
+                f"effects: {self.NAME} requires an ideal slide; friction of the loose {self.SITE}"
+                " is that of its contact"
+            )
 
 
 @register_effect(order=60)

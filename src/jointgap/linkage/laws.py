@@ -164,9 +164,11 @@ def force_along(p, number, guide_force, x, v, crank_speed, crank_angle, time):
 @compiled
 def torque_at(p, number, angle, speed, x, v, crank_speed, crank_angle, time):
     """Torque [N m] of all effects on the body of a pivot, at an `angle` [rad] with a `speed`; the
-    variables of its formula are `x` and `v`."""
+    variables of its formula are those, or `x` and `v` of the first slide."""
     law = p.pivots.laws[number]
     torque = pivot_torque(law, smooth_sign(speed / law.sign_speed), angle, speed)
+    if law.follows_slide == 0:
+        x, v = angle, speed
     return torque + _formula_value(p, law.formula, x, v, crank_speed, crank_angle, time)
 
 

@@ -83,9 +83,8 @@ def laws_of(records: Records, sites: Sites, outermost: Mapping[str, float]) -> L
     """
     written, programs = records["sites"], records["formulas"]
     slides = {**sites.slides, **{name: name for name in sites.tracks}}
-    pushed = [body for body in slides if body in written]
-    if sites.crank in programs and not pushed:  # whose variables are those of the first slide
-        pushed = [*sites.slides][:1]
+    followed = [*sites.slides][:1] if sites.crank in programs else []  # by the crank's formula
+    pushed = [body for body in slides if body in written or body in followed]
     turned = [body for body in sites.pivots if body in written]
     for what, count, most in (
         ("bodies on slides", len(pushed), MOST_SLIDES),
@@ -105,7 +104,10 @@ def laws_of(records: Records, sites: Sites, outermost: Mapping[str, float]) -> L
     return Laws(
         (*(slides[body] for body in pushed), *(sites.pivots[body] for body in turned)),
         slides_record(of_slides),
-        pivots_record([law(PivotLaws, body) for body in turned], law(PivotLaws, sites.crank)),
+        pivots_record(
+            [law(PivotLaws, body) for body in turned],
+            law(PivotLaws, sites.crank, follows_slide=int(bool(sites.slides))),
+        ),
         formulas_record([*programs.values()]),
         table_record(records["table"]) if "table" in records else NO_TABLE,
         any(each.load_friction != 0.0 for each in of_slides),

@@ -80,15 +80,18 @@ def linkage_model(file: LinkageFile, options: Simulate, drawn_at: float | None =
 
 
 def _farthest(file: LinkageFile, linkage: Linkage, signs: Sequence[float]) -> dict[str, float]:
-    """Farthest place [m] of each body on its slide of the frame; of none without gas pressure."""
-    if not any(effect.LAW_NAME == "gas_pressure" for effect in file.effects):
-        return {}
-    turn = np.linspace(0.0, math.tau, 721)
-    pose = ideal_pose(linkage, signs, turn)
-    places = {
-        body: pose.travel(linkage.joints[name])[0] for body, name in file.sites.slides.items()
-    }
-    return {body: float(np.max(place)) for body, place in places.items()}
+    """Farthest place [m] of each body with gas pressure on its slide of the frame."""
+    found = {}
+    for effect in file.effects:
+        if effect.LAW_NAME != "gas_pressure":
+            continue
+        joint, middle, reach = linkage.joints[file.sites.slides[effect.BODY]], math.pi, math.pi
+        for _ in range(3):  # ever closer to the crank angle there
+            angles = middle + np.linspace(-reach, reach, 721)
+            places = ideal_pose(linkage, signs, angles).travel(joint)[0]
+            middle, reach = angles[np.argmax(places)], reach / 180.0
+        found[effect.BODY] = float(np.max(places))
+    return found
 
 
 def linkage_remarks(file: LinkageFile, options: Simulate) -> tuple[str, ...]:
