@@ -9,6 +9,13 @@ from jointgap.core.errors import InputError
 from jointgap.linkage.equations import Arithmetic, Crank, Pose
 from jointgap.linkage.topology import Dyad, Linkage, number
 
+ON_ARRAYS = Arithmetic(
+    sqrt=np.sqrt,
+    cos_sin=lambda x: (np.cos(x), np.sin(x)),
+    angle=lambda direction: np.arctan2(direction[1], direction[0]),
+)
+"""Arithmetic of arrays."""
+
 ANGLES = 720
 """Crank angles of a scan."""
 
@@ -114,9 +121,8 @@ def check_turning(linkage: Linkage, signs: Sequence[float], clearances: float = 
 def ideal_pose(linkage: Linkage, signs: Sequence[float], angles: np.ndarray) -> Pose:
     """Poses without clearance at crank angles [rad]; NaN where the linkage does not close."""
     crank = Crank(np.cos(angles), np.sin(angles), 1.0)
-    arithmetic = Arithmetic(sqrt=np.sqrt, cos_sin=lambda x: (np.cos(x), np.sin(x)))
     still = {joint.name: ((0.0, 0.0), (0.0, 0.0)) for joint in linkage.loose}
-    return Pose(linkage, signs, crank, still, arithmetic)
+    return Pose(linkage, signs, crank, still, ON_ARRAYS)
 
 
 def _directions(

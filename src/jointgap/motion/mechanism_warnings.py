@@ -4,9 +4,14 @@ import math
 from collections.abc import Iterator
 
 from jointgap.config import Contact, Joint, Mechanism, hertz_stiffness
+from jointgap.config.linkage_file import LinkageFile
 from jointgap.contact.normal_force import LAWS, delivered_restitution, penalty_restitution
 from jointgap.core.joints import JOINT
+from jointgap.core.sites import FRAME
 from jointgap.core.words import format_name, joined, number
+from jointgap.effects.force_table import ForceTable
+from jointgap.linkage.from_file import linkage_of_file
+from jointgap.motion.effects import crank_radius
 
 WIDE_CLEARANCE = 0.05
 """Clearance over the journal's radius above which a warning is given."""
@@ -27,42 +32,56 @@ FAST_SLIDER = 20.0
 of compressors 5."""
 
 
-def odd_speed(mechanism: Mechanism, speed: float) -> list[str]:
+def odd_speed(mechanism: Mechanism | LinkageFile, speed: float) -> list[str]:
     """A warning if the crank speed `speed` [rad/s] is so high that another unit was probably
     meant."""
-    mean = (
-        2.0 * mechanism.applied().crank.length * abs(speed) / math.pi
-    )  # two strokes per revolution
+    applied = mechanism.applied()
+    if isinstance(applied, Mechanism):
+        subject, travel = "the slider's", applied.crank.length
+    else:
+        subject, travel = "a slider of the crank's stroke would have a", crank_length(applied)
+    mean = 2.0 * travel * abs(speed) / math.pi  # two strokes per revolution
     if mean <= FAST_SLIDER:
         return []
     value, rpm = abs(speed), 30.0 / math.pi * abs(speed)
+    verb = "is" if subject.endswith("'s") else "of"
     return [
-        f"speed: at {number(rpm)} rpm ({number(value)} rad/s) the slider's mean speed is {mean:.0f}"
-        f" m/s, above {FAST_SLIDER:g} m/s as in fast engines. Without a unit a number is in rad/s:"
-        f" if you meant {number(value)} rpm, add the unit"
+        f"speed: at {number(rpm)} rpm ({number(value)} rad/s) {subject} mean speed {verb}"
+        f" {mean:.0f} m/s, above {FAST_SLIDER:g} m/s as in fast engines. Without a unit a number is"
+        f" in rad/s: if you meant {number(value)} rpm, add the unit"
     ]
 
 
-def odd_data(mechanism: Mechanism) -> list[str]:
+def crank_length(file: LinkageFile) -> float:
+    """Distance [m] of the crank's pivot from its next joint."""
+    return crank_radius(linkage_of_file(file))
+
+
+def odd_data(mechanism: Mechanism | LinkageFile) -> list[str]:
     """Warnings about unusual masses, inertias, clearances and loads, such as
     ``slider.mass: ...``."""
     applied = mechanism.applied()
-    masses = {f"{body}.mass": getattr(applied, body).mass for body in ("crank", "rod", "slider")}
+    sites = applied.sites
+    masses = {f"{body}.mass": applied.body(body).mass for body in sites.bodies}
+    lengths = {link: applied.body(link).length for link in sites.links}
+    longest = max(lengths, key=lengths.get, default="")
     light, heavy = min(masses, key=masses.get), max(masses, key=masses.get)
-    least, most = (density * applied.rod.length**3 for density in DENSITIES)
-    found = [
-        f"{key}: {mass:.4g} kg is implausible with rod.length {applied.rod.length:.4g} m (usual:"
-        f" {least:.2g} kg to {most:.2g} kg); check the units of both"
-        for key, mass in masses.items()
-        if not least <= mass <= most
-    ]
+    found = []
+    for key, mass in masses.items() if longest else ():
+        least, most = (density * lengths[longest] ** 3 for density in DENSITIES)
+        if not least <= mass <= most:
+            found.append(
+                f"{key}: {mass:.4g} kg is implausible with {longest}.length"
+                f" {lengths[longest]:.4g} m (usual: {least:.2g} kg to {most:.2g} kg); check the"
+                " units of both"
+            )
     if not found and masses[heavy] > UNLIKE_MASSES * masses[light]:
         found.append(
             f"{heavy}: {masses[heavy]:.4g} kg is {masses[heavy] / masses[light]:.4g} times {light},"
             f" {masses[light]:.4g} kg; check the units of both"
         )
-    for body in ("crank", "rod"):
-        link = getattr(applied, body)
+    for body in sites.links:
+        link = applied.body(body)
         if (gyration := math.sqrt(link.inertia / link.mass)) < LEAST_GYRATION * link.length:
             uniform = link.mass * link.length**2 / 12
             found.append(
@@ -71,6 +90,8 @@ def odd_data(mechanism: Mechanism) -> list[str]:
                 f" has {uniform:.2g} kg*m^2: check the units"
             )
     for name in applied.loose:
+        if applied.joint(name) is None:  # a slide
+            continue
         radius, clearance = applied.joint(name).journal_radius, applied.clearance(name)
         if clearance > WIDE_CLEARANCE * radius:
             found.append(
@@ -78,7 +99,7 @@ def odd_data(mechanism: Mechanism) -> list[str]:
                 f" {100 * clearance / radius:.3g} % of journal_radius, {1e3 * radius:.3g} mm; worn"
                 f" joints have less than {100 * WIDE_CLEARANCE:g} %: check both radii"
             )
-    tables = (effect for effect in mechanism.effects if effect.name == "slider_force_table")
+    tables = (effect for effect in mechanism.effects if isinstance(effect, ForceTable))
     return [*found, *(f"{table.name}: {remark}" for table in tables for remark in table.remarks())]
 
 
@@ -91,7 +112,7 @@ PENALTY_SPEEDS = (0.1, 1.0)
 starting motion."""
 
 
-def remarks(mechanism: Mechanism, speed: float = 0.0) -> list[str]:
+def remarks(mechanism: Mechanism | LinkageFile, speed: float = 0.0) -> list[str]:
     """Warnings about unusual data, a high crank `speed` [rad/s] and unexpected behaviour of
     contacts: ``crank_pin: ...``."""
     applied = mechanism.applied()
@@ -101,12 +122,21 @@ def remarks(mechanism: Mechanism, speed: float = 0.0) -> list[str]:
         + [
             f"{name}: {sentence}"
             for name in applied.loose
-            for sentence in _of_contact(applied.joint(name), applied.rod.mass)
+            if applied.joint(name)
+            for sentence in _of_contact(applied.joint(name), _light_mass(applied, name))
         ]
     )
 
 
-def sentences(mechanism: Mechanism, speed: float = 0.0) -> tuple[str, ...]:
+def _light_mass(mechanism: Mechanism | LinkageFile, joint: str) -> float:
+    """Mass [kg] of the lighter moving body of a joint; of a pin of a slider-crank the rod's."""
+    if isinstance(mechanism, Mechanism):
+        return mechanism.rod.mass
+    bodies = mechanism.sites.revolutes[joint]
+    return min(mechanism.body(name).mass for name in bodies if name != FRAME)
+
+
+def sentences(mechanism: Mechanism | LinkageFile, speed: float = 0.0) -> tuple[str, ...]:
     """The `remarks` as sentences, with joints of equal remarks combined:
     ``Contact of the crank pin: ...``."""
     subjects: dict[str, list[str]] = {}
