@@ -14,7 +14,9 @@ from jointgap.config.load import load_campaign
 from jointgap.core.errors import InputError
 from jointgap.core.sites import SLIDER_CRANK
 from jointgap.motion.ideal import ideal_channels
+from jointgap.motion.mechanism_warnings import odd_data
 from jointgap.rig.guess import new_rig
+from jointgap.rig.inspection import inspect
 from jointgap.rig.model import build_model
 from jointgap.rig.read_files import read_measurements
 from jointgap.rig.simulate_run import with_nuisances
@@ -122,9 +124,15 @@ def differences(model, run="slow", **values) -> dict[str, float]:
 def test_a_campaign_of_a_linkage_is_read_without_contradictions_and_simulated_to_its_noise(
     tmp_path, name, channels
 ):
-    path = written(tmp_path, linkage(name), channels=channels)
+    file = linkage(name)
+    path = written(tmp_path, file, channels=channels)
     measurements = measured(path)
     assert (measurements.remarks, measurements.contradictions) == ((), ())
+    assert odd_data(file) == []
+    table, figures = inspect(load_campaign(path), measurements)
+    units = {kind: of.unit for kind, of in channel_kinds(file.sites).items()}
+    assert [*figures] == [*SPEEDS] and {*table["channel"]} == {*channels} - {"time"}
+    assert [units[name] for name in table["channel"]] == [*table["unit"]]
     for run in SPEEDS:
         away = differences(model_of(path), run)
         assert {*away} == {*channels} - {"time"}
