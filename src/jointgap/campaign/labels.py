@@ -7,8 +7,8 @@ from functools import cache
 from math import inf
 from typing import Any
 
-from jointgap.config.campaign import NUISANCES
-from jointgap.config.channels import CHANNELS
+from jointgap.config.campaign import NUISANCE_RULES, NUISANCES
+from jointgap.config.channels import CHANNEL_RULES, CHANNELS
 from jointgap.core import words
 from jointgap.core.facts import Fact
 from jointgap.core.words import format_name, joined, number, reading_unit
@@ -250,7 +250,8 @@ def _label_of_match(match: re.Match) -> str:
     if re.split(r"[:\[ ]", label)[0] in {*EFFECTS, *FAULTS, *AXIS_LAWS}:
         return format_label(label)
     name, _, site = label.partition(":")
-    text = words.format_nuisance(name) if name in NUISANCES else format_name(name)
+    is_nuisance = name in NUISANCES or re.fullmatch(_BY_RULE[1], name)
+    text = words.format_nuisance(name) if is_nuisance else format_name(name)
     return f"{text}:{site}" if site else text
 
 
@@ -259,12 +260,19 @@ def _any_of(names: Iterable[str]) -> str:
     return rf"(?:{'|'.join(longest_first)})(?::\w+)?(?:\[[^\]]*\])?"
 
 
+_BY_RULE = tuple(
+    "|".join(rule.replace("{part}", r"[a-zA-Z]\w*") for rule in rules)
+    for rules in (CHANNEL_RULES, NUISANCE_RULES)
+)
+"""Channels and nuisances of any mechanism."""
+
 _EFFECT = _any_of({*EFFECTS, *FAULTS, *AXIS_LAWS})
 _CODE_NAME = re.compile(
     rf"(?<![\w./-])(?:{_EFFECT}(?: \+ {_EFFECT})+|"
     + _any_of(
         name for name in {*EFFECTS, *FAULTS, *AXIS_LAWS, *CHANNELS, *NUISANCES} if "_" in name
     )
+    + rf"|{'|'.join(_BY_RULE)}"
     + r")(?![\w/]|\.\w)"
 )
 """Explanations ``a + b``, and names with an underscore; ``gravity`` and ``speed`` are words."""

@@ -7,11 +7,8 @@ from jointgap.config import Contact, Joint, Mechanism, hertz_stiffness
 from jointgap.config.linkage_file import LinkageFile
 from jointgap.contact.normal_force import LAWS, delivered_restitution, penalty_restitution
 from jointgap.core.joints import JOINT
-from jointgap.core.sites import FRAME
 from jointgap.core.words import format_name, joined, number
 from jointgap.effects.force_table import ForceTable
-from jointgap.linkage.from_file import linkage_of_file
-from jointgap.motion.effects import crank_radius
 
 WIDE_CLEARANCE = 0.05
 """Clearance over the journal's radius above which a warning is given."""
@@ -20,8 +17,8 @@ UNLIKE_MASSES = 50.0
 """Ratio of the largest to the smallest mass above which a warning is given."""
 
 DENSITIES = (0.1, 7850.0)
-"""Smallest and largest mass of a body over the cube of the rod's length [kg/m^3] without a warning:
-the largest is a solid cube of steel; mechanisms have 1 to 500."""
+"""Smallest and largest mass of a body over the cube of the longest link's length [kg/m^3] without a
+warning: the largest is a solid cube of steel; mechanisms have 1 to 500."""
 
 LEAST_GYRATION = 0.02
 """Radius of gyration over the length of a link below which a warning is given; a uniform rod has
@@ -32,66 +29,58 @@ FAST_SLIDER = 20.0
 of compressors 5."""
 
 
-def odd_speed(mechanism: Mechanism | LinkageFile, speed: float) -> list[str]:
+def odd_speed(mechanism: Mechanism, speed: float) -> list[str]:
     """A warning if the crank speed `speed` [rad/s] is so high that another unit was probably
     meant."""
-    applied = mechanism.applied()
-    if isinstance(applied, Mechanism):
-        subject, travel = "the slider's", applied.crank.length
-    else:
-        subject, travel = "a slider of the crank's stroke would have a", crank_length(applied)
-    mean = 2.0 * travel * abs(speed) / math.pi  # two strokes per revolution
+    mean = (
+        2.0 * mechanism.applied().crank.length * abs(speed) / math.pi
+    )  # two strokes per revolution
     if mean <= FAST_SLIDER:
         return []
     value, rpm = abs(speed), 30.0 / math.pi * abs(speed)
-    verb = "is" if subject.endswith("'s") else "of"
     return [
-        f"speed: at {number(rpm)} rpm ({number(value)} rad/s) {subject} mean speed {verb}"
-        f" {mean:.0f} m/s, above {FAST_SLIDER:g} m/s as in fast engines. Without a unit a number is"
-        f" in rad/s: if you meant {number(value)} rpm, add the unit"
+        f"speed: at {number(rpm)} rpm ({number(value)} rad/s) the slider's mean speed is {mean:.0f}"
+        f" m/s, above {FAST_SLIDER:g} m/s as in fast engines. Without a unit a number is in rad/s:"
+        f" if you meant {number(value)} rpm, add the unit"
     ]
-
-
-def crank_length(file: LinkageFile) -> float:
-    """Distance [m] of the crank's pivot from its next joint."""
-    return crank_radius(linkage_of_file(file))
 
 
 def odd_data(mechanism: Mechanism | LinkageFile) -> list[str]:
     """Warnings about unusual masses, inertias, clearances and loads, such as
     ``slider.mass: ...``."""
     applied = mechanism.applied()
-    sites = applied.sites
-    masses = {f"{body}.mass": applied.body(body).mass for body in sites.bodies}
-    lengths = {link: applied.body(link).length for link in sites.links}
-    longest = max(lengths, key=lengths.get, default="")
+    at = "bodies." if isinstance(applied, LinkageFile) else ""
+    masses = {f"{at}{body}.mass": applied.body(body).mass for body in applied.sites.bodies}
+    lengths = {f"{at}{body}.length": applied.body(body).length for body in applied.sites.links}
     light, heavy = min(masses, key=masses.get), max(masses, key=masses.get)
     found = []
-    for key, mass in masses.items() if longest else ():
+    if lengths:
+        longest = max(lengths, key=lengths.get)
         least, most = (density * lengths[longest] ** 3 for density in DENSITIES)
-        if not least <= mass <= most:
-            found.append(
-                f"{key}: {mass:.4g} kg is implausible with {longest}.length"
-                f" {lengths[longest]:.4g} m (usual: {least:.2g} kg to {most:.2g} kg); check the"
-                " units of both"
-            )
+        found = [
+            f"{key}: {mass:.4g} kg is implausible with {longest} {lengths[longest]:.4g} m (usual:"
+            f" {least:.2g} kg to {most:.2g} kg); check the units of both"
+            for key, mass in masses.items()
+            if not least <= mass <= most
+        ]
     if not found and masses[heavy] > UNLIKE_MASSES * masses[light]:
         found.append(
             f"{heavy}: {masses[heavy]:.4g} kg is {masses[heavy] / masses[light]:.4g} times {light},"
             f" {masses[light]:.4g} kg; check the units of both"
         )
-    for body in sites.links:
+    for body in applied.sites.links:
         link = applied.body(body)
+        if link.inertia is None:
+            continue
         if (gyration := math.sqrt(link.inertia / link.mass)) < LEAST_GYRATION * link.length:
             uniform = link.mass * link.length**2 / 12
             found.append(
-                f"{body}.inertia: {link.inertia:.4g} kg*m^2 gives a radius of gyration of"
+                f"{at}{body}.inertia: {link.inertia:.4g} kg*m^2 gives a radius of gyration of"
                 f" {1e3 * gyration:.2g} mm on a link of {1e3 * link.length:.4g} mm; a uniform rod"
                 f" has {uniform:.2g} kg*m^2: check the units"
             )
-    for name in applied.loose:
-        if applied.joint(name) is None:  # a slide
-            continue
+    pins = [name for name in applied.loose if isinstance(applied.joint(name), Joint)]
+    for name in pins:
         radius, clearance = applied.joint(name).journal_radius, applied.clearance(name)
         if clearance > WIDE_CLEARANCE * radius:
             found.append(
@@ -112,7 +101,7 @@ PENALTY_SPEEDS = (0.1, 1.0)
 starting motion."""
 
 
-def remarks(mechanism: Mechanism | LinkageFile, speed: float = 0.0) -> list[str]:
+def remarks(mechanism: Mechanism, speed: float = 0.0) -> list[str]:
     """Warnings about unusual data, a high crank `speed` [rad/s] and unexpected behaviour of
     contacts: ``crank_pin: ...``."""
     applied = mechanism.applied()
@@ -122,21 +111,12 @@ def remarks(mechanism: Mechanism | LinkageFile, speed: float = 0.0) -> list[str]
         + [
             f"{name}: {sentence}"
             for name in applied.loose
-            if applied.joint(name)
-            for sentence in _of_contact(applied.joint(name), _light_mass(applied, name))
+            for sentence in _of_contact(applied.joint(name), applied.rod.mass)
         ]
     )
 
 
-def _light_mass(mechanism: Mechanism | LinkageFile, joint: str) -> float:
-    """Mass [kg] of the lighter moving body of a joint; of a pin of a slider-crank the rod's."""
-    if isinstance(mechanism, Mechanism):
-        return mechanism.rod.mass
-    bodies = mechanism.sites.revolutes[joint]
-    return min(mechanism.body(name).mass for name in bodies if name != FRAME)
-
-
-def sentences(mechanism: Mechanism | LinkageFile, speed: float = 0.0) -> tuple[str, ...]:
+def sentences(mechanism: Mechanism, speed: float = 0.0) -> tuple[str, ...]:
     """The `remarks` as sentences, with joints of equal remarks combined:
     ``Contact of the crank pin: ...``."""
     subjects: dict[str, list[str]] = {}
