@@ -19,6 +19,7 @@ from jointgap.linkage.assembly import signs_of
 from jointgap.linkage.equations import Arithmetic, Crank, Pose
 from jointgap.linkage.from_file import linkage_of_file
 from jointgap.linkage.topology import FRAME
+from jointgap.linkage.transmission import clearance_vector
 from jointgap.motion.linkage import linkage_remarks, simulate_linkage
 from jointgap.motion.model import corner_names
 from jointgap.scenario.animation import FRAME_DURATION, film
@@ -219,20 +220,11 @@ def _orbits(motion: LinkageMotion) -> Drawing:
         panel = sheet.panel(divmod(place, columns), format_name(name), x, y)
         radius = 1e3 * motion.loose[name]
         panel.line("clearance circle", radius * np.cos(circle), radius * np.sin(circle), "limit")
-        panel.line("path", *(1e3 * _vector(turn, name)), "simulation", linewidth=0.8)
+        panel.line("path", *(1e3 * clearance_vector(turn, name)), "simulation", linewidth=0.8)
         panel.square(1.2 * radius)
         panel.axes.locator_params(nbins=3)  # labels of a small clearance are long
     sheet.legend()
     return sheet.drawing()
-
-
-def _vector(samples: pd.DataFrame, name: str) -> np.ndarray:
-    """Clearance vector [m] of a loose joint, (2, n); of a slide offset [m] and tilt [rad]."""
-    if f"{name}_offset" in samples:
-        return samples[[f"{name}_offset", f"{name}_tilt"]].to_numpy().T
-    length = samples[f"r_{name}"].to_numpy()
-    angle = np.nan_to_num(samples[f"gamma_{name}"].to_numpy())
-    return np.array([length * np.cos(angle), length * np.sin(angle)])
 
 
 class _Placed:
@@ -244,7 +236,10 @@ class _Placed:
         angle = samples["crank_angle"].to_numpy()
         still = np.zeros(len(samples))
         clearances = {
-            joint.name: (tuple(magnification * _vector(samples, joint.name)), (still, still))
+            joint.name: (
+                tuple(magnification * clearance_vector(samples, joint.name)),
+                (still, still),
+            )
             for joint in self.linkage.loose
         }
         arithmetic = Arithmetic(sqrt=np.sqrt, cos_sin=lambda a: (np.cos(a), np.sin(a)))
