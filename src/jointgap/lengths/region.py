@@ -143,7 +143,8 @@ def depends_on_offset(options: Constraints) -> str:
     return next((key for key in keys if key != "crank_length"), "")
 
 
-SAMPLES = 41  # grid points per length for the feasibility check; of n lengths as many in all
+SAMPLES = 41  # grid points per length of a slider-crank for the feasibility check
+_POINTS = 256  # in all, of another linkage
 _MOST_STEPS = 60  # of Newton's method, which typically needs three or four
 _LONGEST_STEP = 0.5  # [widths of the box]
 NEAR = 1e-6  # [m] distance below which a bound is active: a thousandth of the paper's digits
@@ -192,7 +193,8 @@ class Region:
     def _projected_grid(self) -> np.ndarray:
         """Points of a grid projected onto the constraints, shape (points, n) [m]."""
         count = len(self.lower)
-        shares = np.linspace(0.0, 1.0, round(SAMPLES ** (2 / count)))
+        each = SAMPLES if self.ratio_limit is not None else max(round(_POINTS ** (1 / count)), 2)
+        shares = np.linspace(0.0, 1.0, each)
         grid = np.stack(np.meshgrid(*[shares] * count, indexing="ij"), axis=-1)
         return self.project(self.unscaled(grid.reshape(-1, count)))
 

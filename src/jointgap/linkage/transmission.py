@@ -33,6 +33,9 @@ def transmitting(linkage: Linkage, joint: str | None = None) -> Dyad:
     return inner[joint]
 
 
+_AT_ONCE = 20_000
+"""Numbers of an array that the processor's cache holds with those of many others."""
+
 _NEARLY_DEAD = 0.9999
 """Cosine beyond which the angle continues linearly, also where a dyad does not close."""
 
@@ -150,18 +153,22 @@ class Geometry:
         with clearance vectors (2 loose joints, n), by default none."""
         variables = np.asarray(variables, dtype=float)
         count, shape = len(self._variables), (*variables.shape[:-1], len(crank_angle))
-        code = self._code(results)
+        code, total = self._code(results), len(results) * (1 + count)
         memory = {
-            "variables": np.moveaxis(variables, -1, 0)[..., None],
             "crank": [np.cos(crank_angle), np.sin(crank_angle)],
             "vectors": np.zeros(2 * len(self.linkage.loose)) if vectors is None else vectors,
-            "results": [None] * (len(results) * (1 + count)),
         }
-        code.run(memory)
-        found = [np.broadcast_to(each, shape) for each in memory["results"]]
-        values, slopes = found[: len(results)], found[len(results) :]
-        by_result = (slopes[i * count : (i + 1) * count] for i in range(len(results)))
-        return values, [np.stack(each, axis=-1) for each in by_result]
+        rows = variables.reshape(-1, count, 1)
+        found = np.empty((total, len(rows), len(crank_angle)))
+        step = max(_AT_ONCE // len(crank_angle), 1)
+        for first in range(0, len(rows), step):
+            memory["variables"] = np.moveaxis(rows[first : first + step], 1, 0)
+            memory["results"] = [None] * total
+            code.run(memory)
+            for each, result in zip(found, memory["results"], strict=True):
+                each[first : first + step] = result
+        values, slopes = np.split(found.reshape(total, *shape), [len(results)])
+        return [*values], [*np.moveaxis(slopes.reshape(len(results), count, *shape), 1, -1)]
 
     def _code(self, results: tuple[Number, ...]) -> Code:
         """A function that writes the results, then their derivatives."""
