@@ -13,7 +13,7 @@ from jointgap.config import Simulate
 from jointgap.config.linkage_file import LinkageFile
 from jointgap.core import parquet
 from jointgap.core.facts import Fact
-from jointgap.core.plot import COLOURS, CRANK_ANGLE, INK, Drawing, Quantity, Sheet
+from jointgap.core.plot import COLOURS, CRANK_ANGLE, INK, Drawing, Panel, Quantity, Sheet
 from jointgap.core.words import format_name
 from jointgap.linkage.assembly import signs_of
 from jointgap.linkage.equations import Arithmetic, Crank, Pose
@@ -313,11 +313,16 @@ def _fixed(placed: _Placed) -> np.ndarray:
 
 
 def _positions(motion: LinkageMotion) -> Drawing:
+    sheet = Sheet(4.6, 1, 1, width=_WIDTH)
+    poses(sheet.panel((0, 0), "", Quantity("x", "mm"), Quantity("y", "mm")), motion)
+    sheet.legend()
+    return sheet.drawing()
+
+
+def poses(panel: Panel, motion: LinkageMotion) -> None:
     """The linkage at several crank angles of the last revolution, and the paths of its points."""
     turn = motion.revolution(-1)
     placed = _Placed(motion, turn)
-    sheet = Sheet(4.6, 1, 1, width=_WIDTH)
-    panel = sheet.panel((0, 0), "", Quantity("x", "mm"), Quantity("y", "mm"))
     chosen = np.linspace(0, len(turn) - 1, _POSES, endpoint=False).astype(int)
     moving = placed.linkage.moving
     for body, colour in zip(moving, _cycle(len(moving)), strict=True):
@@ -336,8 +341,6 @@ def _positions(motion: LinkageMotion) -> Drawing:
             x, y = placed.pose.point(body, name)[0]
             place = [1e3 * np.broadcast_to(each, placed.count)[0] for each in (x, y)]
             panel.axes.annotate(name, place, (4, 4), textcoords="offset points", fontsize=8)
-    sheet.legend()
-    return sheet.drawing()
 
 
 def _animation(motion: LinkageMotion) -> Drawing:

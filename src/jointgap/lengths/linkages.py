@@ -146,7 +146,8 @@ def _constraint(key: str, words: str, unit: str, low: float, high: float, functi
     def slope(lengths: ArrayLike) -> np.ndarray:
         return np.nan_to_num(function(lengths)[1])
 
-    return Constraint(key, words, unit, low, high, value, slope)
+    possible = (0.0, math.pi if unit == "deg" else math.inf)
+    return Constraint(key, words, unit, low, high, value, slope, possible)
 
 
 # ---- the problem

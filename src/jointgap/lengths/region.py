@@ -42,6 +42,7 @@ class Constraint:
     high: float  # Equal to `low` for an equality constraint
     value: Function  # The property, shape (...)
     slope: Function | None = None  # Its gradient, where `value` takes no complex lengths
+    possible: tuple[float, float] = (-math.inf, math.inf)  # Beyond, `value` is continued
 
     @property
     def is_fixed(self) -> bool:
@@ -217,7 +218,7 @@ class Region:
         nearest = self._projected_grid[np.argmin(self.violation(self._projected_grid))]
         within_bounds, ranges = replace(self, constraints=()).samples, []
         for limit in self.constraints:
-            values = limit.value(within_bounds)
+            values = np.clip(limit.value(within_bounds), *limit.possible)
             possible = f"{limit.show(values.min())} to {limit.show(values.max())}"
             ranges.append(f"{limit.key} {limit.range_text()} (within the bounds {possible})")
         lengths = ", ".join(

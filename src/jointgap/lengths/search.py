@@ -167,7 +167,9 @@ def search(
     further variable.
     """
     start, count = np.asarray(start, dtype=float), len(region.lower)
-    unit = float(objective.value(objective.original))
+    # a start that is worse by far would swamp the steps
+    values = [float(objective.value(lengths)) for lengths in (objective.original, start)]
+    unit = max(values[0], 1e-3 * values[1])
     path, values = [start], []
     conditions, bounds = region.conditions(), [(0.0, 1.0)] * count
 
