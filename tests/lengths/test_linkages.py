@@ -203,6 +203,25 @@ def test_mass_centres_are_scaled_and_masses_kept(optimum):
     assert (new.mass, new.inertia) == (old.mass, old.inertia)
 
 
+@pytest.mark.parametrize("name", ["link.length", "frame.E.x", "frame.C.y"])
+def test_a_file_with_other_lengths_has_the_geometry_of_the_search(name):
+    problem = problem_of(jg.load_mechanism("six_bar"), {name: (1e-3, 1.0)})
+    lengths = [problem.original[0] + 4e-3]
+    changed = problem_of(problem.with_lengths(lengths), problem.options.lengths)
+    assert changed.original == pytest.approx(lengths, abs=1e-15)
+    angles = [p.turn.angle(p.dyad, lengths)[0] for p in (problem, changed)]
+    assert angles[0] == pytest.approx(angles[1], abs=1e-12)
+
+
+def test_a_slide_of_the_frame_is_moved():
+    problem = problem_of(jg.load_mechanism("quick_return"), {"frame.guide.y": (0.2, 0.3)})
+    changed = problem.with_lengths([0.26])
+    assert (
+        changed.slides["guide"].at == (0.0, 0.26)
+        and changed.slides["track"] == problem.file.slides["track"]
+    )
+
+
 def test_the_page_has_all_figures(optimum, tmp_path):
     page = optimum.write_page(tmp_path / "optimum.html").read_text(encoding="utf-8")
     assert all(title in page for title in optimum.figures.values())

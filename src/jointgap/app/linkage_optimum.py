@@ -22,7 +22,10 @@ _WORDS = {
     "rms": "RMS error of the transmission angle",
     "departure": "departure of the transmission angle from 90 deg",
 }
-_COLOURS = {"before": "ideal", "after": "optimised"}
+_LOOKS = {  # the line of before stays visible below an equal one
+    "before": {"colour": "ideal", "linewidth": 2.2},
+    "after": {"colour": "optimised", "linewidth": 0.9},
+}
 
 
 @dataclass(frozen=True, repr=False)
@@ -205,10 +208,10 @@ def _transmission(optimum: LinkageOptimum) -> Drawing:
     if is_of_error:
         below = sheet.panel((1, 0), "", CRANK_ANGLE, Quantity("desired − actual", "deg"))
     for when, ensemble in optimum._pair.items():
-        angle, colour = _turned(ensemble), _COLOURS[when]
-        panel.line(when, angle, np.degrees(ensemble.angle[0]), colour)
+        angle, look = _turned(ensemble), _LOOKS[when]
+        panel.line(when, angle, np.degrees(ensemble.angle[0]), **look)
         if is_of_error:
-            below.line(when, angle, np.degrees(ensemble.error[0]), colour)
+            below.line(when, angle, np.degrees(ensemble.error[0]), **look)
     for each in sheet.panels:
         each.over_crank_angle(angle[0], angle[0] + 360.0)
     panel.horizontal_line("90 deg", 90.0)
@@ -228,6 +231,8 @@ def _linkage(optimum: LinkageOptimum) -> Drawing:
         for axes in (first, second):
             low, high = each[:, 0].min(), each[:, 1].max()
             axes.set(**{ends: (low, high + 0.08 * (high - low))})  # room for names of joints
+    width, height = (np.ptp(getattr(first, f"get_{ends}")()) for ends in ("xlim", "ylim"))
+    sheet.figure.set_figheight(1.5 + 3.1 * height / width)
     sheet.legend(sheet.panels[:1])
     return sheet.drawing()
 
@@ -263,7 +268,7 @@ def _joint_forces(optimum: LinkageOptimum) -> Drawing:
         for when, ensemble in optimum._pair.items():
             angle, size = _turned(ensemble), ensemble.forces[name][0]
             shown = np.where(size > 0.0, size, np.nan)
-            panel.line(when, angle, shown, _COLOURS[when], linewidth=0.8)
+            panel.line(when, angle, shown, **_LOOKS[when])
             panel.over_crank_angle(angle[0], angle[0] + 360.0)
         panel.logarithmic()
     sheet.legend()

@@ -225,7 +225,11 @@ class LinkageProblem:
                 f"ensemble.settled_revolution {last} is more than revolutions, {turns}; reduce it"
             )
         for key, slides in (("stroke", True), ("swing", False)):
-            bodies = [b for b in self.linkage.moving if bool(slide_of(self.linkage, b)) == slides]
+            bodies = [
+                body
+                for body in self.linkage.moving
+                if bool(slide_of(self.linkage, body)) == slides and body != self.linkage.crank
+            ]
             for name in getattr(self.options, key):
                 if name not in bodies:
                     raise InputError(f"{key}.{name}: no such body; {did_you_mean(name, bodies)}")
@@ -283,6 +287,7 @@ class LinkageProblem:
         """The file with other lengths [m]: mass centres of links are scaled; stated angles become
         those at the start."""
         frame, bodies = dict(self.file.frame.points), dict(self.file.bodies)
+        slides: dict[str, tuple[float, float]] = {}
         for name, value in zip(self.names, map(float, lengths), strict=True):
             body, _, key = name.partition(".")
             if body in bodies:
@@ -291,10 +296,15 @@ class LinkageProblem:
                 bodies[body] = link.model_copy(update={"length": value, "mass_centre": centre})
             else:
                 point, _, axis = key.partition(".")
-                x, y = frame[point]
-                frame[point] = (value, y) if axis == "x" else (x, value)
+                points = frame if point in frame else slides
+                x, y = points.get(point) or self.file.slides[point].at or (0.0, 0.0)
+                points[point] = (value, y) if axis == "x" else (x, value)
+        joints = {
+            name: joint.model_copy(update={"at": slides[name]}) if name in slides else joint
+            for name, joint in self.file.joints.items()
+        }
         frame = self.file.frame.model_copy(update={"points": frame})
-        file = self.file.model_copy(update={"frame": frame, "bodies": bodies})
+        file = self.file.model_copy(update={"frame": frame, "bodies": bodies, "joints": joints})
         start = self.simulate.start_angle
         crank = Crank(math.cos(start), math.sin(start), 0.0)
         linkage = linkage_of_file(file)
