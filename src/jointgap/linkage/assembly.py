@@ -142,22 +142,7 @@ def _directions(
 
 def _margin(pose: Pose, dyad: Dyad) -> np.ndarray:
     """Sine of the angle from a dead point; NaN where the dyad does not close."""
-    first, second = dyad.bodies
-    if dyad.kind == "RRR":
-        vectors = [
-            pose.turned(body, pose.local(body, *reversed(_ends(dyad, i))))
-            for i, body in enumerate(dyad.bodies)
-        ]
-        return np.abs(_cross(*vectors)) / (_norm(vectors[0]) * _norm(vectors[1]))
-    if dyad.kind == "RRP":
-        vector = pose.turned(first, pose.local(first, *reversed(_ends(dyad, 0))))
-        line = pose.turned(dyad.second.partner.body, pose.line(dyad.second))
-        return np.abs(vector[0] * line[0] + vector[1] * line[1]) / _norm(vector)
-    pin = pose.point(*dyad.first.place(first))[0]
-    pivot = pose.point(*dyad.second.place(second))[0]
-    span = pin[0] - pivot[0], pin[1] - pivot[1]
-    line = pose.turned(second, pose.line(dyad.inner))
-    return np.abs(span[0] * line[0] + span[1] * line[1]) / _norm(span)
+    return np.sqrt(1.0 - np.square(pose.cosines[dyad.inner.name]))
 
 
 def _ends(dyad: Dyad, which: int) -> tuple[str, str]:
@@ -216,11 +201,3 @@ def _does_not_close(linkage: Linkage, signs: Sequence[float], crank_angle: float
 def _turn(one: float, other: float) -> float:
     """Difference of two angles [rad], from -pi to pi."""
     return math.remainder(one - other, 2.0 * math.pi)
-
-
-def _cross(one, other) -> np.ndarray:
-    return np.asarray(one[0] * other[1] - one[1] * other[0])
-
-
-def _norm(vector) -> np.ndarray:
-    return np.hypot(*vector)
