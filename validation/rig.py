@@ -384,8 +384,8 @@ def simulate(
     # the speed of the law is the mean over the angle
     mean = run.speed / math.sqrt(1 - wave.ratio**2) if wave else run.speed
     model = model_of(mechanism, options_of(mean, run.start_angle, numerics.tolerance))
-    model.effects.slider_sign_speed *= numerics.sign_factor
-    model.effects.crank_sign_speed *= numerics.sign_factor
+    for laws in (model.p.slides.laws, model.p.pivots.laws):
+        laws["sign_speed"] *= numerics.sign_factor
     times = run.times + run.lead
     if run.drift:
         model, times = _drifting(model, run)

@@ -5,7 +5,7 @@ from functools import partial
 
 import pytest
 
-from jointgap.effects.slider import _amplitude_and_phase
+from jointgap.effects.slides import _amplitude_and_phase
 
 MIDDLES = {"slow": 2.0, "fast": 0.7}
 

@@ -14,15 +14,15 @@ from tests.linkage.cases import LINKAGES, loosened, with_values
 from tests.linkage.test_equations import sets_of_loose_joints, state, with_turning_slider
 
 PUSHED = {
-    "slider_crank": ("slider",),
-    "tilted_slide": ("slider",),
-    "quick_return": ("ram",),
-    "quick_return_beside": ("ram",),
-    "four_bar": (),
-    "six_bar": (),
-    "carried_slide": (),
+    "slider_crank": ("guide",),
+    "tilted_slide": ("guide",),
+    "quick_return": ("guide", "track", "C"),
+    "quick_return_beside": ("track", "C"),
+    "four_bar": ("C",),
+    "six_bar": ("C", "E"),
+    "carried_slide": ("rail", "C", "E"),
 }
-"""Bodies on slides of the frame, by linkage."""
+"""Slides, tracks and pivots of the frame, by linkage."""
 
 
 def drawn(linkage, kind, generator):
@@ -35,7 +35,7 @@ def drawn(linkage, kind, generator):
         joint.name: JointForce(*generator.normal(0, 100, 2), *generator.normal(0, 1, 2))
         for joint in linkage.loose
     }
-    torque, along = generator.normal(0, 5), {body: generator.normal(0, 30) for body in kind.pushed}
+    torque, along = generator.normal(0, 5), {name: generator.normal(0, 30) for name in kind.pushed}
     rubbing = linkage.rubbing if kind.rubs else ()
     moments = {joint.name: generator.normal() for joint in rubbing}
     pose = Pose(linkage, [1.0] * len(linkage.dyads), crank, clearances, bends=bends)
@@ -50,7 +50,7 @@ def drawn(linkage, kind, generator):
         "along": [*along.values()],
         "moments": [*moments.values()],
     }
-    return motion, forces, moments, given
+    return motion, forces, moments, along, given
 
 
 def in_memory(pose, joint, force):
@@ -82,7 +82,7 @@ def differences(linkage, kind, generator):
     memory = variant.memory(linkage)
     fields, worst = variant.fields(memory), np.zeros(2)
     for _ in range(3):
-        motion, _, moments, given = drawn(linkage, kind, generator)
+        motion, _, moments, _, given = drawn(linkage, kind, generator)
         pose = motion.pose
         for name, values in given.items():
             fields[name][:] = values
@@ -91,15 +91,15 @@ def differences(linkage, kind, generator):
         joints = [*linkage.loose, *rubbing]
         turning = [x for joint in joints for x in turning_in(pose, joint)]
         assert fields["turning"] == pytest.approx(turning, rel=1e-12)
-        slides = [linkage.joint_with_frame(body) for body in kind.pushed]
-        sites = [x for slide in slides for x in pose.travel(slide)]
+        pushed = [linkage.joints[name] for name in kind.pushed]
+        sites = [x for joint in pushed for x in pose.travel(joint)]
         assert fields["sites"] == pytest.approx(sites, rel=1e-12)
         variant.run("dynamics", memory)
         expected = [x for joint in linkage.loose for x in motion.rates[joint.name]]
         expected += [motion.crank_acceleration] * kind.is_free
         expected += [*motion.bend_accelerations.values()]
         reactions = [x for joint in rubbing for x in motion.reactions[joint.name]]
-        reactions += [motion.guide_force(slide) for slide in slides if kind.rubs]
+        reactions += [motion.guide_force(joint) for joint in pushed if kind.rubs]
         apart = [
             relative(fields["rates"], expected),
             relative(fields["reactions"], reactions),
@@ -122,7 +122,7 @@ def test_machine_code_agrees_with_the_plain_equations(name, is_free):
 
 @pytest.mark.parametrize("is_free", [False, True])
 @pytest.mark.parametrize("name, pushed", PUSHED.items())
-def test_forces_along_slides_and_friction_of_pins_agree_with_the_plain_equations(
+def test_forces_at_slides_and_pivots_and_friction_of_pins_agree_with_the_plain_equations(
     name, pushed, is_free
 ):
     """Also the reactions on which that friction depends."""
@@ -136,7 +136,7 @@ def test_forces_along_slides_and_friction_of_pins_agree_with_the_plain_equations
 @pytest.mark.parametrize("loose", [(), ("crank_pin",), ("crank_pivot", "crank_pin", "piston_pin")])
 def test_machine_code_of_a_bending_rod_agrees_with_the_plain_equations(loose, is_free):
     linkage, generator = bending_rod(loose), np.random.default_rng(9)
-    for kind in (Kind(is_free), Kind(is_free, ("slider",), True)):
+    for kind in (Kind(is_free), Kind(is_free, ("guide",), True)):
         assert (differences(linkage, kind, generator) < 1e-11).all()
         assert sampled_apart(linkage, linkage, kind, generator) < 1e-11
 
@@ -155,12 +155,12 @@ def sampled_apart(first, linkage, kind, generator):
     memory = variant.memory(linkage)
     fields, worst = variant.fields(memory), 0.0
     for _ in range(3):
-        motion, forces, moments, given = drawn(linkage, kind, generator)
+        motion, forces, moments, along, given = drawn(linkage, kind, generator)
         for name, values in given.items():
             fields[name][:] = values
         for name in ("pose", "dynamics", "sample"):
             variant.run(name, memory)
-        expected = channels_of(motion, forces, moments)
+        expected = channels_of(motion, forces, moments, along)
         assert variant.channels == {name: unit for name, (_, unit) in expected.items()}
         for unit in {*variant.channels.values()}:
             own = [i for i, each in enumerate(variant.channels.values()) if each == unit]
@@ -211,7 +211,7 @@ def test_sampled_quantities_of_another_bending_rod_agree_with_the_plain_ones():
 
 def test_without_machine_code_the_same_operations_run_in_python(monkeypatch):
     linkage = loosened(LINKAGES["quick_return_beside"], {"D", "O"})
-    kind = Kind(True, ("ram",), True)
+    kind = Kind(True, ("guide", "track", "C"), True)
     machine = differences(linkage, kind, np.random.default_rng(7))
     monkeypatch.setitem(os.environ, "NUMBA_DISABLE_JIT", "1")
     python = differences(linkage, kind, np.random.default_rng(7))

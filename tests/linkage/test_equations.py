@@ -102,12 +102,57 @@ def test_a_force_along_a_slide_is_a_load_and_the_force_across_it_balances_the_bo
         slide = linkage.joint_with_frame(body)
         forces = {j.name: JointForce(*generator.normal(0, 100, 2)) for j in linkage.loose}
         size, (x, y) = generator.normal(0, 50), pose.line(slide)
-        pushed = Dynamics(pose, forces, 3.0, along={body: size})
+        pushed = Dynamics(pose, forces, 3.0, along={slide.name: size})
         loaded = Dynamics(pose, forces, 3.0, {body: ((size * x, size * y), 0.0)})
         assert pushed.accelerations == pytest.approx(loaded.accelerations, rel=1e-12)
         for one in (pushed, loaded):
             across = np.dot((-y, x), balance(one, forces).forces[slide.name])
             assert one.guide_force(slide) == pytest.approx(across, rel=1e-10)
+
+
+@pytest.mark.parametrize(
+    "name, track",
+    [("quick_return", "track"), ("quick_return_beside", "track")] + [("carried_slide", "rail")],
+)
+def test_a_force_along_a_moving_track_is_a_load_on_its_body_and_the_opposite_on_its_carrier(
+    name, track
+):
+    generator = np.random.default_rng(13)
+    for names in sets_of_loose_joints(LINKAGES[name])[::5]:
+        linkage = loosened(LINKAGES[name], names)
+        crank, clearances = state(linkage, generator, is_free=True)
+        pose = Pose(linkage, [1.0] * len(linkage.dyads), crank, clearances)
+        joint, size = linkage.joints[track], generator.normal(0, 50)
+        forces = {j.name: JointForce(*generator.normal(0, 100, 2)) for j in linkage.loose}
+        force = size * np.array(pose.turned(joint.partner.body, pose.line(joint)))
+        place = np.array(pose.point(*joint.body)[0])
+        loads = {}
+        for body, sign in ((joint.body.body, 1.0), (joint.partner.body, -1.0)):
+            arm = place - pose.point(body, None)[0]
+            moment = sign * (arm[0] * force[1] - arm[1] * force[0])
+            loads[body] = tuple(sign * force), moment
+        pushed = Dynamics(pose, forces, 3.0, along={track: size})
+        loaded = Dynamics(pose, forces, 3.0, loads)
+        assert pushed.accelerations == pytest.approx(loaded.accelerations, rel=1e-9)
+        for reaction in pushed.reactions:
+            found, expected = pushed.reactions[reaction], loaded.reactions[reaction]
+            assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "name, pivot", [("four_bar", "C"), ("six_bar", "E"), ("quick_return", "C")]
+)
+def test_a_torque_at_a_pivot_is_a_moment_on_its_body(name, pivot):
+    generator = np.random.default_rng(14)
+    for names in sets_of_loose_joints(LINKAGES[name])[::5]:
+        linkage = loosened(LINKAGES[name], names)
+        crank, clearances = state(linkage, generator, is_free=True)
+        pose = Pose(linkage, [1.0] * len(linkage.dyads), crank, clearances)
+        forces = {j.name: JointForce(*generator.normal(0, 100, 2)) for j in linkage.loose}
+        body, size = linkage.joints[pivot].other("frame").body, generator.normal(0, 5)
+        pushed = Dynamics(pose, forces, 3.0, along={pivot: size})
+        loaded = Dynamics(pose, forces, 3.0, {body: ((0.0, 0.0), size)})
+        assert pushed.accelerations == pytest.approx(loaded.accelerations, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", LINKAGES)

@@ -111,8 +111,10 @@ REFUSED = {
     "contact of D: no entry 'brass' in contacts": {"joints__D__contact": "brass"},
     "frame does not move": {"bodies__frame": QUICK_RETURN["bodies"]["ram"]},
     "rod cannot slide on itself": {"joints__track__slide": ["rod", "rod"]},
-    "of a linkage only gravity": {"effects": [COULOMB]},
-    "effects: gravity is listed more than once": {
+    "'slider_coulomb_friction': no such effect of this linkage; did you mean": {
+        "effects": [COULOMB]
+    },
+    "effects: gravity at all bodies is listed more than once": {
         "effects": [{"name": "gravity"}, {"name": "gravity"}]
     },
     "joints.B: B is a point of rocker and rod; give the slide another name": {

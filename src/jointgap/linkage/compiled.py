@@ -316,5 +316,6 @@ def _parameters(variant: Variant, linkage: Linkage, kind: type) -> np.ndarray:
     bends = dict.fromkeys(linkage.bending, nothing)
     pose = Pose(linkage, variant.signs, crank, still, arithmetic, bends)
     forces = {joint.name: JointForce(0.0, 0.0) for joint in linkage.loose}
-    channels_of(Dynamics(pose, forces, 0.0), forces, {}, {})
+    along = dict.fromkeys(variant.kind.pushed, 0.0)
+    channels_of(Dynamics(pose, forces, 0.0, along=along), forces, {}, along)
     return np.array([values[name] for name in variant.names])
