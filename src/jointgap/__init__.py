@@ -17,6 +17,7 @@ __version__ = "0.1.0"
 
 _PUBLIC = {
     "jointgap.app.linkage_motion": ("LinkageMotion",),
+    "jointgap.app.linkage_optimum": ("LinkageOptimum",),
     "jointgap.app.motion": (
         "Motion",
         "simulate",
@@ -77,6 +78,7 @@ __all__ = [
     "Link",
     "LinkageFile",
     "LinkageMotion",
+    "LinkageOptimum",
     "MeasuredDrive",
     "Mechanism",
     "Motion",
@@ -103,6 +105,7 @@ __all__ = [
 
 if TYPE_CHECKING:  # what __getattr__ gives, for editors and type checkers
     from jointgap.app.linkage_motion import LinkageMotion
+    from jointgap.app.linkage_optimum import LinkageOptimum
     from jointgap.app.motion import Motion, simulate
     from jointgap.app.optimum import Optimum, optimise
     from jointgap.app.preflight import Preflight, preflight

@@ -79,6 +79,6 @@ def test_a_linkage_that_does_not_turn_is_refused_before_anything_runs(tmp_path, 
     assert [path.name for path in tmp_path.iterdir()] == ["mine.yaml"]
 
 
-def test_a_scenario_says_that_it_needs_a_slider_crank():
+def test_a_sweep_says_that_it_needs_a_slider_crank(tmp_path):
     with pytest.raises(jg.InputError, match=r"mechanism.* is a general linkage"):
-        jg.optimise(jg.load_mechanism("four_bar"))
+        jg.sweep(jg.load_mechanism("four_bar"), folder=tmp_path, parameters={"speed": [30.0]})

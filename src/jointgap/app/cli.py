@@ -210,7 +210,12 @@ def new() -> None:
 @click.option(
     "--name", default="rig", show_default=True, help="Name of the campaign and of its two files."
 )
-def rig(files: tuple[Path, ...], name: str) -> None:
+@click.option(
+    "--mechanism",
+    default="",
+    help="Mechanism file that exists, of any linkage; default: a slider-crank to fill in.",
+)
+def rig(files: tuple[Path, ...], name: str, mechanism: str) -> None:
     """Write NAME.yaml and NAME_mechanism.yaml for measured FILEs, one of each run.
 
     Columns, units and speeds are guessed from headings and values, with the reason of each guess as
@@ -224,7 +229,7 @@ def rig(files: tuple[Path, ...], name: str) -> None:
     """
     from jointgap.rig.guess import new_rig
 
-    click.echo(new_rig(files, name))
+    click.echo(new_rig(files, name, mechanism))
 
 
 @new.command()

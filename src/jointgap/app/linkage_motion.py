@@ -13,12 +13,13 @@ from jointgap.config import Simulate
 from jointgap.config.linkage_file import LinkageFile
 from jointgap.core import parquet
 from jointgap.core.facts import Fact
-from jointgap.core.plot import COLOURS, CRANK_ANGLE, INK, Drawing, Quantity, Sheet
+from jointgap.core.plot import COLOURS, CRANK_ANGLE, INK, Drawing, Panel, Quantity, Sheet
 from jointgap.core.words import format_name
 from jointgap.linkage.assembly import signs_of
 from jointgap.linkage.equations import Arithmetic, Crank, Pose
 from jointgap.linkage.from_file import linkage_of_file
 from jointgap.linkage.topology import FRAME
+from jointgap.linkage.transmission import clearance_vector
 from jointgap.motion.linkage import linkage_remarks, simulate_linkage
 from jointgap.motion.model import corner_names
 from jointgap.scenario.animation import FRAME_DURATION, film
@@ -219,20 +220,11 @@ def _orbits(motion: LinkageMotion) -> Drawing:
         panel = sheet.panel(divmod(place, columns), format_name(name), x, y)
         radius = 1e3 * motion.loose[name]
         panel.line("clearance circle", radius * np.cos(circle), radius * np.sin(circle), "limit")
-        panel.line("path", *(1e3 * _vector(turn, name)), "simulation", linewidth=0.8)
+        panel.line("path", *(1e3 * clearance_vector(turn, name)), "simulation", linewidth=0.8)
         panel.square(1.2 * radius)
         panel.axes.locator_params(nbins=3)  # labels of a small clearance are long
     sheet.legend()
     return sheet.drawing()
-
-
-def _vector(samples: pd.DataFrame, name: str) -> np.ndarray:
-    """Clearance vector [m] of a loose joint, (2, n); of a slide offset [m] and tilt [rad]."""
-    if f"{name}_offset" in samples:
-        return samples[[f"{name}_offset", f"{name}_tilt"]].to_numpy().T
-    length = samples[f"r_{name}"].to_numpy()
-    angle = np.nan_to_num(samples[f"gamma_{name}"].to_numpy())
-    return np.array([length * np.cos(angle), length * np.sin(angle)])
 
 
 class _Placed:
@@ -244,7 +236,10 @@ class _Placed:
         angle = samples["crank_angle"].to_numpy()
         still = np.zeros(len(samples))
         clearances = {
-            joint.name: (tuple(magnification * _vector(samples, joint.name)), (still, still))
+            joint.name: (
+                tuple(magnification * clearance_vector(samples, joint.name)),
+                (still, still),
+            )
             for joint in self.linkage.loose
         }
         arithmetic = Arithmetic(sqrt=np.sqrt, cos_sin=lambda a: (np.cos(a), np.sin(a)))
@@ -318,11 +313,16 @@ def _fixed(placed: _Placed) -> np.ndarray:
 
 
 def _positions(motion: LinkageMotion) -> Drawing:
+    sheet = Sheet(4.6, 1, 1, width=_WIDTH)
+    poses(sheet.panel((0, 0), "", Quantity("x", "mm"), Quantity("y", "mm")), motion)
+    sheet.legend()
+    return sheet.drawing()
+
+
+def poses(panel: Panel, motion: LinkageMotion) -> None:
     """The linkage at several crank angles of the last revolution, and the paths of its points."""
     turn = motion.revolution(-1)
     placed = _Placed(motion, turn)
-    sheet = Sheet(4.6, 1, 1, width=_WIDTH)
-    panel = sheet.panel((0, 0), "", Quantity("x", "mm"), Quantity("y", "mm"))
     chosen = np.linspace(0, len(turn) - 1, _POSES, endpoint=False).astype(int)
     moving = placed.linkage.moving
     for body, colour in zip(moving, _cycle(len(moving)), strict=True):
@@ -341,8 +341,6 @@ def _positions(motion: LinkageMotion) -> Drawing:
             x, y = placed.pose.point(body, name)[0]
             place = [1e3 * np.broadcast_to(each, placed.count)[0] for each in (x, y)]
             panel.axes.annotate(name, place, (4, 4), textcoords="offset points", fontsize=8)
-    sheet.legend()
-    return sheet.drawing()
 
 
 def _animation(motion: LinkageMotion) -> Drawing:

@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
 from jointgap.app.motion import Motion, checked_mechanism, simulate, simulate_options
 from jointgap.app.result import Result
 from jointgap.config import Mechanism, Optimise, Scenario, Simulate, Surrogate
+from jointgap.config.linkage_file import LinkageFile
 from jointgap.core import schema
 from jointgap.core.errors import InputError
 from jointgap.core.facts import Fact
@@ -24,6 +25,9 @@ from jointgap.scenario.chosen_lengths import (
 )
 from jointgap.scenario.figures import FIGURES
 from jointgap.scenario.stages import SCENARIO_STAGES
+
+if TYPE_CHECKING:
+    from jointgap.app.linkage_optimum import LinkageOptimum
 
 _WRITTEN = SCENARIO_STAGES["optimise"].writes
 
@@ -100,13 +104,13 @@ class Optimum(Result):
 
 
 def optimise(
-    mechanism: Mechanism,
+    mechanism: Mechanism | LinkageFile,
     options: Simulate | None = None,
     *,
     networks: bool = False,
     surrogate: Surrogate | None = None,
     **keys: Any,
-) -> Optimum:
+) -> "Optimum | LinkageOptimum":
     """Optimise the link lengths for the smallest error of the transmission angle, or for another
     objective.
 
@@ -118,7 +122,7 @@ def optimise(
 
     Parameters
     ----------
-    mechanism : Mechanism
+    mechanism : Mechanism or LinkageFile
         With the original lengths, which define the desired transmission angle.
     options : Simulate, optional
         Drive and sampling; the revolution ``ensemble.settled_revolution`` (4 by default) is used.
@@ -133,11 +137,15 @@ def optimise(
         the first for the result; default: 5 % around the mechanism's lengths), ``constraints``
         (stroke, dead centres, space, largest pin force), ``ratio_limit``, ``window``, ``genetic``,
         ``ensemble``. Keys of `jointgap.Simulate` as `jointgap.simulate` takes them, such as
-        ``speed``, override `options`.
+        ``speed``, override `options`. Of a general linkage the keys are ``lengths`` (bounds of
+        ``BODY.length``, ``frame.POINT.x`` or ``.y``, by name), ``objective``
+        (``"transmission_angle"`` or ``"least_transmission_angle"``), ``transmission`` (inner joint
+        of the two bodies whose angle counts; by default the last), ``least_angle``,
+        ``dead_point_margin``, ``stroke`` and ``swing`` (ranges by body), ``genetic``, ``ensemble``.
 
     Returns
     -------
-    Optimum
+    Optimum or LinkageOptimum
 
     Raises
     ------
@@ -155,9 +163,15 @@ def optimise(
     >>> best = jg.optimise(mechanism, speed="600 rpm", boxes={"near": box})
     >>> best.plot("valley").save("valley.png")
     """
+    drive = {key: keys.pop(key) for key in Simulate.model_fields if key in keys}
+    if isinstance(mechanism, LinkageFile):
+        from jointgap.app.linkage_optimum import optimised_linkage
+
+        if networks or surrogate:
+            raise InputError("networks: only of slider-cranks; leave them out")
+        return optimised_linkage(mechanism, simulate_options(options, drive), keys)
     from jointgap.lengths.optimise import optimise as find_optima
 
-    drive = {key: keys.pop(key) for key in Simulate.model_fields if key in keys}
     sections: dict[str, Any] = {
         "mechanism": checked_mechanism(mechanism),
         "simulate": simulate_options(options, drive),

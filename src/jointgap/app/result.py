@@ -2,13 +2,18 @@
 
 from collections.abc import Mapping
 from html import escape
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from jointgap.core import facts
+from jointgap.core import page as pages
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.facts import Fact
+from jointgap.core.files import write_text
+from jointgap.core.plot import matplotlib_style
 
 if TYPE_CHECKING:
     from jointgap.core.plot import Drawing
@@ -67,6 +72,31 @@ class Result:
             )
         return self._draw(name)
 
+    def write_page(self, path: Path | str) -> Path:
+        """Write the result with its remarks and figures to one HTML file.
+
+        Parameters
+        ----------
+        path : Path or str
+            Suffix ``.html``.
+
+        Returns
+        -------
+        Path
+            The file.
+        """
+        remarks = [pages.Bullets(self.remarks)] if self.remarks else []
+        blocks: list[pages.Block] = [pages.TableBlock.of(map(_row, self.facts), "lrl"), *remarks]
+        with TemporaryDirectory() as folder, matplotlib_style():
+            for name, title in self.figures.items():
+                drawing = self.plot(name)
+                suffix = ".gif" if drawing.frames else ".png"
+                drawing.save(Path(folder, f"{name}{suffix}"))
+                blocks.append(pages.FigureBlock(name, title, moving=suffix == ".gif"))
+            page = pages.Page(self._HEADLINE, tuple(blocks), footer=pages.written_today())
+            write_text(Path(path), pages.to_html(page, folder))
+        return Path(path)
+
     def summary(self) -> pd.DataFrame:
         """The result in numbers.
 
@@ -92,3 +122,7 @@ class Result:
         remarks = "".join(f"<p>Remark: {escape(remark)}</p>" for remark in self.remarks)
         caption = f"<caption><b>{escape(self._HEADLINE)}</b></caption>"
         return f"<table>{caption}<tbody>{rows}</tbody></table>{remarks}"
+
+
+def _row(fact: Fact) -> dict[str, str]:
+    return {"quantity": fact.words, "value": fact.digits, "unit": fact.unit}

@@ -2,10 +2,11 @@
 
 import math
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import zip_longest
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import yaml
 
@@ -14,6 +15,7 @@ from jointgap.campaign.outcome import Outcome
 from jointgap.campaign.tables import clockwise
 from jointgap.config import Effect, Mechanism, Simulate
 from jointgap.config.campaign import Campaign
+from jointgap.config.linkage_file import LinkageFile
 from jointgap.config.load import validate
 from jointgap.core.errors import InputError
 from jointgap.core.schema import MISSING_FORCE
@@ -21,7 +23,8 @@ from jointgap.core.units import split_quantity
 from jointgap.identification.fit import determined_values
 from jointgap.linkage.laws import force_along, torque_at
 from jointgap.linkage.parameters import CRANK
-from jointgap.motion.slider_crank import model_of, simulate
+from jointgap.motion.model import Model
+from jointgap.motion.of_file import model_of, simulated_samples
 from jointgap.rig.cylinder_pressure import with_loads
 from jointgap.rig.simulate_run import augmented_mechanism, tolerance_for
 
@@ -59,7 +62,9 @@ def in_file_convention(value: Any, old: Any, text: Any = None, digits: int = DIG
     return float(f"{value:.{digits}g}")
 
 
-def mechanisms(campaign: Campaign, outcome: Outcome) -> tuple[Mechanism, Mechanism]:
+def mechanisms(
+    campaign: Campaign, outcome: Outcome
+) -> tuple[Mechanism | LinkageFile, Mechanism | LinkageFile]:
     """The mechanism with re-fitted parameters, without and with the effects of the verdict;
     parameters that the data do not determine keep the stated values.
     """
@@ -77,7 +82,7 @@ def augmented_file(
     value, old = (part.model_dump(mode="json") for part in (augmented, campaign.mechanism))
     content = in_file_convention(value, old, text)
     try:
-        validate(Mechanism, content, "the augmented mechanism")
+        validate(type(augmented), content, "the augmented mechanism")
     except InputError:  # rounding moved a value beyond its bound
         content = in_file_convention(value, old, text, EXACT)
     body = yaml.safe_dump(content, sort_keys=False, width=_WIDTH, allow_unicode=True)
@@ -111,48 +116,96 @@ def missing_force(
 
 
 def force_difference(
-    base: Mechanism,
-    augmented: Mechanism,
+    base: Mechanism | LinkageFile,
+    augmented: Mechanism | LinkageFile,
     speeds: Mapping[str, float],
     clockwise_runs: Collection[str] = (),
     loads_of_runs: Mapping[str, Sequence[Effect]] | None = None,
 ) -> pd.DataFrame:
-    """Slider force and crank torque of the augmented model minus those of the base, at the same
-    motion.
+    """Forces on the bodies, and torque on the crank, of the augmented model minus those of the
+    base, at the same motion.
 
-    Both are zero for masses, lengths, clearances and sensor faults.
+    Masses, lengths, clearances and sensor faults exert none.
     """
-    parts = []
+    parts = [pd.DataFrame(columns=MISSING_FORCE.names)]
     for run, speed in speeds.items():
         is_clockwise, loads = run in clockwise_runs, (loads_of_runs or {}).get(run, ())
         models = [
             with_loads(model.applied().mirrored() if is_clockwise else model, loads)
             for model in (base, augmented)
         ]
-        samples = _forces_over_revolution(*models, speed).assign(run=run)
-        if is_clockwise:
-            samples = samples.iloc[::-1]
-            angle, torque = math.tau - samples["crank_angle"], -samples["crank_torque"]
-            samples = samples.assign(crank_angle=angle, crank_torque=torque)
-        parts.append(samples)
-    return pd.concat(parts, ignore_index=True)
+        for samples in _forces_over_revolution(*models, speed):
+            if is_clockwise:
+                samples = samples.iloc[::-1]
+                turned = ["angle", "angular_velocity", "torque"]
+                angle = math.tau - samples["crank_angle"]
+                samples = samples.assign(crank_angle=angle, **-samples[turned].astype(float))
+            parts.append(samples.assign(run=run))
+    found = pd.concat([part for part in parts if len(part)] or parts, ignore_index=True)
+    return found[MISSING_FORCE.names]
 
 
-def _forces_over_revolution(base: Mechanism, augmented: Mechanism, speed: float) -> pd.DataFrame:
+def _forces_over_revolution(
+    base: Mechanism | LinkageFile, augmented: Mechanism | LinkageFile, speed: float
+) -> Iterator[pd.DataFrame]:
+    """Samples of each body on which the missing effects exert a force."""
     steps = {"revolutions": _SETTLES + 1, "samples_per_revolution": _SAMPLES}
     options = Simulate(speed=speed, tolerance=tolerance_for(augmented.applied()), **steps)
-    samples = simulate(augmented, options).samples.tail(_SAMPLES + 1).reset_index(drop=True)
-    names = ["slider_position", "slider_velocity", "crank_speed", "crank_angle", "time"]
-    states = samples[names].to_numpy()
-    with_effects, without = (model_of(each, options).p for each in (augmented, base))
-    force, torque = [], []
-    for guide, (x, v, speed, angle, time) in zip(samples["guide_force"], states, strict=True):
-        on_slider = guide, x, v, speed, angle, time
-        on_crank = angle, speed, x, v, speed, angle, time
-        force.append(force_along(with_effects, 0, *on_slider) - force_along(without, 0, *on_slider))
-        torque.append(
-            torque_at(with_effects, CRANK, *on_crank) - torque_at(without, CRANK, *on_crank)
-        )
-    motion = samples[["crank_angle", "slider_position", "slider_velocity"]]
-    angle = motion["crank_angle"] - math.tau * _SETTLES
-    return motion.assign(crank_angle=angle, slider_force=force, crank_torque=torque)
+    samples = simulated_samples(augmented, options)
+    samples = samples.tail(_SAMPLES + 1).reset_index(drop=True)
+    models, sites = [model_of(each, options) for each in (augmented, base)], base.sites
+    turned = samples["crank_angle"] - math.tau * _SETTLES
+    crank, time = samples[["crank_speed", "crank_angle"]].to_numpy(), samples["time"]
+    slide = next(iter(sites.slides), None)
+    for body, joint in {**sites.slides, **sites.pivots, sites.crank: sites.drive}.items():
+        columns = {"crank_angle": turned, "body": body}
+        if body in sites.slides:
+            here = samples[[f"{body}_position", f"{body}_velocity"]].to_numpy()
+            with_effects, without = (
+                np.array(
+                    [
+                        _force(model, joint, guide, *x, *turning, t)
+                        for guide, x, turning, t in zip(
+                            samples[f"{joint}_force"], here, crank, time, strict=True
+                        )
+                    ]
+                )
+                for model in models
+            )
+            columns |= {"position": here[:, 0], "velocity": here[:, 1]}
+            columns["force"] = force = with_effects - without
+        else:
+            here = crank[:, ::-1]
+            if body != sites.crank:
+                here = samples[[f"{body}_angle", f"{body}_angular_velocity"]].to_numpy()
+            seen = here
+            if body == sites.crank and slide:  # the variables of its formulas
+                seen = samples[[f"{slide}_position", f"{slide}_velocity"]].to_numpy()
+            with_effects, without = (
+                np.array(
+                    [
+                        _torque(model, joint, *x, *variables, *turning, t)
+                        for x, variables, turning, t in zip(here, seen, crank, time, strict=True)
+                    ]
+                )
+                for model in models
+            )
+            columns |= {"angle": here[:, 0], "angular_velocity": here[:, 1]}
+            columns["torque"] = force = with_effects - without
+        if force.any():
+            yield pd.DataFrame(columns, columns=MISSING_FORCE.names)
+
+
+def _force(model: Model, slide: str, *state: float) -> float:
+    """Force of the effects along a slide."""
+    pushed = model.variant.kind.pushed
+    return force_along(model.p, pushed.index(slide), *state) if slide in pushed else 0.0
+
+
+def _torque(model: Model, pivot: str, *state: float) -> float:
+    """Torque of the effects at a pivot."""
+    pushed = [name for name in model.variant.kind.pushed if name not in model.slides]
+    if pivot != model.linkage.drive and pivot not in pushed:
+        return 0.0
+    place = CRANK if pivot == model.linkage.drive else pushed.index(pivot)
+    return torque_at(model.p, place, *state)

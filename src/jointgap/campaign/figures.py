@@ -20,8 +20,6 @@ Tables, Verdict = Mapping[str, pd.DataFrame], Mapping[str, Any]
 SPREADS = "standard deviations of the noise"
 MEAN = Quantity("mean residual", SPREADS)
 GAP = Quantity("gap: root mean square residual", SPREADS)
-POSITION = Quantity("slider position", "mm", "$x$")
-SPEED = Quantity("slider velocity", "m/s", "$v$")
 _SAMPLE, _RUN, _EFFECT = Quantity("sample", "1"), Quantity("run", ""), Quantity("effect", "")
 
 BAND = 2.0
@@ -285,60 +283,66 @@ def ranking(
     return sheet.drawing()
 
 
-FORCES = {
-    "slider_force": (Quantity("force on the slider", "N"), POSITION),
-    "crank_torque": (Quantity("torque on the crank", "N m"), CRANK_ANGLE),
-}
-"""Quantity and its second abscissa."""
-
 _COLOURS = ("paper", "after", "network", "optimised", "spline", "other", "ideal")
 
 
 @figure
 def missing_force(tables: Tables, verdict: Verdict) -> Drawing:
-    """Force of the named effects over velocity and position, or over the crank angle."""
+    """Force or torque of the named effects on each body, over its velocity and its position or the
+    crank angle."""
     samples = tables["missing_force"]
-    forces = {name: force for name, force in FORCES.items() if samples[name].abs().max() > 0.0}
-    if not forces:
+    if samples.empty:
         spec = FIGURES["missing_force"]
         return plot.message_sheet(spec.title, spec.nothing)
-    values = {
-        SPEED: samples["slider_velocity"],
-        POSITION: 1e3 * samples["slider_position"],
-        CRANK_ANGLE: np.degrees(samples["crank_angle"]),
-    }
-    sheet = Sheet(0.5 + 2.7 * len(forces), len(forces), 3, width=10.5)
-    for row, (name, (force, abscissa)) in enumerate(forces.items()):
-        for column, quantity in enumerate((SPEED, abscissa)):
-            title = f"{force.name} over {quantity.name}"
-            panel = sheet.panel((row, column), title, quantity, force)
-            for place, run in enumerate(samples["run"].unique()):
-                rows = samples["run"] == run
-                width = 5.0 * 0.5**place + 0.7  # curves may coincide
-                colour = _COLOURS[place % len(_COLOURS)]
-                x, y = values[quantity][rows], samples[name][rows]
-                panel.line(f"run {run}", x, y, colour, linewidth=width)
-            panel.axes.axhline(0.0, color="#777777", linewidth=0.8)
-            if quantity is CRANK_ANGLE:
-                panel.over_crank_angle(0.0, 360.0)
-        panel = sheet.panel((row, 2), f"{force.name} as colour", POSITION, SPEED)
-        most = samples[name].abs().max()
-        colours = panel.axes.scatter(
-            values[POSITION],
-            values[SPEED],
-            c=samples[name],
-            cmap="RdBu_r",
-            vmin=-most,
-            vmax=most,
-            s=9.0,
-            linewidths=0.0,
-            rasterized=True,
-        )
-        shown = {"value": samples[name], "value_quantity": force.name, "value_unit": force.unit}
-        panel.record(force.name, values[POSITION], values[SPEED], **shown)
-        sheet.figure.colorbar(colours, ax=panel.axes, label=force.label)
+    bodies = [*samples["body"].unique()]
+    sheet = Sheet(0.5 + 2.7 * len(bodies), len(bodies), 3, width=10.5)
+    for row, body in enumerate(bodies):
+        _force_on(sheet, row, body, samples[samples["body"] == body])
     sheet.legend()
     return sheet.drawing()
+
+
+def _force_on(sheet: Sheet, row: int, body: str, samples: pd.DataFrame) -> None:
+    """Panels of the force or torque on one body."""
+    name, crank_angle = format_name(body), np.degrees(samples["crank_angle"])
+    if samples["force"].notna().any():
+        force, values = Quantity(f"force on the {name}", "N"), samples["force"]
+        place, speed = Quantity(f"{name} position", "mm"), Quantity(f"{name} velocity", "m/s")
+        x, v = 1e3 * samples["position"], samples["velocity"]
+        curves = ((speed, v), (place, x))
+    else:
+        force, values = Quantity(f"torque on the {name}", "N m"), samples["torque"]
+        place = Quantity(f"{name} angle", "deg")
+        speed = Quantity(f"{name} angular velocity", "rad/s")
+        x, v = np.degrees(samples["angle"]), samples["angular_velocity"]
+        curves = ((speed, v), (CRANK_ANGLE, crank_angle))
+    for column, (quantity, abscissa) in enumerate(curves):
+        title = f"{force.name} over {quantity.name}"
+        panel = sheet.panel((row, column), title, quantity, force)
+        for order, run in enumerate(samples["run"].unique()):
+            rows = samples["run"] == run
+            width = 5.0 * 0.5**order + 0.7  # curves may coincide
+            colour = _COLOURS[order % len(_COLOURS)]
+            panel.line(f"run {run}", abscissa[rows], values[rows], colour, linewidth=width)
+        panel.axes.axhline(0.0, color="#777777", linewidth=0.8)
+        if quantity is CRANK_ANGLE:
+            panel.over_crank_angle(0.0, 360.0)
+    panel = sheet.panel((row, 2), f"{force.name} as colour", place, speed)
+    most = values.abs().max()
+    colours = panel.axes.scatter(
+        x,
+        v,
+        c=values,
+        cmap="RdBu_r",
+        vmin=-most,
+        vmax=most,
+        s=9.0,
+        linewidths=0.0,
+        rasterized=True,
+    )
+    shown = {"value": values, "value_quantity": force.name, "value_unit": force.unit}
+    panel.record(force.name, x, v, **shown)
+    sheet.figure.colorbar(colours, ax=panel.axes, label=force.label)
 
 
 _LEAST_GAP = 0.05  # shown; the end of an interval may be 0

@@ -7,15 +7,19 @@ from functools import cache
 from math import inf
 from typing import Any
 
-from jointgap.config.campaign import NUISANCES
-from jointgap.config.channels import CHANNELS
+from jointgap.config.campaign import NUISANCE_RULES, NUISANCES
+from jointgap.config.channels import CHANNEL_RULES, CHANNELS
 from jointgap.core import words
 from jointgap.core.facts import Fact
+from jointgap.core.sites import SLIDER_CRANK
 from jointgap.core.words import format_name, joined, number, reading_unit
 from jointgap.effects import EFFECTS
 from jointgap.effects.axis_laws import AXIS_LAWS, axis_parameters
-from jointgap.effects.base import parameters_of
+from jointgap.effects.base import effects_named, name_rules, parameters_of
+from jointgap.effects.bodies import LinkLengthError
 from jointgap.rig.sensors import FAULTS
+
+LENGTHS = LinkLengthError.LAW_NAME
 
 Effect = Mapping[str, Any]
 """An effect as in ``verdict.json``."""
@@ -24,7 +28,7 @@ Effect = Mapping[str, Any]
 def label_of(effect: Effect) -> str:
     """The label of an effect, with its site if the effect has several."""
     name, site = effect["name"], effect["site"]
-    has_site = name in FAULTS or "site" in getattr(EFFECTS.get(name), "model_fields", ())
+    has_site = name in FAULTS or any("site" in each.model_fields for each in _effects(name))
     return f"{name}:{site}" if has_site else name
 
 
@@ -39,8 +43,11 @@ def format_effect(effect: Effect) -> str:
     a law of the campaign file ``my drag (-c*v^3)``. The interval of a shape that is a parameter of
     the effect is that of 90 %, as in the table of the parameters.
     """
-    site = effect["site"].replace("_", " ")
-    label = _template(effect["name"]).format(site=site)
+    site, template = effect["site"].replace("_", " "), _template(effect["name"])
+    if any("site" in each.model_fields for each in _effects(effect["name"])):
+        if effect["site"] not in SLIDER_CRANK.revolutes:
+            template = template.replace("the {site}", f"joint {site}")
+    label = template.format(site=site)
     if "formula" in effect:
         label += f" ({effect['formula']})"
     families = []
@@ -59,10 +66,17 @@ def format_effect(effect: Effect) -> str:
     return " or ".join([*(families or [label]), *alternatives])
 
 
+def _effects(name: str) -> tuple[type, ...]:
+    """The effects of mechanism files with a name."""
+    if name in EFFECTS:
+        return (EFFECTS[name],)
+    return () if name in FAULTS or name in AXIS_LAWS else effects_named(name)
+
+
 def _template(name: str) -> str:
     template = ""
-    if name in EFFECTS:
-        template = EFFECTS[name].WORDS
+    if effects := _effects(name):
+        template = effects[0].WORDS
     elif name in FAULTS:
         template = FAULTS[name].words
     elif name in AXIS_LAWS:
@@ -97,14 +111,21 @@ def _parameters(name: str) -> dict[str, tuple[str, str | None]]:
     if name in AXIS_LAWS and name not in EFFECTS:
         return {p.name: (p.meaning, p.unit) for p in axis_parameters(name)}
     is_law = name.startswith("discovered_")  # its parameters are a formula and its coefficients
-    parameters = parameters_of(EFFECTS[name]) if name in EFFECTS else ()
+    parameters = [parameter for effect in _effects(name) for parameter in parameters_of(effect)]
     return {p.name: ("" if is_law else p.meaning, p.unit) for p in parameters}
+
+
+def _parameter(name: str, key: str) -> tuple[str, str | None]:
+    """Meaning and unit of a parameter of an effect."""
+    if name == LENGTHS and key.endswith("_m"):  # one of each link
+        return f"a, deviation of the {format_name(key.removesuffix('_m'))} length", "m"
+    return _parameters(name).get(key, ("", ""))
 
 
 def format_parameter(effect: str, name: str) -> str:
     """``friction force`` for ``force_N``, ``zero of run slow`` for ``zero_rad@slow``."""
     key, _, run = name.partition("@")
-    meaning = _parameters(effect).get(key, ("", ""))[0]
+    meaning = _parameter(effect, key)[0]
     label = re.sub(r"^\w+, ", "", re.split("; |, which ", meaning)[0])
     if not label:  # the name without its unit
         label = format_name(re.sub(r"_(?:rad|deg|[A-Z]\w*|k?g|m|s)$", "", key))
@@ -114,7 +135,7 @@ def format_parameter(effect: str, name: str) -> str:
 def unit_of(name: str, site: str, parameter: str) -> str:
     """SI unit of a `parameter` of the effect `name` at `site`: ``1`` for a pure number, empty if
     unknown."""
-    unit = _parameters(name).get(parameter.partition("@")[0], ("", ""))[1]
+    unit = _parameter(name, parameter.partition("@")[0])[1]
     return CHANNELS.get(site, "SI") if unit is None else unit
 
 
@@ -247,17 +268,28 @@ def names_to_labels(sentence: str) -> str:
 
 def _label_of_match(match: re.Match) -> str:
     label = match[0]
-    if re.split(r"[:\[ ]", label)[0] in {*EFFECTS, *FAULTS, *AXIS_LAWS}:
+    effect = re.split(r"[:\[ ]", label)[0]
+    if effect in {*FAULTS, *AXIS_LAWS} or _effects(effect):
         return format_label(label)
     name, _, site = label.partition(":")
-    text = words.format_nuisance(name) if name in NUISANCES else format_name(name)
+    is_nuisance = name in NUISANCES or re.fullmatch(_BY_RULE[1], name)
+    text = words.format_nuisance(name) if is_nuisance else format_name(name)
     return f"{text}:{site}" if site else text
 
 
 def _any_of(names: Iterable[str]) -> str:
-    longest_first = sorted(names, key=len)[::-1]
+    longest_first = [*sorted(names, key=len)[::-1], *_EFFECT_RULES]
     return rf"(?:{'|'.join(longest_first)})(?::\w+)?(?:\[[^\]]*\])?"
 
+
+_EFFECT_RULES = [rule.replace("{site}", r"[a-zA-Z]\w*") for rule in name_rules()]
+"""Effects of any mechanism."""
+
+_BY_RULE = tuple(
+    "|".join(rule.replace("{part}", r"[a-zA-Z]\w*") for rule in rules)
+    for rules in (CHANNEL_RULES, NUISANCE_RULES)
+)
+"""Channels and nuisances of any mechanism."""
 
 _EFFECT = _any_of({*EFFECTS, *FAULTS, *AXIS_LAWS})
 _CODE_NAME = re.compile(
@@ -265,6 +297,7 @@ _CODE_NAME = re.compile(
     + _any_of(
         name for name in {*EFFECTS, *FAULTS, *AXIS_LAWS, *CHANNELS, *NUISANCES} if "_" in name
     )
+    + rf"|{'|'.join(_BY_RULE)}"
     + r")(?![\w/]|\.\w)"
 )
 """Explanations ``a + b``, and names with an underscore; ``gravity`` and ``speed`` are words."""

@@ -14,6 +14,7 @@ from jointgap.campaign.figures import FIGURES
 from jointgap.campaign.plan import ADVICE
 from jointgap.campaign.sentences import Verdict
 from jointgap.campaign.tables import JOINED
+from jointgap.config import Mechanism
 from jointgap.config.campaign import NUISANCES, Campaign
 from jointgap.core import schema, words
 from jointgap.core.page import (
@@ -69,7 +70,9 @@ def page(
         "Gap between simulation and measurement": _gap(verdict, tables.get("gaps"), moments),
         "Location of the residual": _location(verdict, tables.get("map_windows")),
         "Tested explanations": _tested(verdict, tables.get("missing_force")),
-        "Influence on the optimum": _optimum(verdict["effects"], tables.get("campaign_optimum")),
+        "Influence on the optimum": _optimum(
+            verdict["effects"], tables.get("campaign_optimum"), campaign
+        ),
         "Re-fitted parameters": _nuisances(verdict, ranges, mechanism),
         "Limits of these data": [
             Bullets(_limits(verdict, tables.get("detectable"), tables.get("ranking")))
@@ -249,8 +252,10 @@ def _tested(verdict: Verdict, force: pd.DataFrame | None) -> list[Block | str]:
     return [Paragraph(text), "ranking", *(["missing_force"] if has_force else [])]
 
 
-def _optimum(effects: Sequence[labels.Effect], optimum: pd.DataFrame | None) -> list[Block | str]:
-    if optimum is None:
+def _optimum(
+    effects: Sequence[labels.Effect], optimum: pd.DataFrame | None, campaign: Campaign | None
+) -> list[Block | str]:
+    if optimum is None or (campaign and not isinstance(campaign.mechanism, Mechanism)):
         return []
     if all(map(labels.is_fault, effects)):
         return [Paragraph("No effect was added to the mechanism, so the optimum does not change.")]

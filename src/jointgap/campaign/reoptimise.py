@@ -42,6 +42,7 @@ def models_to_optimise(
     models = dict(zip(("base", "augmented"), mechanisms(campaign, outcome), strict=True))
     # with ideal joints the transmission angle depends on the lengths only
     is_ideal = not any(mechanism.applied().loose for mechanism in models.values())
+    is_ideal = is_ideal or not isinstance(campaign.mechanism, Mechanism)
     if is_ideal or all(candidate.sensor for candidate in outcome.chosen.hypothesis):
         return {}, fastest.speed
     if fastest.direction == "clockwise":

@@ -17,6 +17,7 @@ from jointgap.core.errors import InputError
 from jointgap.core.results_folder import Frames
 from jointgap.effects import EFFECTS
 from jointgap.effects.axis_laws import AXIS_LAWS
+from jointgap.effects.base import effects_named
 from jointgap.identification.confirmation import held_out_test
 from jointgap.identification.fit import (
     NOT_DETERMINED,
@@ -222,7 +223,7 @@ def effects_of(
 def _with_units(candidate: Candidate, estimates: dict[str, Any]) -> dict[str, Any]:
     """The estimates of an effect's parameters with their units, where no list of effects or
     channels has them: those of a model of the user."""
-    is_listed = candidate.name in EFFECTS or candidate.name in AXIS_LAWS
+    is_listed = candidate.name in {*EFFECTS, *AXIS_LAWS} or effects_named(candidate.name)
     if is_listed or (candidate.sensor and candidate.site in (*CHANNELS, "sensor")):
         return estimates
     units = {p.key: p.unit for p in candidate.coordinates}

@@ -29,6 +29,7 @@ from jointgap.config.scenario import (
     MeasuredDrive,
     MotorDrive,
     Optimise,
+    OptimiseLinkage,
     Scenario,
     Simulate,
     Surrogate,

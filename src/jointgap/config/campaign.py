@@ -41,7 +41,7 @@ from jointgap.core.units import (
     unit_factor,
 )
 from jointgap.core.words import joined
-from jointgap.effects import EFFECTS, AnyEffect
+from jointgap.effects import EFFECTS, AnyEffect, effects_of
 from jointgap.effects.clearance import LEAST_CLEARANCE
 from jointgap.effects.force_table import ForceTableParameters
 from jointgap.effects.own_law import OwnLaw
@@ -535,6 +535,22 @@ class CampaignRun(ConfigModel, use_attribute_docstrings=True):
                 )
 
 
+def _wrong_site(law: OwnLaw, sites: Sites) -> str:
+    """Error message of a law whose site does not exist or needs the other key, or ''."""
+    pivots = sites.crank, *sites.pivots
+    if law.site not in (*sites.slides, *pivots):
+        hint = did_you_mean(law.site, (*sites.slides, *pivots))
+        return f"site = '{law.site}': there is no such body on a slide or pivot; {hint}"
+    key, unit, other = ("force", "N", "torque")
+    if law.site in pivots:
+        key, unit, other = ("torque", "N*m", "force")
+    if law.key == key:
+        return ""
+    return (
+        f"site {law.site} requires the key {key} [{unit}], and not {other}, such as {key}: '-c*v'"
+    )
+
+
 def _day(date: Any) -> Any:
     try:
         return date if type(date) is Date else Date.fromisoformat(date)
@@ -636,6 +652,10 @@ class Campaign(ConfigModel, use_attribute_docstrings=True):
     ) -> dict[str, OwnLaw]:
         taken = {*EFFECTS}
         if mechanism := info.data.get("mechanism"):
+            for name, law in candidates.items():
+                if wrong := _wrong_site(law, mechanism.sites):
+                    raise ValueError(f"{name}: {wrong}")
+            taken |= {*effects_of(mechanism.sites)}
             taken |= {*nuisances_of(mechanism.sites, mechanism.loose), *_kinds_of(mechanism)}
         for name in candidates:
             if name in taken or name.startswith(_OF_OTHERS):

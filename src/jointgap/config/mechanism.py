@@ -451,8 +451,8 @@ class Mechanism(OfAnyKind):
     def _is_slider_crank(cls, data: Any) -> Any:
         if isinstance(data, dict) and "bodies" in data:
             raise ValueError(
-                "is a general linkage (it has bodies), for `jointgap look` and jointgap.simulate;"
-                " this needs a slider-crank: crank, rod, slider and joints"
+                "is a general linkage (it has bodies), for `jointgap look`, jointgap.simulate and"
+                " campaigns; this needs a slider-crank: crank, rod, slider and joints"
             )
         return data
 

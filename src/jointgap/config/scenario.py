@@ -24,6 +24,7 @@ from jointgap.core.schema import PRINTED_OPTIMA
 from jointgap.core.section import ConfigModel, Seed, Word, checked, distinct, whole_number
 from jointgap.core.units import (
     Angle,
+    Length,
     OpenFraction,
     PositiveLength,
     quantity,
@@ -253,6 +254,7 @@ def _value_or_range(kind: Any) -> Any:
     ]
 
 
+Bounds = _range(Length)
 Lengths = _value_or_range(PositiveLength)
 Angles = _value_or_range(Angle)
 
@@ -382,6 +384,41 @@ class Optimise(ConfigModel):
                 f"window belongs to the transmission angle; remove it: {self.objective} is of a"
                 " settled revolution"
             )
+
+
+class OptimiseLinkage(ConfigModel):
+    """The optimisation of the lengths of a general linkage."""
+
+    objective: Literal["transmission_angle", "least_transmission_angle"] = Field(
+        "transmission_angle",
+        description="to minimise the angle's error, or to maximise the least angle",
+    )
+    lengths: dict[str, Bounds] = Field(
+        min_length=1, description="bounds of BODY.length, frame.POINT.x or frame.POINT.y, by name"
+    )
+    transmission: Word | None = Field(
+        None,
+        description="inner joint of the two bodies whose transmission angle counts; null: the"
+        " last ones",
+    )
+    least_angle: quantity("rad", ge=0, lt=math.pi / 2) | None = Field(
+        None, description="the transmission angle is at least this, and at most 180 deg minus this"
+    )
+    dead_point_margin: quantity("rad", gt=math.radians(1.0), lt=math.pi / 2) = Field(
+        math.radians(5.0), description="of all bodies from their dead points"
+    )
+    stroke: dict[Word, Lengths] = Field({}, description="of bodies on slides of the frame, by name")
+    swing: dict[Word, Angles] = Field({}, description="of bodies that turn to and fro, by name")
+    local_tolerance: quantity("", gt=0) = Field(
+        1e-8, description="stopping tolerance of the local optimiser"
+    )
+    genetic: Genetic = Genetic()
+    ensemble: Ensemble = Ensemble()
+
+    def errors(self) -> Iterator[str]:
+        for name, (low, _) in self.lengths.items():
+            if name.endswith(".length") and low <= 0.0:
+                yield f"lengths.{name}: starts at {low:g} m; a length is above 0"
 
 
 class Figures(ConfigModel):

@@ -537,10 +537,11 @@ def placed(law: type[Effect], site: str, sites: Sites) -> type[Effect]:
     def at_site(text: str) -> str:
         text = text.replace("{links}", joined(sites.links)).replace("{all pins}", all_pins)
         text = text.replace("{lengths}", lengths)
+        if law.ON == "revolute" and sites != SLIDER_CRANK:
+            text = text.replace("the {site}", f"joint {site}")
         return text.replace("{site}", words) if site else text
 
-    rule = law.RULE or ("{site}_" if site else "") + law.LAW_NAME
-    name = law.ALIASES.get(site) or rule.replace("{site}", site)
+    name = law.ALIASES.get(site) or _rule(law).replace("{site}", site)
     title = "".join(part[:1].upper() + part[1:] for part in name.split("_"))
     described = law.described_at(sites)
     section, options = law.PARAMETERS, {"__module__": law.__module__}
@@ -573,6 +574,28 @@ def placed(law: type[Effect], site: str, sites: Sites) -> type[Effect]:
         placed(members[member], site, sites).NAME: shape for member, shape in law.MEMBERS.items()
     }
     return effect
+
+
+def name_rules() -> list[str]:
+    """Rules of the names of effects at a site, with ``{site}``."""
+    return list(dict.fromkeys(_rule(law) for law in LAWS if law.ON != "mechanism"))
+
+
+@cache
+def effects_named(name: str) -> tuple[type[Effect], ...]:
+    """The effects whose rule gives a `name`, in a mechanism with a site of that name: of several
+    the words are the same and the parameters different."""
+    found = []
+    for law in LAWS:
+        match = re.fullmatch(_rule(law).replace("{site}", r"([a-zA-Z]\w*)"), name)
+        if match and law.ON != "mechanism":
+            site = match[1]
+            found.append(placed(law, site, Sites(site, site, (site,), {site: site})))
+    return tuple(found)
+
+
+def _rule(law: type[Effect]) -> str:
+    return law.RULE or ("" if law.ON == "mechanism" else "{site}_") + law.LAW_NAME
 
 
 class _Placed:

@@ -34,22 +34,20 @@ def measure(error: ArrayLike) -> Measures:
 
 
 @dataclass(frozen=True)
-class Objective:
-    """Equation (12) with frozen clearance motion; created by `frozen_objective`.
+class FrozenObjective:
+    """Equation (12) with frozen clearance motion. Lengths are arrays (..., lengths) [m]."""
 
-    Lengths are arrays (..., 2) of L2 and L3 [m].
-    """
-
-    sine: np.ndarray  # shape (n,); sin theta2 at the evaluation points
-    # shape (n,); r1 sin gamma1 + r2 sin gamma2 - r3 sin gamma3, minus the slide's offset [m]
-    lift: np.ndarray
     # shape (n,); transmission angle at the original lengths without clearance [rad]
     desired: np.ndarray
-    original: tuple[float, float]  # Original crank and rod length [m]
+    original: tuple[float, ...]  # Original lengths [m]
+
+    def angle(self, lengths: ArrayLike) -> np.ndarray:
+        """mu_a [rad], shape (..., n)."""
+        raise NotImplementedError
 
     def error(self, lengths: ArrayLike) -> np.ndarray:
         """mu_d - mu_a [rad], shape (..., n)."""
-        return self.desired - np.arccos(self._cosine(lengths))
+        return self.desired - self.angle(lengths)
 
     def measures(self, lengths: ArrayLike) -> Measures:
         """The four measures, shape (...)."""
@@ -66,7 +64,34 @@ class Objective:
         return np.einsum("...n,...n->...", error, error)
 
     def gradient(self, lengths: ArrayLike) -> np.ndarray:
-        """Gradient of `value` with respect to (L2, L3), shape (2,), for lengths of shape (2,)."""
+        """Gradient of `value`, shape (lengths,), for lengths of that shape."""
+        raise NotImplementedError
+
+
+class LargestOfSeveral(FrozenObjective):
+    """An objective that is the largest of several values, each with its slopes."""
+
+    def several(self, lengths: np.ndarray) -> np.ndarray:
+        """The values, for lengths of shape (lengths,)."""
+        raise NotImplementedError
+
+    def slopes(self, lengths: np.ndarray) -> np.ndarray:
+        """Their gradients, shape (values, lengths)."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Objective(FrozenObjective):
+    """That of a slider-crank, with L2 and L3; created by `frozen_objective`."""
+
+    sine: np.ndarray  # shape (n,); sin theta2 at the evaluation points
+    # shape (n,); r1 sin gamma1 + r2 sin gamma2 - r3 sin gamma3, minus the slide's offset [m]
+    lift: np.ndarray
+
+    def angle(self, lengths: ArrayLike) -> np.ndarray:
+        return np.arccos(self._cosine(lengths))
+
+    def gradient(self, lengths: ArrayLike) -> np.ndarray:
         cosine = self._cosine(lengths)
         error = self.desired - np.arccos(cosine)
         slope = np.asarray(lengths)[1] * np.sqrt(1.0 - cosine**2)

@@ -28,7 +28,7 @@ an optimum."""
 _STEP = 1e-30  # [m] complex step: derivatives without cancellation
 
 Function = Callable[[ArrayLike], np.ndarray]
-"""A function of lengths (L2, L3), shape (..., 2) [m]."""
+"""A function of n lengths, shape (..., n) [m]; of a slider-crank L2 and L3."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,7 @@ class Constraint:
     high: float  # Equal to `low` for an equality constraint
     value: Function  # The property, shape (...)
     slope: Function | None = None  # Its gradient, where `value` takes no complex lengths
+    possible: tuple[float, float] = (-math.inf, math.inf)  # Beyond, `value` is continued
 
     @property
     def is_fixed(self) -> bool:
@@ -54,20 +55,20 @@ class Constraint:
         return SCALES[self.unit]
 
     def gradient(self, lengths: ArrayLike) -> np.ndarray:
-        """Gradient with respect to the lengths, of their shape (..., 2)."""
+        """Gradient with respect to the lengths, of their shape (..., n)."""
         if self.slope:
             return self.slope(lengths)
-        steps = 1j * _STEP * np.eye(2)
+        steps = 1j * _STEP * np.eye(np.shape(lengths)[-1])
         slopes = [self.value(np.asarray(lengths) + step).imag / _STEP for step in steps]
         return np.stack(slopes, axis=-1)
 
     def violation(self, lengths: ArrayLike) -> np.ndarray:
-        """Violation in the display unit; shape (...), for lengths (..., 2) [m]."""
+        """Violation in the display unit; shape (...), for lengths (..., n) [m]."""
         value = self.value(lengths)
         return np.maximum(np.maximum(self.low - value, value - self.high), 0.0) / self.scale
 
     def active(self, lengths: ArrayLike) -> str:
-        """Label of the limit that is active at `lengths` (2,); empty where none is and for equality
+        """Label of the limit that is active at `lengths` (n,); empty where none is and for equality
         constraints."""
         value = float(self.value(lengths))
         for limit, words in ((self.low, "lower"), (self.high, "upper")):
@@ -81,6 +82,8 @@ class Constraint:
             return self.show(self.low)
         if math.isinf(self.low):
             return f"{self.show(self.high)} at most"
+        if math.isinf(self.high):
+            return f"{self.show(self.low)} at least"
         return f"{self.low / self.scale:.6g} to {self.show(self.high)}"
 
     def show(self, value: float) -> str:
@@ -141,7 +144,8 @@ def depends_on_offset(options: Constraints) -> str:
     return next((key for key in keys if key != "crank_length"), "")
 
 
-SAMPLES = 41  # grid points per length for the feasibility check
+SAMPLES = 41  # grid points per length of a slider-crank for the feasibility check
+_POINTS = 256  # in all, of another linkage
 _MOST_STEPS = 60  # of Newton's method, which typically needs three or four
 _LONGEST_STEP = 0.5  # [widths of the box]
 NEAR = 1e-6  # [m] distance below which a bound is active: a thousandth of the paper's digits
@@ -149,12 +153,13 @@ NEAR = 1e-6  # [m] distance below which a bound is active: a thousandth of the p
 
 @dataclass(frozen=True)
 class Region:
-    """A convex region of lengths (L2, L3) with constraints."""
+    """A convex region of n lengths with constraints; of a slider-crank, (L2, L3)."""
 
-    lower: np.ndarray  # shape (2,); bounds of (L2, L3) [m]
-    upper: np.ndarray  # shape (2,); bounds of (L2, L3) [m]
-    ratio_limit: float  # g(x) = L2 - ratio_limit L3 <= 0; 1 by default: the crank can turn
+    lower: np.ndarray  # shape (n,); bounds of the lengths [m]
+    upper: np.ndarray  # shape (n,); bounds of the lengths [m]
+    ratio_limit: float | None = None  # g(x) = L2 - ratio_limit L3 <= 0; 1: the crank can turn
     constraints: tuple[Constraint, ...] = ()  # They may reduce the region to a curve or a point
+    names: tuple[str, ...] = ("crank_length", "rod_length")
 
     @classmethod
     def of(cls, box: Box, ratio_limit: float | None) -> "Region":
@@ -171,52 +176,59 @@ class Region:
 
     @property
     def size(self) -> np.ndarray:
-        """Widths of the box, shape (2,) [m]."""
+        """Widths of the box, shape (n,) [m]."""
         return self.upper - self.lower
 
     def under(self, constraints: Iterable[Constraint], name: str = "") -> "Region":
         """The region with further `constraints`."""
         region = replace(self, constraints=(*self.constraints, *constraints))
         if region.constraints and not len(region.samples):
-            raise InputError(region._infeasible_message(name))
+            raise InputError(
+                f"optimise.constraints, box {name}: {region.conflict}; give wider bounds in"
+                " optimise.boxes (default: 5 % around the mechanism's lengths), or another"
+                " constraint"
+            )
         return region
 
     @cached_property
     def _projected_grid(self) -> np.ndarray:
-        """Points of a grid projected onto the constraints, shape (n, 2) [m]."""
-        shares = np.linspace(0.0, 1.0, SAMPLES)
-        grid = np.stack(np.meshgrid(shares, shares, indexing="ij"), axis=-1)
-        return self.project(self.unscaled(grid.reshape(-1, 2)))
+        """Points of a grid projected onto the constraints, shape (points, n) [m]."""
+        count = len(self.lower)
+        each = SAMPLES if self.ratio_limit is not None else max(round(_POINTS ** (1 / count)), 2)
+        shares = np.linspace(0.0, 1.0, each)
+        grid = np.stack(np.meshgrid(*[shares] * count, indexing="ij"), axis=-1)
+        return self.project(self.unscaled(grid.reshape(-1, count)))
 
     @cached_property
     def samples(self) -> np.ndarray:
-        """The feasible points of a projected grid, shape (n, 2) [m]."""
+        """The feasible points of a projected grid, shape (points, n) [m]."""
         return self._projected_grid[self.violation(self._projected_grid) <= FEASIBLE]
 
     @property
-    def searched(self) -> tuple[str, str]:
-        """Ranges of crank and rod length [mm] as text; ``fixed`` where the constraints allow one
+    def searched(self) -> tuple[str, ...]:
+        """Range of each length [mm] as text; ``fixed`` where the constraints allow one
         length only."""
         ends = np.round([1e3 * self.samples.min(axis=0), 1e3 * self.samples.max(axis=0)], 3)
         return tuple("fixed" if low == high else f"{low:g} to {high:g}" for low, high in ends.T)
 
-    def _infeasible_message(self, name: str) -> str:
+    @property
+    def conflict(self) -> str:
         """Which constraints cannot be satisfied together, and what is possible within the
         bounds."""
-        crank, rod = 1e3 * self._projected_grid[np.argmin(self.violation(self._projected_grid))]
+        nearest = self._projected_grid[np.argmin(self.violation(self._projected_grid))]
         within_bounds, ranges = replace(self, constraints=()).samples, []
         for limit in self.constraints:
-            values = limit.value(within_bounds)
+            values = np.clip(limit.value(within_bounds), *limit.possible)
             possible = f"{limit.show(values.min())} to {limit.show(values.max())}"
             ranges.append(f"{limit.key} {limit.range_text()} (within the bounds {possible})")
-        return (
-            f"optimise.constraints, box {name}: no lengths satisfy {' and '.join(ranges)};"
-            f" nearest: crank {crank:.6g} mm, rod {rod:.6g} mm; give wider bounds in"
-            " optimise.boxes (default: 5 % around the mechanism's lengths), or another constraint"
+        lengths = ", ".join(
+            f"{name.removesuffix('_length')} {1e3 * length:.6g} mm"
+            for name, length in zip(self.names, nearest, strict=True)
         )
+        return f"no lengths satisfy {' and '.join(ranges)}; nearest: {lengths}"
 
     def violation(self, lengths: ArrayLike) -> np.ndarray:
-        """Sum of the constraint violations, each over its scale; shape (...), for lengths (..., 2)
+        """Sum of the constraint violations, each over its scale; shape (...), for lengths (..., n)
         [m]."""
         none = np.zeros(np.shape(lengths)[:-1])
         return sum((constraint.violation(lengths) for constraint in self.constraints), none)
@@ -224,6 +236,8 @@ class Region:
     @cached_property
     def _limits(self) -> tuple[Constraint, ...]:
         """The inequality and the constraints."""
+        if self.ratio_limit is None:
+            return self.constraints
         ratio = Constraint("ratio_limit", "", "mm", -np.inf, 0.0, self.inequality)
         return (ratio, *self.constraints)
 
@@ -240,7 +254,7 @@ class Region:
         ]
 
     def _slope(self, limit: Constraint, lengths: np.ndarray) -> np.ndarray:
-        """Gradient of a limit over its scale by the scaled lengths, of their shape (..., 2)."""
+        """Gradient of a limit over its scale by the scaled lengths, of their shape (..., n)."""
         return limit.gradient(lengths) * self.size / limit.scale
 
     def unscaled(self, scaled: np.ndarray) -> np.ndarray:
@@ -248,13 +262,15 @@ class Region:
         return self.lower + scaled * self.size
 
     def project(self, lengths: ArrayLike) -> np.ndarray:
-        """Lengths (n, 2) projected onto the bounds, the inequality and the constraints [m].
+        """Lengths (points, n) projected onto the bounds, the inequality and the constraints [m].
 
         Newton's method with the shortest step, in widths of the box, that satisfies all violated
         constraints to first order. Where there is no solution, or none nearby, the result is the
         closest point found.
         """
         limits = self._limits
+        if not limits:
+            return self.clip(lengths)
         low, high, scale = np.transpose([(limit.low, limit.high, limit.scale) for limit in limits])
         scaled = np.clip((np.asarray(lengths) - self.lower) / self.size, 0.0, 1.0)
         for _ in range(_MOST_STEPS):
@@ -272,7 +288,7 @@ class Region:
         return self.unscaled(scaled)
 
     def nearest(self, lengths: ArrayLike) -> np.ndarray:
-        """Lengths (n, 2) or (2,) projected onto the constraints, as far as possible."""
+        """Lengths (points, n) or (n,) projected onto the constraints, as far as possible."""
         targets = np.atleast_2d(lengths)
         points = self.clip(targets)
         violated = self.violation(points) > 0.0
@@ -285,25 +301,27 @@ class Region:
         return points.reshape(np.shape(lengths))
 
     def inequality(self, lengths: ArrayLike) -> np.ndarray:
-        """g(x) [m], shape (...), for lengths of shape (..., 2); at most 0 where feasible."""
+        """g(x) [m], shape (...), for lengths of shape (..., n); at most 0 where feasible."""
         lengths = np.asarray(lengths)
+        if self.ratio_limit is None:
+            return np.full(lengths.shape[:-1], -np.inf)
         return lengths[..., 0] - self.ratio_limit * lengths[..., 1]
 
     def contains(self, lengths: ArrayLike, slack: float = 0.0) -> np.ndarray:
-        """Whether lengths, shape (..., 2), satisfy bounds and inequality up to `slack` [m]."""
+        """Whether lengths, shape (..., n), satisfy bounds and inequality up to `slack` [m]."""
         clipped = np.clip(lengths, self.lower - slack, self.upper + slack)
         return np.all(clipped == lengths, axis=-1) & (self.inequality(lengths) <= slack)
 
     def sample(self, count: int, random: np.random.Generator) -> np.ndarray:
-        """`count` points spread evenly over the region, shape (count, 2) [m]."""
-        points = np.empty((0, 2))
+        """`count` points spread evenly over the region, shape (count, n) [m]."""
+        points = np.empty((0, len(self.lower)))
         while len(points) < count:
-            drawn = self.lower + random.random((count, 2)) * self.size
+            drawn = self.lower + random.random((count, len(self.lower))) * self.size
             points = np.concatenate([points, drawn[self.contains(drawn)]])
         return points[:count]
 
     def reach(self, start: ArrayLike, step: ArrayLike) -> np.ndarray:
-        """The largest feasible share, at most 1, of each step (..., 2) from `start` (..., 2)."""
+        """The largest feasible share, at most 1, of each step (..., n) from `start` (..., n)."""
         start, step = np.asarray(start), np.asarray(step)
         room = np.where(step > 0.0, self.upper - start, start - self.lower)
         room = np.concatenate([room, -self.inequality(start)[..., None]], axis=-1)
@@ -312,21 +330,25 @@ class Region:
         return np.clip(limits.min(axis=-1), 0.0, 1.0)
 
     def clip(self, lengths: ArrayLike) -> np.ndarray:
-        """Lengths (..., 2) clipped to the bounds; then the crank shortened or the rod lengthened
+        """Lengths (..., n) clipped to the bounds; then the crank shortened or the rod lengthened
         for the inequality."""
-        crank, rod = np.moveaxis(np.clip(lengths, self.lower, self.upper), -1, 0)
+        within = np.clip(lengths, self.lower, self.upper)
+        if self.ratio_limit is None:
+            return within
+        crank, rod = np.moveaxis(within, -1, 0)
         crank = np.maximum(self.lower[0], np.minimum(crank, self.ratio_limit * rod))
         return np.stack([crank, np.maximum(rod, crank / self.ratio_limit)], axis=-1)
 
     def active(self, lengths: ArrayLike) -> str:
-        """Labels of the bounds, inequality and constraints active at `lengths` (2,), or
+        """Labels of the bounds, inequality and constraints active at `lengths` (n,), or
         ``'none'``."""
         labels = []
-        links = zip(("crank", "rod"), lengths, self.lower, self.upper, strict=True)
-        for link, length, *bounds in links:
+        links = zip(self.names, lengths, self.lower, self.upper, strict=True)
+        for name, length, *bounds in links:
             for side, bound in zip(("lower", "upper"), bounds, strict=True):
                 if abs(length - bound) <= NEAR:
-                    labels.append(f"{link} length at its {side} bound {1e3 * bound:g} mm")
+                    words = name.replace("_", " ")
+                    labels.append(f"{words} at its {side} bound {1e3 * bound:g} mm")
         if self.inequality(lengths) >= -NEAR:
             labels.append(f"crank length at {self.ratio_limit:g} times the rod length")
         labels += [constraint.active(lengths) for constraint in self.constraints]

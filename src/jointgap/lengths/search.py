@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize
+from scipy.optimize import NonlinearConstraint, brentq, minimize
 
 from jointgap.config import Genetic, Optimise
 from jointgap.core.errors import needs
-from jointgap.lengths.objective import Objective
+from jointgap.lengths.objective import LargestOfSeveral, Objective
 from jointgap.lengths.region import FEASIBLE, Region
 
 with needs("optimising link lengths", "learn"):
@@ -24,7 +24,7 @@ with needs("optimising link lengths", "learn"):
 class SearchResult:
     """Result of one search."""
 
-    lengths: np.ndarray  # shape (2,); the best (L2, L3) [m]
+    lengths: np.ndarray  # shape (n,); the best [m]
     value: float  # The objective there [SI]
     values: np.ndarray  # shape (evaluations,); in order of evaluation, an elite's once [SI]
     status: str  # Stopping criterion
@@ -56,10 +56,14 @@ def stochastic_uniform(
 def feasible_mutation(
     parents: np.ndarray, region: Region, random: np.random.Generator
 ) -> np.ndarray:
-    """Each parent (n, 2) moved by up to the box's width in a random direction, limited to the
+    """Each parent (parents, n) moved by up to the box's width in a random direction, limited to the
     region."""
-    angle = 2.0 * np.pi * random.random(len(parents))
-    direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    if len(region.lower) == 2:
+        angle = 2.0 * np.pi * random.random(len(parents))
+        direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    else:
+        direction = random.normal(size=parents.shape)
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     moves = random.random((len(parents), 1)) * direction * region.size
     mutants = parents + region.reach(parents, moves)[:, None] * moves
     return np.clip(mutants, region.lower, region.upper)
@@ -75,7 +79,8 @@ class _LengthProblem(Problem):
 
     def __init__(self, objective: Objective, region: Region):
         count = int(bool(region.constraints))
-        super().__init__(n_var=2, n_obj=1, n_ieq_constr=count, xl=region.lower, xu=region.upper)
+        bounds = {"xl": region.lower, "xu": region.upper}
+        super().__init__(n_var=len(region.lower), n_obj=1, n_ieq_constr=count, **bounds)
         self.objective, self.region, self.values = objective, region, []
 
     def _evaluate(self, x, out, *args, **kwargs):
@@ -132,8 +137,7 @@ def evolve(objective: Objective, region: Region, options: Genetic) -> SearchResu
             "generation": len(generations),
             "individual": np.arange(len(lengths)),
             "origin": state.pop.get("origin"),
-            "crank_length": lengths[:, 0],
-            "rod_length": lengths[:, 1],
+            **dict(zip(region.names, lengths.T, strict=True)),
             "objective": state.pop.get("F")[:, 0],
         }
         generations.append(pd.DataFrame(generation))
@@ -157,27 +161,47 @@ def evolve(objective: Objective, region: Region, options: Genetic) -> SearchResu
 def search(
     objective: Objective, region: Region, start: ArrayLike, tolerance: float
 ) -> SearchResult:
-    """Local optimisation (SLSQP) from `start`."""
-    start = np.asarray(start, dtype=float)
-    unit = float(objective.value(objective.original))
+    """Local optimisation (SLSQP) from `start`.
+
+    An objective that is the largest of several values is minimised as a bound of all of them, a
+    further variable.
+    """
+    start, count = np.asarray(start, dtype=float), len(region.lower)
+    # a start that is worse by far would swamp the steps
+    values = [float(objective.value(lengths)) for lengths in (objective.original, start)]
+    unit = max(values[0], 1e-3 * values[1])
     path, values = [start], []
+    conditions, bounds = region.conditions(), [(0.0, 1.0)] * count
 
-    def relative_value(scaled: np.ndarray) -> float:
-        values.append(float(objective.value(region.unscaled(scaled))))
-        return values[-1] / unit
+    def at(variables: np.ndarray) -> np.ndarray:
+        return region.unscaled(np.array(variables[:count]))
 
+    def relative_value(variables: np.ndarray) -> float:
+        values.append(float(objective.value(at(variables))))
+        return values[-1] / unit if len(variables) == count else variables[-1]
+
+    def slope(variables: np.ndarray) -> np.ndarray:
+        if len(variables) == count:
+            return objective.gradient(at(variables)) * region.size / unit
+        return np.eye(count + 1)[-1]
+
+    first = (start - region.lower) / region.size
+    if isinstance(objective, LargestOfSeveral):
+        first = np.append(first, objective.value(start) / unit)
+        bounds.append((0.0, np.inf))
+        conditions = [*map(_with_bound, conditions), _bounded(objective, region, unit)]
     result = minimize(
         relative_value,
-        (start - region.lower) / region.size,
-        jac=lambda scaled: objective.gradient(region.unscaled(scaled)) * region.size / unit,
+        first,
+        jac=slope,
         method="SLSQP",
-        bounds=[(0.0, 1.0)] * 2,
-        constraints=region.conditions(),
-        callback=lambda scaled: path.append(region.unscaled(np.array(scaled))),
+        bounds=bounds,
+        constraints=conditions,
+        callback=lambda variables: path.append(at(variables)),
         options={"ftol": tolerance, "maxiter": 200},
     )
     # exact bounds despite rounding
-    end = np.clip(region.unscaled(result.x), region.lower, region.upper)
+    end = np.clip(at(result.x), region.lower, region.upper)
     if region.violation(end) > FEASIBLE:  # the tolerance also applies to constraints
         end = region.nearest(end)
     if not np.array_equal(path[-1], end):
@@ -189,31 +213,60 @@ def search(
     if not result.success:
         reason = str(result.message).strip().lower()
         status = f"not converged ({reason}): raise the tolerance {tolerance:g} or check the box"
-    history = pd.DataFrame(path, columns=["crank_length", "rod_length"])
+    history = pd.DataFrame(path, columns=region.names)
     history = history.assign(iteration=range(len(path)), objective=objective.value(path))
     return SearchResult(
         end, history["objective"].iloc[-1], np.array(values), status, history, bool(result.success)
     )
 
 
+def _with_bound(condition: NonlinearConstraint) -> NonlinearConstraint:
+    """A condition on the variables without the last one."""
+    return NonlinearConstraint(
+        lambda variables: condition.fun(variables[:-1]),
+        condition.lb,
+        condition.ub,
+        jac=lambda variables: np.append(condition.jac(variables[:-1]), 0.0),
+    )
+
+
+def _bounded(objective: LargestOfSeveral, region: Region, unit: float) -> NonlinearConstraint:
+    """No value of the objective is above the last variable."""
+
+    def rooms(variables: np.ndarray) -> np.ndarray:
+        return variables[-1] - objective.several(region.unscaled(variables[:-1])) / unit
+
+    def slopes(variables: np.ndarray) -> np.ndarray:
+        each = objective.slopes(region.unscaled(variables[:-1])) * region.size / unit
+        return np.column_stack([-each, np.ones(len(each))])
+
+    return NonlinearConstraint(rooms, 0.0, np.inf, jac=slopes)
+
+
+def _starts(count: int) -> np.ndarray:
+    """Six starting points, shares of the ranges of `count` lengths: of two lengths L2 at 1/4, 3/4
+    with L3 at 1/6, 1/2, 5/6; of others spread evenly."""
+    if count == 2:
+        return np.array([(crank, rod) for rod in (1 / 6, 1 / 2, 5 / 6) for crank in (1 / 4, 3 / 4)])
+    root = brentq(lambda x: x ** (count + 1) - x - 1.0, 1.0, 2.0)  # the golden ratio of n lengths
+    return (0.5 + np.outer(np.arange(6), root ** -np.arange(1.0, count + 1))) % 1.0
+
+
 def search_from_all(
     objective: Objective, region: Region, tolerance: float
 ) -> tuple[SearchResult, ...]:
-    """`search` from six points: L2 at 1/4, 3/4 of its range with L3 at 1/6, 1/2, 5/6, projected
-    onto the region."""
-    rods = (1 / 6, 1 / 2, 5 / 6)
-    shares = [(crank, rod) for rod in rods for crank in (1 / 4, 3 / 4)]
-    starts = region.nearest(region.unscaled(np.array(shares)))
+    """`search` from six points, projected onto the region."""
+    starts = region.nearest(region.unscaled(_starts(len(region.lower))))
     return tuple(search(objective, region, start, tolerance) for start in starts)
 
 
 @dataclass(frozen=True)
 class Point:
-    """A pair of lengths with a name."""
+    """Lengths with a name."""
 
     name: str  # In the table optimise_optima
     method: str
-    lengths: tuple[float, float]  # (L2, L3) [m]
+    lengths: tuple[float, ...]  # [m]
     box: str | None = None  # Of the search; None for printed points
     source: str | None = None  # Of the search; None for points of no search
     columns: dict[str, Any] = field(default_factory=dict)  # Further ones of optimise_optima

@@ -9,6 +9,13 @@ from jointgap.core.errors import InputError
 from jointgap.linkage.equations import Arithmetic, Crank, Pose
 from jointgap.linkage.topology import Dyad, Linkage, number
 
+ON_ARRAYS = Arithmetic(
+    sqrt=np.sqrt,
+    cos_sin=lambda x: (np.cos(x), np.sin(x)),
+    angle=lambda direction: np.arctan2(direction[1], direction[0]),
+)
+"""Arithmetic of arrays."""
+
 ANGLES = 720
 """Crank angles of a scan."""
 
@@ -114,9 +121,8 @@ def check_turning(linkage: Linkage, signs: Sequence[float], clearances: float = 
 def ideal_pose(linkage: Linkage, signs: Sequence[float], angles: np.ndarray) -> Pose:
     """Poses without clearance at crank angles [rad]; NaN where the linkage does not close."""
     crank = Crank(np.cos(angles), np.sin(angles), 1.0)
-    arithmetic = Arithmetic(sqrt=np.sqrt, cos_sin=lambda x: (np.cos(x), np.sin(x)))
     still = {joint.name: ((0.0, 0.0), (0.0, 0.0)) for joint in linkage.loose}
-    return Pose(linkage, signs, crank, still, arithmetic)
+    return Pose(linkage, signs, crank, still, ON_ARRAYS)
 
 
 def _directions(
@@ -136,22 +142,7 @@ def _directions(
 
 def _margin(pose: Pose, dyad: Dyad) -> np.ndarray:
     """Sine of the angle from a dead point; NaN where the dyad does not close."""
-    first, second = dyad.bodies
-    if dyad.kind == "RRR":
-        vectors = [
-            pose.turned(body, pose.local(body, *reversed(_ends(dyad, i))))
-            for i, body in enumerate(dyad.bodies)
-        ]
-        return np.abs(_cross(*vectors)) / (_norm(vectors[0]) * _norm(vectors[1]))
-    if dyad.kind == "RRP":
-        vector = pose.turned(first, pose.local(first, *reversed(_ends(dyad, 0))))
-        line = pose.turned(dyad.second.partner.body, pose.line(dyad.second))
-        return np.abs(vector[0] * line[0] + vector[1] * line[1]) / _norm(vector)
-    pin = pose.point(*dyad.first.place(first))[0]
-    pivot = pose.point(*dyad.second.place(second))[0]
-    span = pin[0] - pivot[0], pin[1] - pivot[1]
-    line = pose.turned(second, pose.line(dyad.inner))
-    return np.abs(span[0] * line[0] + span[1] * line[1]) / _norm(span)
+    return np.sqrt(1.0 - np.square(pose.cosines[dyad.inner.name]))
 
 
 def _ends(dyad: Dyad, which: int) -> tuple[str, str]:
@@ -210,11 +201,3 @@ def _does_not_close(linkage: Linkage, signs: Sequence[float], crank_angle: float
 def _turn(one: float, other: float) -> float:
     """Difference of two angles [rad], from -pi to pi."""
     return math.remainder(one - other, 2.0 * math.pi)
-
-
-def _cross(one, other) -> np.ndarray:
-    return np.asarray(one[0] * other[1] - one[1] * other[0])
-
-
-def _norm(vector) -> np.ndarray:
-    return np.hypot(*vector)

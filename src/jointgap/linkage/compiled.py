@@ -295,10 +295,18 @@ def channels_of(
 
 def parameters_of(variant: Variant, linkage: Linkage) -> np.ndarray:
     """Values of a variant's parameters for a linkage of the same form."""
+    try:
+        return _parameters(variant, linkage, float)
+    except ZeroDivisionError:  # of numbers that do not close; NumPy's go on, but are slower
+        with np.errstate(all="ignore"):
+            return _parameters(variant, linkage, np.float64)
+
+
+def _parameters(variant: Variant, linkage: Linkage, kind: type) -> np.ndarray:
     values: dict[str, float] = {}
 
     def parameter(name: str, value: float) -> float:
-        return values.setdefault(name, value)
+        return values.setdefault(name, kind(value))
 
     nothing = (0.0, 0.0)
     still = {joint.name: (nothing, nothing) for joint in linkage.loose}

@@ -113,6 +113,8 @@ class Pose:
         self.directions: dict[str, Pair] = {FRAME: (1.0, 0.0)}  # Cosine and sine
         self.speeds: dict[str, Number] = {FRAME: 0.0}  # [rad/s]
         self.slips: dict[str, Number] = {}  # [m/s] Of the ideal slides
+        # of the transmission angles, by inner joint of the dyads; beyond 1 where it does not close
+        self.cosines: dict[str, Number] = {}
         self._anchors: dict[str, tuple[str, Pair, Pair]] = {}
         self.directions[linkage.crank] = crank.cosine, crank.sine
         self.speeds[linkage.crank] = crank.speed
@@ -204,8 +206,8 @@ class Pose:
     def _square(self, body: str, point: str, origin: str) -> Number:
         """Squared distance [m^2] of two points of a body."""
         ends = [_place(self.linkage.bodies[body], name) for name in (point, origin)]
-        distance = math.dist(*([number(each) for each in end] for end in ends))
-        return self.arithmetic.parameter(f"{body}.{point}-{origin}.squared", distance**2)
+        x, y = (number(one) - number(two) for one, two in zip(*ends, strict=True))
+        return self.arithmetic.parameter(f"{body}.{point}-{origin}.squared", x * x + y * y)
 
     def _orient(self, body: str, vector: Pair, point: str, origin: str) -> None:
         """Turn a body so that the vector between two of its points is the given one."""
@@ -236,9 +238,14 @@ class Pose:
         span = subtract(add(end, gap), begin)
         rate = subtract(add(end_rate, gap_rate), begin_rate)
         squares = [self._square(*each) for each in ends]
-        inverse = 1.0 / dot(span, span)
+        square = dot(span, span)
+        inverse = 1.0 / square
         along = 0.5 + 0.5 * (squares[0] - squares[1]) * inverse
-        height = sign * self.arithmetic.sqrt(squares[0] * inverse - along * along)
+        root = self.arithmetic.sqrt
+        self.cosines[dyad.inner.name] = (
+            0.5 * (squares[0] + squares[1] - square) / root(squares[0] * squares[1])
+        )
+        height = sign * root(squares[0] * inverse - along * along)
         first = add(times(along, span), times(height, across(span)))
         second = subtract(first, span)
         for (body, point, origin), vector in zip(ends, (first, second), strict=True):
@@ -270,7 +277,9 @@ class Pose:
         rate = subtract(add(start_rate, gap_rate), begin_rate)
         point, origin = dyad.inner.place(one).point, dyad.first.place(one).point
         height = cross(line, span)
-        along = sign * self.arithmetic.sqrt(self._square(one, point, origin) - height * height)
+        square = self._square(one, point, origin)
+        self.cosines[dyad.inner.name] = -height / self.arithmetic.sqrt(square)
+        along = sign * self.arithmetic.sqrt(square - height * height)
         self._orient(one, add(times(along, line), times(height, across(line))), point, origin)
         place = along - dot(line, span)
         self.speeds[one] = (cross(line, rate) + turning * place) / along
@@ -291,6 +300,7 @@ class Pose:
         to_pin = self.local(block, dyad.first.place(block).point, slide.body.point)
         height = cross(line, add(to_line, to_pin))
         square = dot(span, span)
+        self.cosines[dyad.inner.name] = height / self.arithmetic.sqrt(square)
         along = sign * self.arithmetic.sqrt(square - height * height)
         vector = add(times(along, line), times(height, across(line)))
         inverse = 1.0 / square

@@ -4,10 +4,9 @@ A function of symbols leaves a list of additions, products, quotients and roots,
 makes a function of memory. It has no branches and no loops, and knows nothing of mechanisms.
 """
 
-import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, MutableSequence, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -20,12 +19,12 @@ _PYTHON: dict[str, Callable[..., float]] = {
     "add": lambda a, b: a + b,
     "sub": lambda a, b: a - b,
     "mul": lambda a, b: a * b,
-    "div": lambda a, b: np.float64(a) / b,
+    "div": np.divide,
     "neg": lambda a: -a,
-    "sqrt": lambda a: math.sqrt(a) if a >= 0.0 else math.nan,
-    "sin": math.sin,
-    "cos": math.cos,
-    "atan2": math.atan2,
+    "sqrt": np.sqrt,
+    "sin": np.sin,
+    "cos": np.cos,
+    "atan2": np.arctan2,
 }
 
 
@@ -160,10 +159,15 @@ class Code:
     stores: tuple[Store, ...]
     kept: Mapping[int, int] = field(default_factory=dict)  # Place of a node in the field `kept`
 
-    def run(self, memory: Mapping[str, np.ndarray]) -> None:
-        """Run in Python."""
-        values: dict[int, float] = {}
-        for node in needed(self.graph, [store.node for store in self.stores], self.kept):
+    @cached_property
+    def _order(self) -> list[int]:
+        return needed(self.graph, [store.node for store in self.stores], self.kept)
+
+    @np.errstate(invalid="ignore", divide="ignore")
+    def run(self, memory: Mapping[str, MutableSequence]) -> None:
+        """Run in Python, on numbers or on arrays."""
+        values: dict[int, np.ndarray | float] = {}
+        for node in self._order:
             operation, *operands = self.graph.nodes[node]
             if node in self.kept:
                 values[node] = memory["kept"][self.kept[node]]
@@ -191,7 +195,7 @@ class Code:
         # products may be contracted into sums; nothing else changes the order of the operations
         flags, values = ("contract",), {}
         two = {"add": builder.fadd, "sub": builder.fsub, "mul": builder.fmul, "div": builder.fdiv}
-        for node in needed(self.graph, [store.node for store in self.stores], self.kept):
+        for node in self._order:
             operation, *operands = self.graph.nodes[node]
             if node in self.kept:
                 values[node] = builder.load(place("kept", self.kept[node]))

@@ -9,9 +9,9 @@ import numpy as np
 from jointgap.config import Mechanism
 from jointgap.config.channels import channel_kinds
 from jointgap.config.linkage_file import LinkageFile
-from jointgap.linkage.assembly import signs_of
+from jointgap.linkage.assembly import ON_ARRAYS, signs_of
 from jointgap.linkage.compiled import channels_of
-from jointgap.linkage.equations import Arithmetic, Crank, Dynamics, Pose
+from jointgap.linkage.equations import Crank, Dynamics, Pose
 from jointgap.linkage.from_file import linkage_of_file, linkage_of_slider_crank
 from jointgap.linkage.topology import linkage_of
 
@@ -26,9 +26,8 @@ def ideal_channels(
     joints = [replace(joint, loose=False) for joint in linkage.joints.values()]
     linkage = linkage_of([*linkage.bodies.values()], joints, linkage.drive)
     crank = Crank(np.cos(angle), np.sin(angle), speed, 0.0)
-    arithmetic = Arithmetic(sqrt=np.sqrt, cos_sin=lambda a: (np.cos(a), np.sin(a)))
     signs = signs_of(linkage, 0.0)
-    motion = Dynamics(Pose(linkage, signs, crank, {}, arithmetic), {})
+    motion = Dynamics(Pose(linkage, signs, crank, {}, ON_ARRAYS), {})
     numbers = channels_of(motion, {}, {}, {})
     found = {name: value + np.zeros(np.shape(angle)) for name, (value, _) in numbers.items()}
     for name in [name for name in found if name.endswith("_cosine")]:

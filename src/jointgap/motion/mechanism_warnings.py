@@ -4,9 +4,11 @@ import math
 from collections.abc import Iterator
 
 from jointgap.config import Contact, Joint, Mechanism, hertz_stiffness
+from jointgap.config.linkage_file import LinkageFile
 from jointgap.contact.normal_force import LAWS, delivered_restitution, penalty_restitution
 from jointgap.core.joints import JOINT
 from jointgap.core.words import format_name, joined, number
+from jointgap.effects.force_table import ForceTable
 
 WIDE_CLEARANCE = 0.05
 """Clearance over the journal's radius above which a warning is given."""
@@ -15,8 +17,8 @@ UNLIKE_MASSES = 50.0
 """Ratio of the largest to the smallest mass above which a warning is given."""
 
 DENSITIES = (0.1, 7850.0)
-"""Smallest and largest mass of a body over the cube of the rod's length [kg/m^3] without a warning:
-the largest is a solid cube of steel; mechanisms have 1 to 500."""
+"""Smallest and largest mass of a body over the cube of the longest link's length [kg/m^3] without a
+warning: the largest is a solid cube of steel; mechanisms have 1 to 500."""
 
 LEAST_GYRATION = 0.02
 """Radius of gyration over the length of a link below which a warning is given; a uniform rod has
@@ -43,34 +45,42 @@ def odd_speed(mechanism: Mechanism, speed: float) -> list[str]:
     ]
 
 
-def odd_data(mechanism: Mechanism) -> list[str]:
+def odd_data(mechanism: Mechanism | LinkageFile) -> list[str]:
     """Warnings about unusual masses, inertias, clearances and loads, such as
     ``slider.mass: ...``."""
     applied = mechanism.applied()
-    masses = {f"{body}.mass": getattr(applied, body).mass for body in ("crank", "rod", "slider")}
+    at = "bodies." if isinstance(applied, LinkageFile) else ""
+    masses = {f"{at}{body}.mass": applied.body(body).mass for body in applied.sites.bodies}
+    lengths = {f"{at}{body}.length": applied.body(body).length for body in applied.sites.links}
     light, heavy = min(masses, key=masses.get), max(masses, key=masses.get)
-    least, most = (density * applied.rod.length**3 for density in DENSITIES)
-    found = [
-        f"{key}: {mass:.4g} kg is implausible with rod.length {applied.rod.length:.4g} m (usual:"
-        f" {least:.2g} kg to {most:.2g} kg); check the units of both"
-        for key, mass in masses.items()
-        if not least <= mass <= most
-    ]
+    found = []
+    if lengths:
+        longest = max(lengths, key=lengths.get)
+        least, most = (density * lengths[longest] ** 3 for density in DENSITIES)
+        found = [
+            f"{key}: {mass:.4g} kg is implausible with {longest} {lengths[longest]:.4g} m (usual:"
+            f" {least:.2g} kg to {most:.2g} kg); check the units of both"
+            for key, mass in masses.items()
+            if not least <= mass <= most
+        ]
     if not found and masses[heavy] > UNLIKE_MASSES * masses[light]:
         found.append(
             f"{heavy}: {masses[heavy]:.4g} kg is {masses[heavy] / masses[light]:.4g} times {light},"
             f" {masses[light]:.4g} kg; check the units of both"
         )
-    for body in ("crank", "rod"):
-        link = getattr(applied, body)
+    for body in applied.sites.links:
+        link = applied.body(body)
+        if link.inertia is None:
+            continue
         if (gyration := math.sqrt(link.inertia / link.mass)) < LEAST_GYRATION * link.length:
             uniform = link.mass * link.length**2 / 12
             found.append(
-                f"{body}.inertia: {link.inertia:.4g} kg*m^2 gives a radius of gyration of"
+                f"{at}{body}.inertia: {link.inertia:.4g} kg*m^2 gives a radius of gyration of"
                 f" {1e3 * gyration:.2g} mm on a link of {1e3 * link.length:.4g} mm; a uniform rod"
                 f" has {uniform:.2g} kg*m^2: check the units"
             )
-    for name in applied.loose:
+    pins = [name for name in applied.loose if isinstance(applied.joint(name), Joint)]
+    for name in pins:
         radius, clearance = applied.joint(name).journal_radius, applied.clearance(name)
         if clearance > WIDE_CLEARANCE * radius:
             found.append(
@@ -78,7 +88,7 @@ def odd_data(mechanism: Mechanism) -> list[str]:
                 f" {100 * clearance / radius:.3g} % of journal_radius, {1e3 * radius:.3g} mm; worn"
                 f" joints have less than {100 * WIDE_CLEARANCE:g} %: check both radii"
             )
-    tables = (effect for effect in mechanism.effects if effect.name == "slider_force_table")
+    tables = (effect for effect in mechanism.effects if isinstance(effect, ForceTable))
     return [*found, *(f"{table.name}: {remark}" for table in tables for remark in table.remarks())]
 
 

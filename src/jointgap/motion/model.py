@@ -113,14 +113,16 @@ class Model:
     @cached_property
     def pushed(self) -> dict[str, Record]:
         """Laws of the pushed joints by name, and of the crank under that of the drive."""
-        slides = [name for name in self.variant.kind.pushed if self._is_slide(name)]
-        pivots = [name for name in self.variant.kind.pushed if not self._is_slide(name)]
-        of_slides = zip(slides, self.p.slides.laws, strict=False)
+        pivots = [name for name in self.variant.kind.pushed if name not in self.slides]
+        of_slides = zip(self.slides, self.p.slides.laws, strict=False)
         of_pivots = zip(pivots, self.p.pivots.laws, strict=False)
         return {**dict(of_slides), **dict(of_pivots), self.linkage.drive: self.p.pivots.laws[CRANK]}
 
-    def _is_slide(self, joint: str) -> bool:
-        return self.linkage.joints[joint].kind == "slide"
+    @cached_property
+    def slides(self) -> tuple[str, ...]:
+        """The pushed slides."""
+        joints = self.linkage.joints
+        return tuple(name for name in self.variant.kind.pushed if joints[name].kind == "slide")
 
     @cached_property
     def loose(self) -> tuple[str, ...]:
@@ -248,7 +250,7 @@ class Model:
         k.states, k.half, k.loose, k.pins = self.states, half, len(loose), len(self.pins)
         k.blocks, k.is_free, k.bristles = -(-k.states // BLOCK), self.is_free, self.has_bristles
         k.rubs, k.pushed = variant.kind.rubs, len(variant.kind.pushed)
-        k.slides = sum(map(self._is_slide, variant.kind.pushed))
+        k.slides = len(self.slides)
         k.weights[:half], k.weights[half : 2 * half] = 1.0, VELOCITY_TIME
         k.weights[2 * half : k.states] = 1.0
         if self.is_free:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+import pandas as pd
 
 from jointgap.config import Mechanism, Simulate
 from jointgap.config.linkage_file import LinkageFile
@@ -28,6 +29,13 @@ def model_of(mechanism: Mechanism | LinkageFile, options: Simulate) -> Model:
     if isinstance(mechanism, LinkageFile):
         return linkage.linkage_model(mechanism, options, drawn_at=0.0)
     return slider_crank.model_of(mechanism, options)
+
+
+def simulated_samples(mechanism: Mechanism | LinkageFile, options: Simulate) -> pd.DataFrame:
+    """Samples of a simulated motion."""
+    is_linkage = isinstance(mechanism, LinkageFile)
+    simulate = linkage.simulate_linkage if is_linkage else slider_crank.simulate
+    return simulate(mechanism, options).samples
 
 
 def check_linkage(mechanism: Mechanism | LinkageFile, source: str) -> None:

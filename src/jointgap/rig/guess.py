@@ -18,12 +18,14 @@ import numpy as np
 import yaml
 
 from jointgap.config.campaign import RESERVED_IDS, UNITS
-from jointgap.config.channels import CHANNEL_KINDS, CHANNELS, PRESSURES
+from jointgap.config.channels import CHANNELS, PRESSURES, ChannelKind, channel_kinds
+from jointgap.config.load import load_mechanism
 from jointgap.config.yaml_files import FILL_IN
 from jointgap.core.csv_files import Csv, find_headings, read_columns
 from jointgap.core.errors import InputError
 from jointgap.core.files import write_text
 from jointgap.core.section import word
+from jointgap.core.sites import SLIDER_CRANK, Sites
 from jointgap.core.units import counts_near, respelled, unit_factor
 from jointgap.core.words import number
 from jointgap.rig import checks
@@ -48,7 +50,9 @@ STROKES, SPEEDS = (8e-3, 1.4), (8.0, 20000.0)  # [m], [rpm] of usual cranks
 # Headings
 
 _fitting = lru_cache(respelled)
-_WORDS = {name: frozenset(kind.words.split()) for name, kind in CHANNEL_KINDS.items()}
+_KNOWN_WORDS = frozenset(
+    word for kind in channel_kinds(SLIDER_CRANK).values() for word in kind.words.split()
+)
 _WITH_UNIT = re.compile(
     r"(.*?)\s*(?:[\[({<]\s*([^\])}>]*?)\s*[\])}>]|(?:\s/\s*|\s+in\s+|,\s*)(\S+))\s*"
 )
@@ -64,7 +68,7 @@ def words_and_unit(heading: str) -> tuple[frozenset[str], str]:
     if match and respelled(match[2] or match[3] or ""):
         text = match[1]
         unit = match[2] or match[3]
-    elif len(heading) > 1 and heading.lower() not in frozenset().union(*_WORDS.values()):
+    elif len(heading) > 1 and heading.lower() not in _KNOWN_WORDS:
         unit = heading if _is_usual_unit(heading) else ""
     for begin in () if unit else range(1, len(parts)):
         joined = (sign.join(parts[begin:]).replace("/per/", "/") for sign in ("/", "*"))
@@ -97,26 +101,27 @@ class Column:
     words: frozenset[str]
     unit: str  # As written; '' without one
     values: tuple[np.ndarray, ...]  # By run
+    kinds: Mapping[str, ChannelKind]  # Of the mechanism's channels
 
     def named(self, channel: str) -> float:
         """Number of words that fit a channel."""
-        required = frozenset(CHANNEL_KINDS[channel].required_words.split())
+        required = frozenset(self.kinds[channel].required_words.split())
         required_count = _matches(self.words, required)
         if required and not required_count:
             return 0.0
-        return required_count + _matches(self.words, _WORDS[channel])
+        return required_count + _matches(self.words, frozenset(self.kinds[channel].words.split()))
 
     def may_be(self, channel: str) -> bool:
         """Whether the unit fits, or no other channel fits the heading better by more than a
         letter."""
-        best = max(map(self.named, CHANNELS))
+        best = max(map(self.named, self.kinds))
         return bool(self.unit_for(channel)) or (
             not self.unit and best <= max(self.named(channel), 0.5)
         )
 
     def unit_for(self, channel: str) -> str:
         """The written unit in a spelling that pint knows; '' if it does not fit the channel."""
-        return _fitting(self.unit, CHANNELS[channel])
+        return _fitting(self.unit, self.kinds[channel].unit)
 
     @property
     def is_zero(self) -> bool:
@@ -242,10 +247,10 @@ def evenness(values: np.ndarray) -> float:
 
 
 class Guesses:
-    """What the columns of runs are."""
+    """What the columns of runs of a mechanism with such `kinds` of channels are."""
 
-    def __init__(self, runs: Sequence[_Run]):
-        self.runs = runs
+    def __init__(self, runs: Sequence[_Run], kinds: Mapping[str, ChannelKind]):
+        self.runs, self.kinds = runs, kinds
         self.columns: dict[str, Column] = {}  # Not yet assigned
         self.unused = dict.fromkeys(runs[0].unread, "contains text, or is there twice")
         self.channels: dict[str, dict[str, object]] = {}  # Entries of the campaign file
@@ -255,7 +260,8 @@ class Guesses:
         for heading in runs[0].values:
             words, unit = words_and_unit(heading)
             unit = unit or runs[0].units.get(heading, "").strip("- ")
-            column = Column(heading, words, unit, tuple(run.values[heading] for run in runs))
+            values = tuple(run.values[heading] for run in runs)
+            column = Column(heading, words, unit, values, kinds)
             if column.is_constant and not (column.named("crank_torque") and column.is_zero):
                 self.unused[heading] = "has one value or too few"
             else:
@@ -311,7 +317,7 @@ class Guesses:
             return min(abs(progress(continued(values)[0])) for values in column.values)
         if channel == "crank_speed" and self._speed_unit(column):
             return 3.0
-        return float(bool(column.unit_for(channel)) and not CHANNEL_KINDS[channel].required_words)
+        return float(bool(column.unit_for(channel)) and not self.kinds[channel].required_words)
 
     def _assign(self, channel: str, column: Column, reasons: Sequence[str], **keys: object) -> None:
         self.channels[channel] = {"column": column.heading, **keys}
@@ -396,7 +402,7 @@ class Guesses:
         scores = [
             (self._score(column, channel), channel, column)
             for column in self.columns.values()
-            for channel in CHANNELS.keys() - {"time", "crank_angle"}
+            for channel in self.kinds.keys() - {"time", "crank_angle"}
         ]
         assigned: dict[str, Column] = {}
         for score, channel, column in sorted(scores, key=lambda entry: -entry[0]):
@@ -425,7 +431,7 @@ class Guesses:
         return ""
 
     def _assign_sensor(self, channel: str, column: Column) -> None:
-        base = CHANNELS[channel]
+        base = self.kinds[channel].unit
         unit = column.unit_for(channel)
         keys = {}
         by = "its mean is the speed of the crank" if channel == "crank_speed" else "by its unit"
@@ -458,10 +464,10 @@ class Guesses:
 
     def _likely_unit(self, channel: str, column: Column) -> tuple[str, str]:
         """The unit with which a column gives the speed or a usual stroke, and the reason."""
-        base = CHANNELS[channel]
+        base = self.kinds[channel].unit
         if channel == "crank_speed" and (unit := self._speed_unit(column)):
             return unit, f"no unit; {unit} gives the speed by angle and time"
-        if channel == "slider_position":
+        if base == "m":
             ranges = [np.nanmax(values) - np.nanmin(values) for values in column.values]
             for unit in (base, *UNITS[base]):
                 stroke = np.median(ranges) * unit_factor(unit, base)
@@ -480,22 +486,27 @@ def _samples_well(period: float, angles: Sequence[np.ndarray]) -> bool:
 # Files to write
 
 
-def new_rig(files: Sequence[Path], name: str = "rig") -> str:
-    """Write the campaign file ``NAME.yaml`` and the mechanism file ``NAME_mechanism.yaml`` for
-    measured files.
+def new_rig(files: Sequence[Path], name: str = "rig", mechanism: str = "") -> str:
+    """Write the campaign file ``NAME.yaml`` for measured files and, unless a `mechanism` is given
+    by its path or name, the file ``NAME_mechanism.yaml`` of a slider-crank.
 
     Returns a summary. InputError if one of both exists, or a file cannot be read.
     """
-    campaign, mechanism = _new_files(name, f"{name}_mechanism")
-    guesses = Guesses(read_runs(files))
-    text = "\n".join(campaign_lines(guesses, name, mechanism.name)) + "\n"
+    own = [] if mechanism else [f"{name}_mechanism"]
+    campaign, *written = _new_files(name, *own)
+    sites = load_mechanism(mechanism).sites if mechanism else SLIDER_CRANK
+    guesses = Guesses(read_runs(files), channel_kinds(sites))
+    lines = campaign_lines(guesses, name, mechanism or written[0].name, sites)
+    text = "\n".join(lines) + "\n"
     write_text(campaign, text)
-    write_text(mechanism, mechanism_text())
+    for path in written:
+        write_text(path, mechanism_text())
     gaps = f"; fill in what is marked {FILL_IN}" if FILL_IN in text else ""
+    to_fill_in = "".join(f"\n{path}: fill in what is marked {FILL_IN}" for path in written)
     return (
         f"{campaign}: {len(guesses.runs)} runs, {len(guesses.channels)} channels; check the guesses"
-        f" in the comments{gaps}\n{mechanism}: fill in what is marked {FILL_IN}\nthen: jointgap"
-        f" measure {campaign}; jointgap analyse {campaign}"
+        f" in the comments{gaps}{to_fill_in}\nthen: jointgap measure {campaign}; jointgap analyse"
+        f" {campaign}"
     )
 
 
@@ -525,7 +536,7 @@ def mechanism_text() -> str:
     return (Path(__file__).parents[1] / "data/new_mechanism.yaml").read_text(encoding="utf-8")
 
 
-def campaign_lines(guesses: Guesses, name: str, mechanism: str) -> Iterator[str]:
+def campaign_lines(guesses: Guesses, name: str, mechanism: str, sites: Sites) -> Iterator[str]:
     """The lines of the campaign file."""
     yield "# Written by `jointgap new rig`. Check every guess. All keys: config/README.md"
     yield f"name: {name}"
@@ -537,7 +548,7 @@ def campaign_lines(guesses: Guesses, name: str, mechanism: str) -> Iterator[str]
     yield "runs:"
     yield from _run_lines(guesses)
     yield "channels:"
-    for channel in CHANNELS:
+    for channel in guesses.kinds:
         if channel in guesses.channels:
             yield f"  {channel}: {_flow(guesses.channels[channel])}   # {guesses.why[channel]}"
     if not guesses.channels.keys() & {"time", "crank_angle"}:
@@ -545,15 +556,17 @@ def campaign_lines(guesses: Guesses, name: str, mechanism: str) -> Iterator[str]
     for heading, why in guesses.unused.items():
         yield f"  # column {json.dumps(heading, ensure_ascii=False)} {why}"
     yield "nuisance:   # uncertain quantities, fitted within these bounds"
-    yield "  slider_mass: 5 %   # assumed"
-    yield "  rod_mass: 5 %   # assumed"
+    for body in reversed(sites.bodies):
+        if body != sites.crank:
+            yield f"  {body}_mass: 5 %   # assumed"
+    is_short = sites is SLIDER_CRANK
     if guesses.angle:
-        yield "  # encoder_zero: 5 deg   # unless crank_angle is exactly 0 at the outer dead centre"
-    if "slider_position" in guesses.channels:
-        yield (
-            "  slider_position_zero: 1 m   # assumed; reduce it if it is the distance from the"
-            " crank pivot"
-        )
+        place = "at the outer dead centre" if is_short else "where the crank's x axis is along +x"
+        yield f"  # encoder_zero: 5 deg   # unless crank_angle is exactly 0 {place}"
+    for body in sites.slides:
+        if f"{body}_position" in guesses.channels:
+            origin = "the distance from the crank pivot" if is_short else "that on the slide's line"
+            yield f"  {body}_position_zero: 1 m   # assumed; reduce it if it is {origin}"
 
 
 def _run_lines(guesses: Guesses) -> Iterator[str]:

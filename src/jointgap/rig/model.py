@@ -11,6 +11,7 @@ import numpy as np
 
 from jointgap.config.campaign import Campaign, CampaignRun, joints_of
 from jointgap.config.channels import PRESSURES
+from jointgap.config.linkage_file import LinkageFile
 from jointgap.config.load import validate
 from jointgap.core.candidates import Candidate, Effects, Parameter, Series, Variation
 from jointgap.core.errors import InputError, SimulationError
@@ -517,7 +518,7 @@ def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> Run
         samples = replace(samples, computed=True, first_reach=0.0, speed_reach=0.0)
     if campaign.drive == "free":
         speeds = recording.channels.get("crank_speed")
-        samples = with_start(samples, None if speeds is None else run.side * speeds)
+        samples = with_start(samples, None if speeds is None else run.side * speeds, step)
     plan = replace(_plan(campaign, run, samples), second_clock=recording.second_clock)
     measured = {**recording.channels, "crank_angle": recording.crank_angle}
     values = {channel: measured[channel] for channel in plan.channels}
@@ -547,6 +548,9 @@ def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> Run
     for channel, read in channels_read(campaign, plan, _nominal(campaign, plan)).items():
         if not np.isfinite(read).all():
             raise SimulationError(f"the simulated {channel} is not finite")
+        is_angle = campaign.channel_kinds[channel].part and campaign.unit(channel) == "rad"
+        if is_angle and isinstance(campaign.mechanism, LinkageFile):  # it may turn fully
+            values[channel] = values[channel] - tau * np.round((values[channel] - read) / tau)
     return RunData(plan, values, recording.held_out, searched)
 
 

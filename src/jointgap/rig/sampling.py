@@ -141,9 +141,10 @@ def sample_grid(
     return SampleGrid((angle - angle[0]) / speed, read, angle, float(angle[0]), speed, timed=False)
 
 
-def with_start(grid: SampleGrid, speeds: np.ndarray | None) -> SampleGrid:
+def with_start(grid: SampleGrid, speeds: np.ndarray | None, step: float) -> SampleGrid:
     """The samples of a free crank with its angle and speed at the first one, from a polynomial
-    through the first readings of the angle, or of the `speeds` (n,) [rad/s]."""
+    through the first readings of the angle, with the resolution `step` [rad], or of the `speeds`
+    (n,) [rad/s]."""
     readings = grid.read if np.isfinite(grid.read).any() else speeds
     begin = np.flatnonzero(np.isfinite(readings))
     early = np.searchsorted(grid.elapsed[begin], START_TURN * tau / grid.speed)
@@ -159,7 +160,7 @@ def with_start(grid: SampleGrid, speeds: np.ndarray | None) -> SampleGrid:
     reach = min(max(reach, LEAST_START_REACH * grid.speed), 0.5 * grid.speed)
     if not place:
         return replace(grid, start=(speed, reach))
-    first_reach = max(grid.first_reach, REACH * float(errors[0]))
+    first_reach = REACH * float(errors[0]) + 0.5 * step
     return replace(
         grid, first_angle=float(weights[0]), first_reach=first_reach, start=(speed, reach)
     )

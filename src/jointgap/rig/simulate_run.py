@@ -548,10 +548,15 @@ def _spread(angles: np.ndarray, count: int) -> np.ndarray:
 def _sampled(
     model: Model, angles: np.ndarray, integrate: Callable[[np.ndarray], Samples]
 ) -> dict[str, np.ndarray]:
-    """Channels at unsorted `angles`."""
+    """Channels at unsorted `angles`; angles of bodies go on beyond half a turn."""
     sorted_angles, places = np.unique(angles, return_inverse=True)
     motion = integrate(sorted_angles)
     columns = observed(model, motion) | {"time": motion.times}
+    for body in model.linkage.moving:
+        name = f"{body}_angle"
+        if name in columns and np.ptp(columns[name]) > math.pi and body != model.linkage.crank:
+            columns[name] = continued = np.unwrap(columns[name])
+            continued -= tau * np.round(np.mean(continued) / tau)
     return {name: values[places] for name, values in columns.items()}
 
 
