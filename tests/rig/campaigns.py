@@ -10,7 +10,7 @@ from jointgap.config import Mechanism, Simulate
 from jointgap.config.channels import CHANNELS as UNITS
 from jointgap.config.load import load_campaign
 from jointgap.motion.slider_crank import simulate
-from jointgap.rig.model import SliderCrankModel, build_model
+from jointgap.rig.model import LinkageModel, build_model
 from jointgap.rig.read_files import read_measurements
 from tests.motion.cases import BODIES
 
@@ -71,7 +71,7 @@ def law(formula: str, **coefficients: float) -> dict:
     }
 
 
-def model_of(path: Path) -> SliderCrankModel:
+def model_of(path: Path) -> LinkageModel:
     """The model of a campaign file with its recordings."""
     own = load_campaign(path)
     return build_model(own, read_measurements(own))

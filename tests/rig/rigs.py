@@ -11,7 +11,7 @@ from jointgap.config.campaign import Campaign
 from jointgap.config.channels import CHANNELS as UNITS
 from jointgap.core.candidates import Candidate
 from jointgap.motion.slider_crank import simulate
-from jointgap.rig.model import SliderCrankModel, build_model
+from jointgap.rig.model import LinkageModel, build_model
 from jointgap.rig.recording import Measurements, Recording
 from tests.motion.cases import BODIES, joint
 
@@ -98,7 +98,7 @@ def recorded(
     return Measurements(runs)
 
 
-def rig(content: dict | None = None, channels=CHANNELS, **keys) -> SliderCrankModel:
+def rig(content: dict | None = None, channels=CHANNELS, **keys) -> LinkageModel:
     """The model of a campaign with exact readings of its sensors."""
     if "drive" not in keys:  # an angle whose noise is not stated looks computed
         keys["sensors"] = {"crank_angle": {"noise": 1e-6}} | keys.get("sensors", {})
@@ -106,13 +106,13 @@ def rig(content: dict | None = None, channels=CHANNELS, **keys) -> SliderCrankMo
     return build_model(rig_campaign, recorded(rig_campaign))
 
 
-def chosen(model: SliderCrankModel, label: str) -> Candidate:
+def chosen(model: LinkageModel, label: str) -> Candidate:
     """The candidate with this label."""
     return next(item for item in model.candidates if item.label == label)
 
 
 def read(
-    model: SliderCrankModel, *effects: tuple[str, dict], run="slow", **values: float
+    model: LinkageModel, *effects: tuple[str, dict], run="slow", **values: float
 ) -> dict[str, np.ndarray]:
     """Readings of a model in a run, with effects by their labels and `values` that are not
     nominal."""
@@ -121,7 +121,7 @@ def read(
     )
 
 
-def seen(model: SliderCrankModel, run="slow") -> dict[str, np.ndarray]:
+def seen(model: LinkageModel, run="slow") -> dict[str, np.ndarray]:
     """Readings of a run by channel."""
     return {series.channel: series.value for series in model.series if series.run == run}
 

@@ -12,7 +12,7 @@ import yaml
 from jointgap.campaign.analyse import analyse
 from jointgap.config.load import load_campaign
 from jointgap.core.errors import InputError
-from jointgap.rig.model import SliderCrankModel
+from jointgap.rig.model import LinkageModel
 from jointgap.rig.read_files import read_measurements
 from tests.rig.campaigns import MECHANISM, model_of, samples, written
 from tests.rig.rigs import read, seen
@@ -117,7 +117,7 @@ def with_loads(path: Path, loads: dict) -> Path:
 LEVELS = {"slow": 1.0, "mid": 2.0, "fast": 3.0}
 
 
-def furthest(model: SliderCrankModel) -> float:
+def furthest(model: LinkageModel) -> float:
     """Largest difference between read and simulated torque of all runs, over its standard
     deviation."""
     pairs = [

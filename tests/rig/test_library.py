@@ -8,13 +8,14 @@ from jointgap.identification.force_law import ForceLawResult, find_force_law
 from jointgap.identification.noise import estimate_noise
 from jointgap.identification.screening import simulate_sensitivities
 from jointgap.identification.thresholds import thresholds
-from jointgap.rig.model import SliderCrankModel, library
+from jointgap.rig.missing_effects import library
+from jointgap.rig.model import LinkageModel
 from jointgap.rig.simulate_run import augmented_mechanism
 from tests.rig.campaigns import law, model_of, with_hidden
 from tests.rig.rigs import mechanism, read, rig, worst
 
 
-def regressed(model: SliderCrankModel) -> ForceLawResult:
+def regressed(model: LinkageModel) -> ForceLawResult:
     nominal = {
         run: {p.name: p.nominal for p in model.nuisances if p.run in (None, run)}
         for run in runs_of(model)
@@ -25,7 +26,13 @@ def regressed(model: SliderCrankModel) -> ForceLawResult:
     base = recalibrate(model, estimate_noise(model, missed))
     sensitivities = simulate_sensitivities(base.problem, base.base, base.differences, candidates=())
     limits = thresholds(base.problem, sensitivities, other_numerics(base.problem, base.base))
-    return find_force_law(base.problem, base.base, library(model), limits, base.differences)
+    return find_force_law(
+        base.problem,
+        base.base,
+        library(model.campaign.mechanism, model.context),
+        limits,
+        base.differences,
+    )
 
 
 def test_a_cubic_resistance_is_found_and_written_to_a_mechanism_file(tmp_path):
@@ -42,7 +49,9 @@ def test_a_cubic_resistance_is_found_and_written_to_a_mechanism_file(tmp_path):
 
 def test_a_known_formula_remains_when_a_law_is_searched():
     model = rig(mechanism(effects=[law("20*cos(theta)")]))
-    cube = next(term for term in library(model) if "v^3" in term.name)
+    cube = next(
+        term for term in library(model.campaign.mechanism, model.context) if "v^3" in term.name
+    )
     separate = model.simulate("slow", model.nominal("slow"), [(cube, {"coefficient": -0.1})])
     both = rig(mechanism(effects=[law("20*cos(theta) - 0.1*v^3")]))
     assert worst(separate, read(both)) < 1e-9

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointgap.rig.model import SliderCrankModel, build_model
+from jointgap.rig.model import LinkageModel, build_model
 from tests.rig.rigs import campaign, chosen, mechanism, read
 
 PINS = ("crank_pin", "piston_pin")
@@ -32,7 +32,7 @@ LAG = ("sensor_lag:guide_force", {"lag_s": 2e-4})
 DELAY = ("sensor_delay:crank_torque", {"delay_s": 2e-4})
 
 
-def rig(loose=PINS, effects=(), channels=CHANNELS, **keys) -> SliderCrankModel:
+def rig(loose=PINS, effects=(), channels=CHANNELS, **keys) -> LinkageModel:
     return build_model(
         campaign(mechanism(loose, effects=effects), channels, speeds=(20.0, 30.0), **keys)
     )

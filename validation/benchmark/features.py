@@ -13,7 +13,7 @@ from jointgap.core.candidates import Candidate, Parameter, Series, Variation
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.joints import JOINTS
 from jointgap.identification.noise import estimate_noise
-from jointgap.rig.model import SliderCrankModel, build_model
+from jointgap.rig.model import LinkageModel, build_model
 from jointgap.rig.read_files import read_measurements
 from jointgap.rig.sensors import ENCODER_FAULTS, FAULTS, LAG_AND_DELAY
 from validation.rig import CHANNELS, LABELS
@@ -126,7 +126,7 @@ class _Part:
         return change[self.series.channel][self.used] / self.spread
 
 
-def _parts(model: SliderCrankModel, predicted: Mapping[str, Readings]) -> list[_Part]:
+def _parts(model: LinkageModel, predicted: Mapping[str, Readings]) -> list[_Part]:
     residuals = {
         series.key: series.value - predicted[series.run][series.channel] for series in model.series
     }
@@ -143,7 +143,7 @@ def _parts(model: SliderCrankModel, predicted: Mapping[str, Readings]) -> list[_
 
 
 def _sensitivities(
-    model: SliderCrankModel, parts: Sequence[_Part], predicted: Mapping[str, Readings]
+    model: LinkageModel, parts: Sequence[_Part], predicted: Mapping[str, Readings]
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Changes of the residuals by each nuisance (n, k), in half widths of its bounds, and by the
     amplitudes of each effect (n, a), by label."""
@@ -190,7 +190,7 @@ def _fault_columns(parts: Sequence[_Part]) -> dict[str, np.ndarray]:
 
 
 def _changes(
-    model: SliderCrankModel,
+    model: LinkageModel,
     run: str,
     nuisances: Sequence[Parameter],
     amplitudes: Sequence[tuple[Candidate, Parameter]],
@@ -225,7 +225,7 @@ def _changes(
 
 
 def _difference(
-    model: SliderCrankModel, run: str, step: Variation, predicted: Readings
+    model: LinkageModel, run: str, step: Variation, predicted: Readings
 ) -> Readings | None:
     """The change of a run's readings by a simulated step; None if it cannot be simulated."""
     try:
@@ -262,7 +262,7 @@ class _Beyond:
 
 
 def _token(
-    model: SliderCrankModel, part: _Part, recalibrated: np.ndarray, gains: Mapping[str, float]
+    model: LinkageModel, part: _Part, recalibrated: np.ndarray, gains: Mapping[str, float]
 ) -> np.ndarray:
     """Numbers of a channel of a run: first the recalibrated residual in bins of the angle."""
     series = part.series
@@ -325,7 +325,7 @@ def _fault_regression(
     return coefficients
 
 
-def _rig(model: SliderCrankModel, gains: Mapping[str, float]) -> np.ndarray:
+def _rig(model: LinkageModel, gains: Mapping[str, float]) -> np.ndarray:
     """Numbers of the rig, and gains of the effects: of the whole and relative to the largest."""
     made = model.campaign.mechanism
     speeds = [plan.samples.speed for plan in model.plans.values()]
