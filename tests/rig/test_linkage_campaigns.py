@@ -2,15 +2,16 @@
 
 import json
 
+import jsonschema
 import numpy as np
 import pytest
 import yaml
 
 import jointgap as jg
-from jointgap.config.campaign import nuisances_of
+from jointgap.config.campaign import Campaign, nuisances_of
 from jointgap.config.channels import CHANNELS, channel_kinds
 from jointgap.config.linkage_file import LinkageFile
-from jointgap.config.load import load_campaign
+from jointgap.config.load import campaign_json_schema, load_campaign
 from jointgap.core.errors import InputError
 from jointgap.core.sites import SLIDER_CRANK
 from jointgap.motion.ideal import ideal_channels
@@ -247,6 +248,26 @@ def test_a_channel_that_the_linkage_has_not_is_one_error_with_the_near_name(tmp_
         load_campaign(path)
 
 
+def test_a_contact_that_is_too_soft_for_the_loads_of_a_linkage_is_one_error(tmp_path):
+    file = linkage(loose=("B",))
+    table = {run: simulated(file, rpm) for run, rpm in SPEEDS.items()}
+    soft = content(file)
+    soft["joints"]["B"]["contact"]["youngs_modulus"] = 1e4
+    path = written(tmp_path, LinkageFile.model_validate(soft), table)
+    with pytest.raises(InputError, match=r"mechanism.joints.B: contact.youngs_modulus .* too soft"):
+        load_campaign(path)
+
+
+def test_a_campaign_of_a_linkage_is_the_same_after_it_was_written_and_read(tmp_path):
+    own = load_campaign(
+        written(tmp_path, linkage("quick_return"), channels=("time", "crank_torque"))
+    )
+    assert Campaign.model_validate(json.loads(own.model_dump_json())) == own
+    schema = campaign_json_schema()
+    own_content = yaml.safe_load((tmp_path / "campaign.yaml").read_text(encoding="utf-8"))
+    jsonschema.validate(own_content | {"mechanism": content(own.mechanism)}, schema)
+
+
 def test_a_linkage_that_cannot_turn_is_one_error_with_its_campaign(tmp_path):
     path = written(tmp_path, linkage(), nuisance={"crank_length": [0.05, 0.2]})
     with pytest.raises(
@@ -294,6 +315,34 @@ def test_an_angle_is_read_whatever_turn_it_was_counted_in(tmp_path):
         table["rocker_angle"] += 4 * np.pi
     away = differences(model_of(written(tmp_path, file, tables)))
     assert away["rocker_angle"] < 0.013
+
+
+MOTOR = {"stall_torque": "1 N*m", "no_load_speed": "800 rpm", "inertia": "0.1 kg*m^2"}
+
+
+def test_a_measured_angle_or_a_motor_drives_a_linkage(tmp_path):
+    file = linkage()
+    channels = ("time", "crank_angle", "rocker_acceleration_x", "crank_torque")
+    motor = {"kind": "motor", **MOTOR}
+    table = {run: simulated(file, rpm, dropped=0, drive=motor) for run, rpm in SPEEDS.items()}
+    path = written(
+        tmp_path, file, table, channels, 1e-3, drive="measured_angle", run={"start": "dead_centre"}
+    )
+    away = differences(model_of(path))
+    assert {*away} == {*channels[2:]} and all(value < 0.05 for value in away.values()), away
+    path = written(
+        tmp_path,
+        file,
+        table,
+        channels,
+        1e-3,
+        run={"start": "dead_centre"},
+        drive="motor",
+        motor=MOTOR,
+    )
+    start = {"speed": SPEEDS["slow"] * np.pi / 30, "first_angle": 0.0}
+    away = differences(model_of(path), **start)
+    assert all(value < 1.3e-3 for value in away.values()), away
 
 
 def coasting(folder, file, **keys):
