@@ -400,6 +400,16 @@ def test_a_free_crank_moves_on_with_its_energy_from_the_angle_and_speed_at_the_f
         assert np.ptp(energy) < 1e-4 * energy.mean()
 
 
+def test_a_coast_down_with_a_loose_joint_arrives_at_the_first_sample_with_its_speed(tmp_path):
+    heavy = content(linkage(loose=("B",)))
+    heavy["bodies"]["crank"]["inertia"] = 0.1
+    path, _ = coasting(tmp_path, LinkageFile.model_validate(heavy))
+    own, plan = planned(path)
+    read = channels_read(own, plan, {"speed": 21.0, "first_angle": 0.3})
+    assert read["crank_speed"][0] == pytest.approx(21.0, rel=1e-6)
+    assert read["crank_angle"][0] == pytest.approx(0.3, abs=1e-9)
+
+
 def inertia(file: LinkageFile, angle: np.ndarray) -> np.ndarray:
     """Generalised moment of inertia [kg m^2] of the four-bar, from velocities at unit speed."""
     lengths = {name: body.length for name, body in file.bodies.items()}
