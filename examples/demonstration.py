@@ -36,7 +36,7 @@ HIDDEN = {
     },
     "four_bar": {
         "name": "B_clearance",
-        "parameters": {"clearance_m": 2e-4, "restitution": 0.6, "friction": 0.1},
+        "parameters": {"clearance_m": 2e-4},
     },
 }
 """By campaign: Coulomb friction of 6 N between slider and guide; a crank pin with a radial
