@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jointgap.config import Mechanism
 from jointgap.linkage.compiled import Kind, build_variant, channels_of, parameters_of, variant_of
 from jointgap.linkage.equations import Crank, Dynamics, JointForce, Pose, across, dot
+from jointgap.linkage.from_file import linkage_of_slider_crank
 from jointgap.linkage.topology import Bending, body_kinds
 from tests.linkage.cases import LINKAGES, loosened, with_values
 from tests.linkage.test_equations import sets_of_loose_joints, state, with_turning_slider
@@ -263,3 +265,21 @@ def test_form_of_the_file_takes_zeros_out_of_the_code():
     assert count[0] < count[1]
     crank = Crank(1.0, 0.0, 1.0)
     assert Pose(linkages[0], (1.0,), crank, {}).directions["slider"] == (1.0, 0.0)
+
+
+def test_parameters_are_those_of_the_linkage_where_their_numbers_would_divide_by_zero():
+    links = {
+        "crank": {"length": 0.0225, "mass": 20.0, "inertia": 0.0214, "mass_centre": 0.0},
+        "rod": {
+            "length": 23769783.75304356,
+            "mass": 0.42,
+            "inertia": 0.00125,
+            "mass_centre": 9507913.501217423,
+        },
+    }
+    joints = {"crank_pin": "ideal", "piston_pin": "ideal"}
+    content = links | {"slider": {"mass": 0.62}, "joints": joints}
+    linkage = linkage_of_slider_crank(Mechanism.model_validate(content))
+    variant = variant_of(linkage, (1.0,), Kind(is_free=True))
+    found = dict(zip(variant.names, parameters_of(variant, linkage), strict=True))
+    assert (found["rod.mass"], found["crank.inertia"]) == (0.42, 0.0214)

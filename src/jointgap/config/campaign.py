@@ -21,7 +21,13 @@ from pydantic import (
     model_validator,
 )
 
-from jointgap.config.channels import PRESSURES, ChannelKind, channel_kinds
+from jointgap.config.channels import (
+    PRESSURES,
+    ChannelKind,
+    channel_kinds,
+    groups_of,
+    joints_of,
+)
 from jointgap.config.linkage_file import LinkageFile
 from jointgap.config.mechanism import Mechanism
 from jointgap.config.scenario import MotorDrive
@@ -276,19 +282,7 @@ class Nuisance(NamedTuple):
 
 def nuisances_of(sites: Sites, loose: Collection[str] = ()) -> dict[str, Nuisance]:
     """Every nuisance of a mechanism with the `sites` and `loose` joints, by name."""
-    moving = [body for body in sites.bodies if body != sites.crank]
-    sliding = [body for body in moving if body in sites.slides and sites.slides[body] not in loose]
-    is_short = sites is SLIDER_CRANK
-    parts = {
-        "moving": moving,
-        "turning": [body for body in sites.bodies if body not in sliding],
-        "links": sites.links,
-        "sliding": sliding,
-        "joints": joints_of(sites),
-        "any": [""],
-        "slider": ["slider"] if is_short else [],
-        "slider_crank": [""] if is_short else [],
-    }
+    groups = groups_of(sites, loose)
     return {
         name.format(part=part): Nuisance(
             unit,
@@ -297,15 +291,10 @@ def nuisances_of(sites: Sites, loose: Collection[str] = ()) -> dict[str, Nuisanc
             name.replace("{part}", "").strip("_"),
             tuple(channel.format(part=part) for channel in needs),
         )
-        for group, names in parts.items()
-        for part in names
-        for name, (unit, limits, *needs) in _TABLES["nuisances"][group].items()
+        for group, names in _TABLES["nuisances"].items()
+        for part in groups[group]
+        for name, (unit, limits, *needs) in names.items()
     }
-
-
-def joints_of(sites: Sites) -> tuple[str, ...]:
-    """Revolute joints whose clearance and contact may be uncertain: all but the drive."""
-    return tuple(name for name in sites.revolutes if name != sites.drive)
 
 
 _LIMITS: dict[str, dict[str, float]] = {

@@ -2,7 +2,7 @@
 record a quantity in `channels.yaml`."""
 
 import re
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,21 +30,40 @@ _KINDS = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="
 _SYNONYMS = _KINDS.pop("synonyms")
 
 
-def channel_kinds(sites: Sites, loose: Collection[str] = ()) -> dict[str, ChannelKind]:
-    """Every channel of a mechanism with the `sites`, in the order of files and figures; a body on a
-    `loose` slide can turn."""
+def groups_of(sites: Sites, loose: Collection[str] = ()) -> dict[str, Sequence[str]]:
+    """Names of the bodies, slides and joints by which channels and nuisances are grouped, '' for
+    what has no part; a body on a `loose` slide can turn."""
     moving = [body for body in sites.bodies if body != sites.crank]
     sliding = [body for body in moving if body in sites.slides and sites.slides[body] not in loose]
-    parts = {
+    turning = [body for body in moving if body not in sliding]
+    is_short = sites is SLIDER_CRANK
+    return {
+        "any": [""],
         "crank": [""],
+        "moving": moving,
         "sliding": sliding,
-        "turning": [body for body in moving if body not in sliding],
+        "turning": turning,
+        "rotating": [sites.crank, *turning],
+        "links": sites.links,
         "drive": [""],
-        "slides": sites.slides.values(),
+        "joints": joints_of(sites),
+        "slides": [*sites.slides.values()],
         "frame": [""],
-        "slider_crank": [""] if sites is SLIDER_CRANK else [],
+        "slider": ["slider"] if is_short else [],
+        "slider_crank": [""] if is_short else [],
     }
-    return dict(kind for group, names in parts.items() for kind in _kinds(group, names))
+
+
+def joints_of(sites: Sites) -> tuple[str, ...]:
+    """Revolute joints whose clearance and contact may be uncertain: all but the drive."""
+    return tuple(name for name in sites.revolutes if name != sites.drive)
+
+
+def channel_kinds(sites: Sites, loose: Collection[str] = ()) -> dict[str, ChannelKind]:
+    """Every channel of a mechanism with the `sites` and `loose` joints, in the order of files and
+    figures."""
+    groups = groups_of(sites, loose)
+    return dict(kind for group in _KINDS for kind in _kinds(group, groups[group]))
 
 
 def _kinds(group: str, parts: Iterable[str]) -> Iterator[tuple[str, ChannelKind]]:

@@ -11,10 +11,10 @@ from jointgap.config.linkage_file import LinkageFile
 from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINTS
 from jointgap.motion import linkage, slider_crank
-from jointgap.motion.model import Model
+from jointgap.motion.model import Model, corner_names
 
 Vectors = Mapping[str, np.ndarray]
-"""Clearance vectors (2,) [m] by joint."""
+"""Clearance vectors (2,) [m] by joint; of a slide the first component, across it, counts."""
 
 
 def model_of(mechanism: Mechanism | LinkageFile, options: Simulate) -> Model:
@@ -56,7 +56,12 @@ def start_state(model: Model, vectors: Vectors | np.ndarray | None = None) -> np
         return slider_crank.start_state(model, vectors)
     y = model.start()
     for name, vector in (vectors or {}).items():
-        length, clearance = math.hypot(*vector), model.bearings[name].clearance
+        if name in model.pins:
+            clearance = model.bearings[name].clearance
+        else:
+            corner, vector = model.bearings[corner_names(name)[0]], (vector[0], 0.0)
+            clearance = corner.clearance - abs(corner.corner_y)
+        length = math.hypot(*vector)
         if length >= clearance:
             raise InputError(
                 f"perturbation of {name}: {length:g} m is not less than its clearance of"

@@ -14,7 +14,7 @@ from scipy.sparse.linalg import LinearOperator, aslinearoperator
 from jointgap.config import Effect, FreeDrive, Mechanism, MotorDrive, Simulate
 from jointgap.config.campaign import MOTOR_LINE, CampaignRun, Start
 from jointgap.config.linkage_file import LinkageFile
-from jointgap.core.errors import InputError
+from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.records import record
 from jointgap.identification.noise import scatter_between_samples
 from jointgap.identification.settings import DEFAULT_SETTINGS as IDENTIFICATION
@@ -45,6 +45,7 @@ MOST_PASSES = 4  # Of the longest settling, for a motor or an engine with a heav
 SETTLING_TIME_CONSTANTS = 7.0  # [1] Length of a slow transient: exp(-7) is a thousandth
 MOTOR_SAMPLES_PER_REVOLUTION = 60  # Knots of a motor's angle over time
 FREE_PASSES = 3  # Of the motion before a coast-down, for its speed
+FREE_STEPS = 10  # Knots that a coast-down is continued by until the record's end
 # [rad/s] Start at rest: equations over the crank angle cannot start at zero speed
 REST_SPEED = 1e-3
 # [mean piece of a measured angle] Shorter ones make a spline through their ends inaccurate
@@ -432,8 +433,8 @@ def free_run(
     back = earlier + SETTLING_REVOLUTIONS * tau if is_led_in else 0.0
     drive = FreeDrive(kind="free")
     model = model_of(mechanism, options_of(speed, first_angle - back, tolerance, drive=drive))
-    turn = np.arange(MOTOR_SAMPLES_PER_REVOLUTION + 1) * (tau / MOTOR_SAMPLES_PER_REVOLUTION)
-    lead = first_angle - np.append(np.arange(back, 0.0, -turn[1]), 0.0)
+    step = tau / MOTOR_SAMPLES_PER_REVOLUTION
+    lead = first_angle - np.append(np.arange(back, 0.0, -step), 0.0)
     for _ in range(FREE_PASSES if back else 1):
         workspace = beginning(model, start_state(model), 0.0)
         before, workspace = integrate_on(model, workspace, lead, tolerance)
@@ -444,10 +445,15 @@ def free_run(
     model.drive.speed = start_speed
     begin = float(before.times[-1])
     times, angles = [before.times], [lead]
-    # a little more than the record, for the last derivative
+    # a little more than the record, for filters, if the crank turns so far
     while times[-1][-1] < begin + 1.05 * samples.elapsed[-1]:
-        further = angles[-1][-1] + turn[1:]
-        found, workspace = integrate_on(model, workspace, further, tolerance)
+        further = angles[-1][-1] + step * np.arange(1, FREE_STEPS + 1)
+        try:
+            found, workspace = integrate_on(model, workspace, further, tolerance)
+        except SimulationError:
+            if times[-1][-1] < begin + samples.elapsed[-1]:
+                raise
+            break
         times.append(found.times)
         angles.append(further)
     angle_over_time = CubicSpline(np.concatenate(times), np.concatenate(angles))

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jointgap.config.campaign import Campaign, CampaignRun, joints_of
-from jointgap.config.channels import PRESSURES
+from jointgap.config.campaign import Campaign, CampaignRun
+from jointgap.config.channels import PRESSURES, joints_of
 from jointgap.config.linkage_file import LinkageFile
 from jointgap.config.load import validate
 from jointgap.core.candidates import Candidate, Effects, Parameter, Series, Variation

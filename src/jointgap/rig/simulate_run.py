@@ -9,7 +9,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from jointgap.config import EFFECTS, Effect, Mechanism
-from jointgap.config.campaign import Campaign, joints_of
+from jointgap.config.campaign import Campaign
+from jointgap.config.channels import joints_of
 from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.config.linkage_file import LinkageFile, Slide
 from jointgap.config.load import validate

@@ -249,10 +249,10 @@ def chaotic_channels(
 
 
 def _start_joints(campaign: Campaign) -> tuple[str, ...]:
-    """Revolute joints in whose clearances starts are distributed: loose ones, of a slider-crank
-    with places for the others."""
+    """Joints in whose clearances starts are distributed: loose ones, of a slider-crank with places
+    for the others."""
     mechanism = campaign.mechanism
-    return tuple(mechanism.loose_pins) if isinstance(mechanism, LinkageFile) else JOINTS
+    return mechanism.loose if isinstance(mechanism, LinkageFile) else JOINTS
 
 
 def _start(campaign: Campaign, distance: np.ndarray, direction: np.ndarray) -> Vectors:
