@@ -53,7 +53,7 @@ def right_hand_side(model: Model, workspace: Workspace):
     contact's damping does not depend on when it began: the published form.
     """
     _ALIVE.append((model, workspace))
-    drive, knots, effects, slider, crank, table = map(_reader, model.p)
+    drive, knots, slides, pivots, formulas, table = map(_reader, model.p)
     here = _reader(workspace.k)
     count = len(model.loose)
     half = 2 * count
@@ -61,7 +61,7 @@ def right_hand_side(model: Model, workspace: Workspace):
 
     @numba.njit(error_model="numpy")
     def slope(t, z, out, modes, approaches):
-        k, p = here(), Parameters(drive(), knots(), effects(), slider(), crank(), table())
+        k, p = here(), Parameters(drive(), knots(), slides(), pivots(), formulas(), table())
         for j in range(count):
             k.modes[j], k.approaches[j] = modes[j], approaches[j]
         for i in range(half):

@@ -391,7 +391,10 @@ def test_a_law_of_the_campaign_file_that_cannot_be_one_is_refused(load, tmp_path
         (slider | {"force": "-c*sin(v)", "c": "0 to 1 N"}, "'sin(v)' is of a quantity in m/s"),
         (slider | {"force": "-c*(v + d)", "c": "0 to 1", "d": "0 to 1 m"}, "adds m/s and m"),
         (slider | {"site": "crank"}, "site crank requires the key torque [N*m], and not force"),
-        (slider | {"site": "rod"}, "my_law.site = 'rod'"),
+        (
+            slider | {"site": "rod"},
+            "my_law: site = 'rod': there is no such body on a slide or pivot ~ slider",
+        ),
         ({"site": "slider", "force": "-v"}, "has 0 parameters; give one"),
     ]
     starts = f"{tmp_path / 'rig.yaml'}: candidates.my_law"

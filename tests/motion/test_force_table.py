@@ -230,9 +230,9 @@ def test_a_long_table_is_thinned_accurately(table):
     (remark,) = remarks_of(entry)
     assert "7201 rows are thinned" in remark
     exact = CubicSpline(np.radians(degrees), np.append(force[:-1], force[0]), bc_type="periodic")
-    records = {"effects": {}, "tables": {}}
+    records = {"sites": {}, "tables": {}}
     mechanism(entry).effects[0].compile_into(records)
-    pieces = records["tables"]["slider_table"]
+    pieces = records["table"]
     assert len(pieces) <= MOST_ROWS
     places = np.radians(np.linspace(0.0, 719.99, 100_003))
     row = np.searchsorted(pieces[:, 0], places, side="right") - 1
