@@ -49,7 +49,7 @@ OFF_NOMINAL = {"slider": 1.02, "rod": 0.99, "coupler": 1.02, "rocker": 0.99}
 CHANNELS = {
     "torque_Nm": ("crank_torque", 1.0),
     "acc_g": ("slider_acceleration", 9.80665),
-    "gyro_rad_s": ("rocker_angular_velocity", 1.0),
+    "rocker_gyro_rad_s": ("rocker_angular_velocity", 1.0),
 }
 """Column, quantity of the simulation, and unit in SI."""
 

@@ -169,7 +169,7 @@ class RodFlexibility(Effect):
     damping_ratio = parameter("", "zeta, damping over critical damping", 0.01, ge=0, lt=1)
 
     def check(self, mechanism: Any) -> None:
-        rod, least = mechanism.rod, _LEAST_INERTIA_SHARE
+        rod, least = mechanism.body("rod"), _LEAST_INERTIA_SHARE
         off_centre = rod.mass_centre - rod.length / 2
         remaining = rod.inertia - _BENDING_COUPLING * rod.mass * off_centre**2
         if remaining < least * rod.inertia:
