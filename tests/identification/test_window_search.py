@@ -67,11 +67,15 @@ def place_of(spring):
     return int(np.argmin(np.abs(SIZES - spring["size"]))), spring["damping"]
 
 
-def tried(problem):
-    """Places and dampings of the sizes rated over one turn, in order."""
+def tried(problem, jump=JUMPS[0]):
+    """Places and dampings of the sizes rated over one turn at a jump, in order."""
     asked = problem.model.filtered
-    assert {jump for *_, jump, turns in asked if turns == 1.0} <= {JUMPS[0]}
-    return [place_of(effects["spring"]) for _, effects, _, turns in asked if turns == 1.0]
+    assert {at for *_, at, turns in asked if turns == 1.0} <= {*JUMPS[:2]}
+    return [
+        place_of(effects["spring"])
+        for _, effects, at, turns in asked
+        if (at, turns) == (jump, 1.0)
+    ]
 
 
 def names(fit):
@@ -83,16 +87,18 @@ def names(fit):
 
 @pytest.mark.parametrize("place, best", [(0.0, 0), (3.2, 3), (9.0, 9)])
 def test_the_filter_rates_every_size_and_starts_at_the_best(place, best):
-    problem = springs(place, candidates=(SPRING,), tried_sizes=1, fitted_sizes=1)
+    problem = springs(place, candidates=(SPRING,), fitted_sizes=1)
     ((_, start),) = likely_clearances(baseline_of(problem))
     assert place_of({"size": start["spring.size"], "damping": 0.0}) == (best, 0.0)
     assert start["zero@slow"] == 0.07  # as fitted with nominal shared values
-    *sizes, last = tried(problem)
-    assert sorted(sizes) == [(at, 0.0) for at in range(10)] and last == (best, 0.3)
+    assert sorted(tried(problem)) == [(at, 0.0) for at in range(10)]
+    # each shape with the values of runs fitted with ideal joints, and with those before
+    shapes = [(best, damping) for damping in (0.0, 0.3) for _ in range(2)]
+    assert sorted(tried(problem, JUMPS[1])) == shapes
 
 
 def test_starting_sizes_are_no_neighbours_and_have_the_better_shape():
-    problem = springs(4.1, by_shape=-0.5, candidates=(SPRING,), tried_sizes=4, fitted_sizes=3)
+    problem = springs(4.1, by_shape=-0.5, candidates=(SPRING,), fitted_sizes=3)
     starts = [start for _, start in likely_clearances(baseline_of(problem))]
     springs_at = [{"size": s["spring.size"], "damping": s["spring.damping"]} for s in starts]
     assert list(map(place_of, springs_at)) == [(4, 0.3), (6, 0.3), (2, 0.3)]
@@ -102,7 +108,6 @@ def test_sizes_that_cannot_be_simulated_are_no_starts():
     problem = springs(
         4.0,
         fails=lambda effects: abs(effects["spring"]["size"] - SIZES[4]) < 1e-9,
-        tried_sizes=1,
         fitted_sizes=1,
     )
     ((_, start),) = likely_clearances(baseline_of(problem))

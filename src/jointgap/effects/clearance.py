@@ -1,6 +1,8 @@
 """Clearance of a revolute joint."""
 
 import math
+from collections.abc import Sequence
+from itertools import product
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
@@ -22,8 +24,10 @@ from jointgap.effects.base import (
 #: [m] Smaller clearances are lost in the rounding of the radii.
 LEAST_CLEARANCE = 1e-9
 
-# Start values [m] and [1] of fits for a joint that was ideal; sticking depends strongly on friction
+# Start values [m] and [1] of fits for a joint that was ideal, besides its contact: sticking
+# depends strongly on friction, bouncing on restitution
 _FIRST_CLEARANCE, _FIRST_FRICTIONS = 5e-5, (0.03, 0.1, 0.2)
+_FIRST_RESTITUTIONS = (0.4, 0.55, 0.7, 0.85)
 
 # Search range [m] for a joint that was ideal
 _CLEARANCES = (2e-6, 2e-3)
@@ -155,14 +159,20 @@ class Clearance(DataEffect):
             return parameters
 
         nominal = {shape.key: min(max(shape.nominal, shape.low), shape.high) for shape in shapes}
+        others = {"contact_restitution": _FIRST_RESTITUTIONS, "contact_friction": _FIRST_FRICTIONS}
+        first = {key: (nominal[key], *more) for key, more in others.items() if key in nominal}
         return cls.candidate(
             amplitude("change_m", 2e-5, "m", 0.0, longest),
             *shapes,
             amplitudes=("change_m",),
             parameters=parameters,
             initial_guesses=tuple(
-                {"change_m": _FIRST_CLEARANCE, **nominal, "contact_friction": friction}
-                for friction in dict.fromkeys((nominal["contact_friction"], *_FIRST_FRICTIONS))
+                {"change_m": _FIRST_CLEARANCE} | nominal | dict(guess)
+                for guess in product(*map(_guesses, first, first.values()))
             ),
             search_range=(_CLEARANCES[0], min(_CLEARANCES[1], longest)),
         )
+
+
+def _guesses(key: str, values: Sequence[float]) -> list[tuple[str, float]]:
+    return [(key, value) for value in dict.fromkeys(values)]

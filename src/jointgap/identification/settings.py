@@ -136,8 +136,15 @@ class WindowSettings:
     compared_below: float = 0.1  # Largest jump at which rivals are compared by `far_behind`
     far_before: float = 1.0  # [1, per sample] The same limit at larger jumps
     size_factor: float = 1.4  # [1] Factor between tried clearances: half the width of the basin
-    tried_sizes: int = 4  # Best clearances that are tried with all shapes
-    fitted_sizes: int = 2  # Best of these that are fitted
+    # Improvement of the start of each of these by the filter: largest number of evaluations,
+    # revolutions, least gain [1, per sample], and first steps: of the effect [its steps] and of
+    # nuisances [1, of their bounds]
+    refinements: int = 200
+    refined_turns: float = 2.0
+    refined_to: float = 0.002
+    first_steps: float = 2.0
+    first_share: float = 0.1
+    fitted_sizes: int = 2  # Best clearances that are tried with all shapes and fitted
     leading: int = 4  # Largest number of effects fitted in windows
     # [1, of the largest gain] Least gain of a fitted clearance by the filter, and least predicted
     # gain of a second effect

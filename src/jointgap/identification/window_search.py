@@ -5,6 +5,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.optimize import minimize
 
 from jointgap.core.candidates import Candidate
 from jointgap.identification.baseline import Baseline
@@ -32,22 +33,32 @@ def fit_clearances(
 ) -> list[Fit]:
     """Fits of clearances in windows, best first.
 
-    Unless a fit is consistent with noise or one of `alone` is better, the best so far gets a second
-    effect. At the limit only the best is continued.
+    If the best is better than those `alone`, but not consistent with noise, its fit begins again
+    from an improved start. If it is better, the best so far gets a second effect. At the limit only
+    the best is continued.
     """
     problem = baseline.problem
-    found = _fitted(problem, [Estimate(problem, *each) for each in starts], limit, below=math.inf)
-    best = min(found, key=lambda each: each[1].best.deviance, default=None)
-    if best and all(_cost(*best) < fit.chi2 for fit in alone) and not (limit and limit.reached()):
+
+    def leading() -> Estimate | None:
+        best = min(found, key=lambda each: each[1].best.deviance, default=None)
+        leads = best and all(_cost(*best) < fit.chi2 for fit in alone)
+        return best[1] if leads and not (limit and limit.reached()) else None
+
+    begun = [Estimate(problem, *each) for each in starts]
+    found = _fitted(problem, begun, limit, below=math.inf)
+    if (best := leading()) and not any(_leaves_noise(fit, limits) for fit, _ in found if fit):
+        start = next(start for one, start in zip(begun, starts, strict=True) if one is best)
+        found += _fitted(problem, [_improved(Estimate(problem, *start))], limit, below=math.inf)
+    if best := leading():
         with contextlib.suppress(*FAILURES):
-            about = best[1].sensitivities(
+            about = best.sensitivities(
                 [one for one in problem.model.candidates if not one.search_range]
             )
             leaves_noise = any(_leaves_noise(fit, limits) for fit, _ in found if fit)
-            chosen = _worth(problem, about, best[1].hypothesis, limits, leaves_noise)
+            chosen = _worth(problem, about, best.hypothesis, limits, leaves_noise)
             found += _fitted(
                 problem,
-                [Estimate(problem, each, best[1].mapping | at) for each, at in chosen],
+                [Estimate(problem, each, best.mapping | at) for each, at in chosen],
                 limit,
             )
     return sorted((fit for fit, _ in found if fit), key=lambda fit: fit.chi2)
@@ -122,27 +133,41 @@ def likely_clearances(baseline: Baseline) -> list[Start]:
     """
     problem, settings = baseline.problem, baseline.problem.settings.windows
     candidates = problem.model.candidates
-    start = {key: value for key, value in baseline.nominal.mapping.items() if "@" in key}
+    # the values of runs, fitted with ideal joints, and those before, as a clearance biases the fit
+    fitted = {key: value for key, value in baseline.nominal.mapping.items() if "@" in key}
+    starts = (fitted, {})
     grids = {one.label: _sizes(one, settings.size_factor) for one in candidates if one.search_range}
     by_label = {one.label: one for one in candidates}
 
-    def estimate(label: str, place: int, shape: int = 0) -> Estimate:
+    def estimate(label: str, place: int, shape: int = 0, start: int = 0) -> Estimate:
         candidate = by_label[label]
         guess = candidate.initial_guesses[shape]
         values = {key: value for key, value in guess.items() if key not in candidate.amplitudes}
         size = candidate.vanishing_amplitude + grids[label][place]
         values |= {candidate.amplitudes[0]: float(size)}
         own = {f"{label}.{key}": value for key, value in values.items()}
-        return Estimate(problem, (candidate,), start | own)
+        return Estimate(problem, (candidate,), starts[start] | own)
 
-    def deviance(label: str, place: int, shape: int = 0) -> float:
+    def deviance(label: str, place: int) -> float:
         nonlocal least
         try:
-            value = estimate(label, place, shape).find_states(settings.jumps[0], 1.0, least)
+            value = estimate(label, place).find_states(settings.jumps[0], 1.0, least)
         except FAILURES:
             return math.inf
         least = min(least, ideal - settings.leading_share * (ideal - value))
         return value
+
+    def shaped(label: str, place: int) -> Estimate:
+        """The start with the best shape at a smaller jump, where states compensate less."""
+        best, lowest = estimate(label, place), math.inf
+        for shape in range(len(by_label[label].initial_guesses)):
+            for start in range(len(starts)):
+                one = estimate(label, place, shape, start)
+                with contextlib.suppress(*FAILURES):
+                    value = one.find_states(settings.jumps[1], 1.0, lowest)
+                    if value < lowest:
+                        best, lowest = one, value
+        return best
 
     searched = [
         label
@@ -160,13 +185,49 @@ def likely_clearances(baseline: Baseline) -> list[Start]:
         apart = all(label != other or abs(place - there) > 1 for other, there in best)
         if apart and rated[label, place] < least:
             best.append((label, place))
-    tried = []
-    for label, place in best[: settings.tried_sizes]:
-        shapes = range(1, len(by_label[label].initial_guesses))
-        others = [(deviance(label, place, shape), label, place, shape) for shape in shapes]
-        tried.append(min([(rated[label, place], label, place, 0), *others]))
-    chosen = [estimate(*at) for value, *at in sorted(tried) if value <= least]
-    return [(one.hypothesis, one.mapping) for one in chosen[: settings.fitted_sizes]]
+    chosen = [shaped(*at) for at in best[: settings.fitted_sizes]]
+    return [(one.hypothesis, one.mapping) for one in chosen]
+
+
+def _improved(one: Estimate) -> Estimate:
+    """An estimate with its shared parameters improved by the filter over some revolutions: a
+    simplex search, as impacts make the deviance rough."""
+    problem, settings = one.problem, one.settings
+    varied = [p for p in one.parameters if p.run is None]
+    low, high, steps = (
+        np.array([getattr(p, key) for p in varied]) for key in ("low", "high", "step")
+    )
+    start = np.array([one.mapping[p.key] for p in varied])
+    own = {p.key for p in problem.parameters(one.hypothesis)} - {
+        p.key for p in problem.parameters(())
+    }
+    is_own = np.array([p.key in own for p in varied])
+    widths = settings.first_steps * steps
+    widths[~is_own] = settings.first_share * (high - low)[~is_own]
+
+    def at(moved: np.ndarray) -> Estimate:
+        values = zip(varied, start + widths * moved, strict=True)
+        return Estimate(
+            problem, one.hypothesis, one.mapping | {p.key: float(value) for p, value in values}
+        )
+
+    def deviance(moved: np.ndarray) -> float:
+        values = start + widths * moved
+        if (values < low).any() or (values > high).any():
+            return math.inf
+        try:
+            return at(moved).find_states(settings.jumps[2], settings.refined_turns)
+        except FAILURES:
+            return math.inf
+
+    options = {
+        "maxfev": settings.refinements,
+        "fatol": settings.refined_to * problem.size,
+        "xatol": math.inf,
+        "initial_simplex": np.vstack([np.zeros(start.size), np.eye(start.size)]),
+    }
+    found = minimize(deviance, np.zeros(start.size), method="Nelder-Mead", options=options)
+    return at(found.x) if found.fun < math.inf else one
 
 
 def _sizes(candidate: Candidate, factor: float) -> np.ndarray:
