@@ -317,10 +317,13 @@ def effects(name: str | None) -> None:
     """
     from jointgap.config import EFFECTS
     from jointgap.core.errors import InputError, did_you_mean
+    from jointgap.effects.base import effects_named
     from jointgap.rig.sensors import FAULTS
 
     if name in EFFECTS:
         click.echo(_effect(name, EFFECTS[name], is_detailed=True))
+    elif name and name not in FAULTS and (found := effects_named(name)):
+        click.echo("\n\n".join(_effect(name, effect, is_detailed=True) for effect in found))
     elif name in FAULTS:
         click.echo(_fault(name, FAULTS[name]))
     elif name is not None:

@@ -317,8 +317,7 @@ def _force_on(sheet: Sheet, row: int, body: str, samples: pd.DataFrame) -> None:
         x, v = np.degrees(samples["angle"]), samples["angular_velocity"]
         curves = ((speed, v), (CRANK_ANGLE, crank_angle))
     for column, (quantity, abscissa) in enumerate(curves):
-        title = f"{force.name} over {quantity.name}"
-        panel = sheet.panel((row, column), title, quantity, force)
+        panel = sheet.panel((row, column), f"over {quantity.name}", quantity, force)
         for order, run in enumerate(samples["run"].unique()):
             rows = samples["run"] == run
             width = 5.0 * 0.5**order + 0.7  # curves may coincide
@@ -327,7 +326,7 @@ def _force_on(sheet: Sheet, row: int, body: str, samples: pd.DataFrame) -> None:
         panel.axes.axhline(0.0, color="#777777", linewidth=0.8)
         if quantity is CRANK_ANGLE:
             panel.over_crank_angle(0.0, 360.0)
-    panel = sheet.panel((row, 2), f"{force.name} as colour", place, speed)
+    panel = sheet.panel((row, 2), "as colour", place, speed)
     most = values.abs().max()
     colours = panel.axes.scatter(
         x,

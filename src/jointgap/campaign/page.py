@@ -414,8 +414,8 @@ def _next_steps(verdict: Verdict, mechanism: str) -> tuple[str, ...]:
         steps.insert(0, f"`{mechanism}` contains the re-fitted parameters.")
     if len(faults) < len(verdict["effects"]):
         use = (
-            f"Use `{mechanism}`, your mechanism with the identified effects, as `mechanism` of a"
-            " scenario."
+            f"Use `{mechanism}`, your mechanism with the identified effects: simulate it, optimise"
+            " its lengths, or make it the `mechanism` of the next campaign."
         )
         steps += [use] if mechanism else []
         steps += [

@@ -507,6 +507,9 @@ class Panel:
         )
 
 
+_LEGEND_WIDTH = 2.0  # [points]
+
+
 class Sheet:
     """A figure in the common style, with its plotted data."""
 
@@ -545,9 +548,11 @@ class Sheet:
             columns = max(
                 1, min(len(handles), int(14 * self.figure.get_figwidth() / (longest + 7)))
             )
-        self.figure.legend(
+        legend = self.figure.legend(
             handles.values(), handles.keys(), loc="outside upper center", ncols=columns
         )
+        for line in legend.get_lines():  # the colour of a thin line is hard to see
+            line.set_linewidth(max(line.get_linewidth(), _LEGEND_WIDTH))
 
     def drawing(self) -> Drawing:
         """The figure with its data."""

@@ -541,7 +541,7 @@ def placed(law: type[Effect], site: str, sites: Sites) -> type[Effect]:
             text = text.replace("the {site}", f"joint {site}")
         return text.replace("{site}", words) if site else text
 
-    name = law.ALIASES.get(site) or _rule(law).replace("{site}", site)
+    name = law.ALIASES.get(site) or name_rule(law).replace("{site}", site)
     title = "".join(part[:1].upper() + part[1:] for part in name.split("_"))
     described = law.described_at(sites)
     section, options = law.PARAMETERS, {"__module__": law.__module__}
@@ -578,7 +578,7 @@ def placed(law: type[Effect], site: str, sites: Sites) -> type[Effect]:
 
 def name_rules() -> list[str]:
     """Rules of the names of effects at a site, with ``{site}``."""
-    return list(dict.fromkeys(_rule(law) for law in LAWS if law.ON != "mechanism"))
+    return list(dict.fromkeys(name_rule(law) for law in LAWS if law.ON != "mechanism"))
 
 
 @cache
@@ -587,14 +587,15 @@ def effects_named(name: str) -> tuple[type[Effect], ...]:
     the words are the same and the parameters different."""
     found = []
     for law in LAWS:
-        match = re.fullmatch(_rule(law).replace("{site}", r"([a-zA-Z]\w*)"), name)
+        match = re.fullmatch(name_rule(law).replace("{site}", r"([a-zA-Z]\w*)"), name)
         if match and law.ON != "mechanism":
             site = match[1]
             found.append(placed(law, site, Sites(site, site, (site,), {site: site})))
     return tuple(found)
 
 
-def _rule(law: type[Effect]) -> str:
+def name_rule(law: type[Effect]) -> str:
+    """Name of the effects of a law, with ``{site}``."""
     return law.RULE or ("" if law.ON == "mechanism" else "{site}_") + law.LAW_NAME
 
 
