@@ -81,9 +81,10 @@ def _resistance(name: str, given: Any, zone: float) -> Law | None:
 
 
 class Linkage:
-    """A linkage whose crank turns at a constant `speed` [rad/s] from `start_angle` [rad]."""
+    """A linkage whose crank turns at a constant `speed` [rad/s] from `start_angle` [rad]; `steps`
+    per revolution with ideal joints."""
 
-    def __init__(self, file: LinkageFile, speed: float, start_angle: float = 0.0):
+    def __init__(self, file: LinkageFile, speed: float, start_angle=0.0, steps=STEPS):
         with needs("a simulation by Exudyn", "peers"):
             import exudyn
             import exudyn.utilities
@@ -93,7 +94,7 @@ class Linkage:
         self.container = exudyn.SystemContainer()
         self.system = self.container.AddSystem()
         self.file, self.speed, self.start_angle = file.applied(), speed, start_angle
-        self.sites, self.time = file.sites, 0.0
+        self.sites, self.time, self.steps = file.sites, 0.0, steps
         self.gravity = complex(*self.file.gravity)
         self.points = {FRAME: {name: complex(*at) for name, at in file.frame.points.items()}}
         self.centres = {FRAME: 0j}
@@ -342,7 +343,7 @@ class Linkage:
     def advance(self, end: float, tolerance: float = TOLERANCE, longest: float = 1e-4) -> None:
         """Continue to the time `end` [s] with steps of at most `longest` [s]; `tolerance` is
         absolute (loose joints only)."""
-        longest = longest if self.links else 2 * math.pi / (self.speed * STEPS)
+        longest = longest if self.links else 2 * math.pi / (self.speed * self.steps)
         settings = explicit_settings(self.exudyn, self.time, end, tolerance, longest)
         settings.solution.sensors.writePeriod = end
         time = settings.timeIntegration

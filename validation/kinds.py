@@ -200,7 +200,7 @@ def _trials_of_linkages(trial_set: Any, key: str, stream: int) -> list[Trial]:
     return trials
 
 
-def _names_in_turn(rng: np.random.Generator, names: list[str], count: int) -> list[str]:
+def _names_in_turn(rng: np.random.Generator, names: Sequence[str], count: int) -> list[str]:
     """At least `count` names, each as often as the others but for the last round."""
     sequence: list[str] = []
     while len(sequence) < count:

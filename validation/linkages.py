@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from math import tau
 from typing import Any
 
@@ -37,19 +38,20 @@ _MODELLED = r"gravity|added_\w+|link_length_error|\w+_(coulomb|viscous)_friction
 _MODELLED += r"|\w+_(quadratic_drag|constant_force|spring|offset)"
 
 
-def names_to_hide(mechanism: str, group: str) -> list[str]:
+@cache
+def names_to_hide(mechanism: str, group: str) -> tuple[str, ...]:
     """Labels of a group of effects of a shipped linkage, whose joints are all ideal."""
     file, joints = LINKAGES[mechanism], _LINKAGES["joints"][mechanism]
-    clearances = [f"{joint}_clearance" for joint in joints]
+    clearances = tuple(f"{joint}_clearance" for joint in joints)
     if group == "nothing":
-        return [""]
+        return ("",)
     if group == "clearances":
         return clearances
     if group == "off_list":
-        return [*_LINKAGES["laws"], *RECIPE["faults"]]
+        return *_LINKAGES["laws"], *RECIPE["faults"]
     known = candidates(_with_bearings(file, joints), 30.0, {})
-    faults = [name for name in LISTED if name in FAULTS]
-    return [name for name in (*known, *faults) if name not in clearances]
+    faults = (name for name in LISTED if name in FAULTS)
+    return tuple(name for name in (*known, *faults) if name not in clearances)
 
 
 def _with_bearings(file: LinkageFile, joints: Sequence[str]) -> LinkageFile:
