@@ -1,8 +1,9 @@
 """Linkages in Exudyn, a second model for trials and tests.
 
-With ideal joints they are rigid bodies with constraints and an implicit integrator. With loose
-joints they are open chains, so the ideal joints must not close a loop; contacts are those of
-`validation.exudyn` and the integrator is explicit.
+It imports nothing of `jointgap.motion` and `jointgap.linkage`. With ideal joints they are rigid
+bodies with constraints and an implicit integrator. With loose joints they are open chains, so the
+ideal joints must not close a loop; contacts are those of `validation.exudyn` and the integrator is
+explicit.
 """
 
 import math
@@ -13,13 +14,8 @@ import numpy as np
 
 from jointgap.config.linkage_file import LinkageFile
 from jointgap.core.errors import SimulationError, needs
-from jointgap.core.formula import compile_formula
 from jointgap.core.sites import FRAME
 from jointgap.effects.own_law import formula_effect
-from jointgap.linkage.assembly import signs_of
-from jointgap.linkage.equations import Crank, Pose
-from jointgap.linkage.from_file import linkage_of_file
-from jointgap.linkage.laws import evaluate
 from validation.exudyn import (
     FRICTION_ZONE,
     IMMOVABLE,
@@ -36,6 +32,10 @@ PIVOT_FRICTION_ZONE = 1e-2
 # Place, angle, and their rates [m, rad, m/s, rad/s] of a body's mass centre
 Start = tuple[complex, float, complex, float]
 
+# Force or torque [N, N m] at the speed and place of a body, speed and angle of the crank, and time
+# [m/s or rad/s, m or rad, rad/s, rad, s]
+Formula = Callable[[float, float, float, float, float], float]
+
 # Generalised force [N, N m] at the time, place and speed of a coordinate [s, m or rad, ...]
 Law = Callable[[float, float, float], float]
 
@@ -48,23 +48,6 @@ class _Link(NamedTuple):
     origin: complex
     node: int
     coordinates: tuple[int, ...]  # those that turn it
-
-
-def starts_of(file: LinkageFile, speed: float, angle: float) -> dict[str, Start]:
-    """Start of each body of the ideal linkage at a crank `speed` [rad/s] and `angle` [rad]."""
-    joints = {
-        name: joint.model_copy(update={"loose": False}) if name in file.loose_pins else joint
-        for name, joint in file.joints.items()
-    }
-    linkage = linkage_of_file(file.model_copy(update={"joints": joints}))
-    crank = Crank(math.cos(angle), math.sin(angle), speed)
-    pose = Pose(linkage, signs_of(linkage, 0.0), crank, {})
-    starts = {}
-    for name in file.bodies:
-        place, velocity = (complex(*map(float, pair)) for pair in pose.point(name, None))
-        cosine, sine = pose.directions[name]
-        starts[name] = place, math.atan2(sine, cosine), velocity, float(pose.speeds[name])
-    return starts
 
 
 def _resistance(name: str, given: Any, zone: float) -> Law | None:
@@ -82,9 +65,20 @@ def _resistance(name: str, given: Any, zone: float) -> Law | None:
 
 class Linkage:
     """A linkage whose crank turns at a constant `speed` [rad/s] from `start_angle` [rad]; `steps`
-    per revolution with ideal joints."""
+    per revolution with ideal joints.
 
-    def __init__(self, file: LinkageFile, speed: float, start_angle=0.0, steps=STEPS):
+    `starts`: of each body, with ideal joints; `formulas`: of bodies with a discovered law.
+    """
+
+    def __init__(
+        self,
+        file: LinkageFile,
+        speed: float,
+        start_angle: float,
+        starts: Mapping[str, Start],
+        formulas: Mapping[str, Formula] = {},
+        steps: int = STEPS,
+    ):
         with needs("a simulation by Exudyn", "peers"):
             import exudyn
             import exudyn.utilities
@@ -102,7 +96,7 @@ class Linkage:
             self.points[name] = {point: complex(*at) for point, at in body.places.items()}
             centre = body.mass_centre
             self.centres[name] = complex(*centre) if isinstance(centre, tuple) else complex(centre)
-        self.starts = starts_of(self.file, speed, start_angle)
+        self.starts, self.formulas = starts, formulas
         self.ground = self.system.AddObject(self.items.ObjectGround())
         self.fixed = self.system.AddNode(self.items.NodePointGround())
         self.nodes: dict[str, int] = {}
@@ -326,17 +320,14 @@ class Linkage:
         for body in (*sites.slides, *sites.pivots, sites.crank):
             zone = FRICTION_ZONE if body in sites.slides else PIVOT_FRICTION_ZONE
             if effect.name == formula_effect(sites, body):
-                return body, self._formula(given)
+                return body, self._formula(self.formulas[body])
             if law := _resistance(effect.name.removeprefix(f"{body}_"), given, zone):
                 return body, law
         raise ValueError(f"{effect.name} is not modelled")
 
-    def _formula(self, given: Any) -> Law:
-        program = compile_formula(given.formula, given.coefficients)
-
+    def _formula(self, formula: Formula) -> Law:
         def law(t: float, x: float, v: float) -> float:
-            state = (v, x, self.speed, self.start_angle + self.speed * t, t)
-            return -float(evaluate(program.codes, program.numbers, *state))
+            return -formula(v, x, self.speed, self.start_angle + self.speed * t, t)
 
         return law
 

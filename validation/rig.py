@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import tau
 from pathlib import Path
 from typing import Any
@@ -20,11 +20,16 @@ from jointgap.config.channels import ChannelKind, channel_kinds
 from jointgap.config.linkage_file import LinkageFile
 from jointgap.config.load import validate
 from jointgap.core.candidates import Candidate, Parameter
+from jointgap.core.formula import compile_formula
 from jointgap.core.joints import PINS
 from jointgap.core.records import record
 from jointgap.effects import CRANK_SIGN_SPEED, SLIDER_SIGN_SPEED, effects_of
 from jointgap.effects.base import DETECTABLE_SHARE, FitContext
 from jointgap.effects.own_law import formula_effect
+from jointgap.linkage.assembly import signs_of
+from jointgap.linkage.equations import Crank, Pose
+from jointgap.linkage.from_file import linkage_of_file
+from jointgap.linkage.laws import evaluate
 from jointgap.linkage.parameters import MEASURED, DriveParameters, knots_record
 from jointgap.motion.model import Model
 from jointgap.motion.of_file import model_of
@@ -45,7 +50,7 @@ from jointgap.rig.sensors import (
 )
 from jointgap.rig.simulate_run import channels_at, with_nuisances
 from validation.exudyn import SliderCrank
-from validation.exudyn_linkage import Linkage
+from validation.exudyn_linkage import Linkage, Start
 
 RECIPE = read_yaml(Path(__file__).with_name("recipe.yaml"))
 
@@ -573,11 +578,40 @@ def read_truth(rig: Rig, run: Run, effects: Effects, by_exudyn: bool) -> Reading
 def _read_linkage(file: LinkageFile, run: Run) -> Readings:
     """Readings by Exudyn; with ideal joints from half a revolution before the run on."""
     if file.applied().loose:
-        readings = Linkage(file, run.speed, run.start_angle).readings(run.times + run.lead)
+        model = exudyn_linkage(file, run.speed, run.start_angle)
+        readings = model.readings(run.times + run.lead)
         return readings | {"crank_angle": readings["crank_angle"] - tau * run.settling}
     before = math.pi + run.speed * max(0.0, -float(run.times[0]))
-    model = Linkage(file, run.speed, run.phase - before)
+    model = exudyn_linkage(file, run.speed, run.phase - before)
     return model.readings(run.times + before / run.speed)
+
+
+def exudyn_linkage(file: LinkageFile, speed: float, angle: float, **keys: Any) -> Linkage:
+    """Exudyn's model of a linkage whose crank starts at an `angle` [rad] with a `speed` [rad/s]."""
+    formulas = {}
+    for body in file.bodies:
+        if found := file.effect(formula_effect(file.sites, body)):
+            program = compile_formula(found.formula, found.coefficients)
+            formulas[body] = partial(evaluate, program.codes, program.numbers)
+    starts = _starts_of(file.applied(), speed, angle)
+    return Linkage(file, speed, angle, starts, formulas, **keys)
+
+
+def _starts_of(file: LinkageFile, speed: float, angle: float) -> dict[str, Start]:
+    """Start of each body of the ideal linkage at a crank `speed` [rad/s] and `angle` [rad]."""
+    joints = {
+        name: joint.model_copy(update={"loose": False}) if name in file.loose_pins else joint
+        for name, joint in file.joints.items()
+    }
+    linkage = linkage_of_file(file.model_copy(update={"joints": joints}))
+    crank = Crank(math.cos(angle), math.sin(angle), speed)
+    pose = Pose(linkage, signs_of(linkage, 0.0), crank, {})
+    starts = {}
+    for name in file.bodies:
+        place, velocity = (complex(*map(float, pair)) for pair in pose.point(name, None))
+        cosine, sine = pose.directions[name]
+        starts[name] = place, math.atan2(sine, cosine), velocity, float(pose.speeds[name])
+    return starts
 
 
 def visited_states(rig: Rig, effects: Effects) -> pd.DataFrame:

@@ -16,7 +16,7 @@ from jointgap.rig.sensors import FAULTS
 from jointgap.rig.simulate_run import channels_at
 from validation.kinds import Trial, plan_trials, read_set
 from validation.linkages import draw_linkage, exudyn_models, names_to_hide, turns_fully
-from validation.rig import LINKAGES, RECIPE, candidates, draw_effect, with_effects
+from validation.rig import LINKAGES, RECIPE, candidates, draw_effect, exudyn_linkage, with_effects
 from validation.score import score_trial
 from validation.trial import Calibrator, make_trial, parameters_beyond_nominal
 
@@ -129,18 +129,16 @@ def test_a_hidden_clearance_is_scored_by_its_joint():
     assert row["outcome"] == "unfinished"
 
 
-def peer_and_own(name, times, loose=(), steps=None, **contact):
+def peer_and_own(name, times, loose=(), **keys):
     """Readings by Exudyn and by the package, at times after the crank angle 1 rad."""
     pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
-    from validation.exudyn_linkage import Linkage
-
     data = load_mechanism(name).model_dump()
     for joint, entry in data["joints"].items():
         if "slide" not in entry:
             entry["loose"] = joint in loose
-            entry["contact"] |= {"memory": "published", "friction": 0.0} | contact
+            entry["contact"] |= {"memory": "published", "friction": 0.0}
     file = type(load_mechanism(name)).model_validate(data)
-    peer = Linkage(file, SPEED, 1.0, **({"steps": steps} if steps else {})).readings(times)
+    peer = exudyn_linkage(file, SPEED, 1.0, **keys).readings(times)
     model = model_of(file, options_of(SPEED, 1.0, 1e-12))
     own = channels_at(model, 1.0 + SPEED * times, 1e-12)
     differences = {}
