@@ -8,13 +8,12 @@ with an explicit integrator; with ideal joints a constraint does with an implici
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from jointgap.config import Joint, Mechanism
-from jointgap.config.linkage_file import LinkageFile
 from jointgap.core.errors import SimulationError, needs
 from jointgap.core.joints import FROM_FRAME, JOINT, PINS
 
@@ -96,70 +95,6 @@ def explicit_settings(exudyn: Any, begin: float, end: float, tolerance: float, l
     time.discontinuous.iterationTolerance = _EVENT_TOLERANCE
     time.explicit.computeEndOfStepAccelerations = True
     return settings
-
-
-class LooseLinkage:
-    """A linkage whose joints are all loose except that of the drive; the crank turns at a constant
-    `speed` [rad/s].
-
-    `start` has position of the mass centre [m] and angle [rad], and their rates, by body.
-    """
-
-    def __init__(self, file: LinkageFile, speed: float, start: Mapping[str, Sequence[float]]):
-        with needs("a simulation by Exudyn", "peers"):
-            import exudyn
-            import exudyn.utilities as items
-
-        self.exudyn, self.time = exudyn, 0.0
-        exudyn.config.printToConsole = False
-        self.container = exudyn.SystemContainer()
-        self.system = self.container.AddSystem()
-        ground, self.nodes = self.system.AddObject(items.ObjectGround()), {}
-        places = {name: {"bodyNumber": ground} for name in ("frame",)}
-        centres: dict[str, Sequence[float]] = {"frame": (0.0, 0.0)}
-        points = {"frame": file.frame.points}
-        for name, body in file.bodies.items():
-            x, y, turn, vx, vy, rate = start[name]
-            node = items.NodeRigidBody2D(
-                initialCoordinates=[x, y, turn], initialVelocities=[vx, vy, rate]
-            )
-            self.nodes[name] = self.system.AddNode(node)
-            points[name] = body.points or dict(
-                zip(body.ends, [(0.0, 0.0), (body.length, 0.0)], strict=True)
-            )
-            centre = body.mass_centre
-            centres[name] = centre if isinstance(centre, tuple) else (centre, 0.0)
-            mass, inertia = body.mass, body.inertia
-            if file.drive in points[name]:  # about its pivot at constant speed
-                centres[name] = points[name][file.drive]
-                mass = inertia = IMMOVABLE
-            rigid = items.ObjectRigidBody2D(mass=mass, inertia=inertia, nodeNumber=self.nodes[name])
-            places[name] = {"bodyNumber": self.system.AddObject(rigid)}
-
-        def marker(body: str, point: str) -> int:
-            local = [a - b for a, b in zip(points[body][point], centres[body], strict=True)]
-            place = {"localPosition": [*local, 0.0], **places[body]}
-            return self.system.AddMarker(items.MarkerBodyRigid(**place))
-
-        for name, joint in file.loose_joints.items():
-            bodies = sorted(file.shared[name], key=lambda body, joint=joint: body != joint.journal)
-            markers = [marker(body, name) for body in bodies]
-            add_contact(self.system, items, joint, markers)
-        self.system.Assemble()
-
-    def advance(self, end: float, tolerance: float = TOLERANCE, longest: float = 1e-4) -> None:
-        """Continue to the time `end` [s] with steps of at most `longest` [s]."""
-        settings = explicit_settings(self.exudyn, self.time, end, tolerance, longest)
-        settings.solution.sensors.writePeriod = end
-        solver = self.exudyn.DynamicSolverType.DOPRI5
-        if self.system.SolveDynamic(settings, solverType=solver, updateInitialValues=True) is False:
-            raise SimulationError(f"Exudyn's integrator stopped before {end:g} s")
-        self.time = end
-
-    def coordinates(self, body: str) -> np.ndarray:
-        """Mass centre (of the crank: its pivot) x, y [m] and angle [rad] of a body."""
-        kind = self.exudyn.OutputVariableType.Coordinates
-        return np.array(self.system.GetNodeOutput(self.nodes[body], kind))
 
 
 class SliderCrank:

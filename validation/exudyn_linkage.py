@@ -373,6 +373,10 @@ class Linkage:
         row["crank_torque"] = self._torque(motions)
         return row
 
+    def angle(self, body: str) -> float:
+        """Angle [rad] of a body."""
+        return self._motion(body)[1]
+
     def _motion(self, body: str) -> tuple[complex, float, complex, float, complex, float]:
         """Place, angle, velocity, speed, acceleration of a body's mass centre, and angular
         acceleration [SI]."""
