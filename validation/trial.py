@@ -16,7 +16,6 @@ from scipy.optimize import brentq, lsq_linear
 from scipy.signal import lfilter
 
 from jointgap.config.campaign import UNITS
-from jointgap.config.linkage_file import LinkageFile
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.formula import compile_formula
 from jointgap.core.units import unit_factor
@@ -332,7 +331,7 @@ def make_trial(
         "where": where,
         "numerics": "exudyn" if trial.by_exudyn else vars(rig.numerics),
         "numerics_gap": numerics_gap,
-        "effects": [_effect_record(rig, effect, size) for effect, size in effects],
+        "effects": [effect_record(rig, effect, size) for effect, size in effects],
     }
     return truth | ({"damage": damaged} if damaged else {})
 
@@ -374,14 +373,15 @@ def ar1_noise(rng: np.random.Generator, count: int, correlation: float) -> np.nd
 STATES = ["velocity", "position", "crank_speed", "crank_angle", "time"]
 
 
-def _effect_record(rig: Rig, effect: Hidden, size: float) -> dict[str, Any]:
+def effect_record(rig: Rig, effect: Hidden, size: float) -> dict[str, Any]:
     """An effect in the ground truth; of an unlisted law also its values in visited states."""
     listed = effect.name in effects_of(rig.nominal.sites) or effect.name in FAULTS
     record = {"name": effect.name, "site": effect.site, "listed": listed}
     record["parameters"] = parameters_beyond_nominal(rig, effect, size)
     if effect.law:
         states = visited_states(rig, [(effect, size)])
-        states = states.rename(columns=_variables_at(rig, effect.site))[STATES]
+        at_site = {name: states[key] for name, key in _variables_at(rig, effect.site).items()}
+        states = states.assign(**at_site)[STATES]
         (entry,) = effect.in_file(size)
         values = formula_values(**entry["parameters"], states=states)
         record["force"] = {"kind": entry["name"], "value": values, "states": states.to_dict("list")}
@@ -389,15 +389,15 @@ def _effect_record(rig: Rig, effect: Hidden, size: float) -> dict[str, Any]:
 
 
 def _variables_at(rig: Rig, site: str) -> dict[str, str]:
-    """Variables of a formula at a body by the channel; at the crank of a slider-crank those of the
-    slider."""
-    if not isinstance(rig.nominal, LinkageFile):
+    """Channels of the velocity and position in a formula at a body; at the crank of a slider-crank
+    those of the slider."""
+    sites = rig.nominal.sites
+    if not rig.is_linkage:
         site = "slider"
-    elif site == rig.nominal.sites.crank:
-        return {"time": "time", "crank_velocity": "velocity", "crank_position": "position"}
-    if site in rig.nominal.sites.slides:
-        return {f"{site}_velocity": "velocity", f"{site}_position": "position"}
-    return {f"{site}_angular_velocity": "velocity", f"{site}_angle": "position"}
+    elif site == sites.crank:
+        return {"velocity": "crank_speed", "position": "crank_angle"}
+    ends = ("velocity", "position") if site in sites.slides else ("angular_velocity", "angle")
+    return {"velocity": f"{site}_{ends[0]}", "position": f"{site}_{ends[1]}"}
 
 
 def formula_values(

@@ -18,7 +18,7 @@ from validation.kinds import Trial, plan_trials, read_set
 from validation.linkages import draw_linkage, exudyn_models, names_to_hide, turns_fully
 from validation.rig import LINKAGES, RECIPE, candidates, draw_effect, exudyn_linkage, with_effects
 from validation.score import score_trial
-from validation.trial import Calibrator, make_trial, parameters_beyond_nominal
+from validation.trial import Calibrator, effect_record, make_trial, parameters_beyond_nominal
 
 SPEED = 20.0
 NOTHING = {name: Trial("nothing", "ideal", mechanism=name) for name in LINKAGES}
@@ -72,6 +72,9 @@ def test_every_effect_of_an_ideal_linkage_can_be_hidden(name):
         law = draw_effect(label, rig, {}, np.random.default_rng(1))
         augmented = with_effects(rig.true, [(law, law.first)])
         assert [effect.name for effect in augmented.effects] == [law.formula_effect]
+        force = effect_record(rig, law, law.first)["force"]
+        assert force["kind"] == law.formula_effect
+        assert np.isfinite(force["value"]).all() and np.std(force["value"]) > 0.0
 
 
 @pytest.mark.parametrize(
