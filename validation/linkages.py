@@ -196,7 +196,8 @@ def _draw_loose(rng: np.random.Generator, joints: Sequence[str], trial: Any) -> 
         if name not in pivots  # Exudyn's chains turn about them
         and not {f"{name}_clearance", f"pin_friction:{name}"} & set(trial.effects)
     ]
-    return list(map(str, rng.choice(free, int(rng.integers(1, 3)), replace=False)))
+    count = min(int(rng.integers(1, 3)), len(free))
+    return list(map(str, rng.choice(free, count, replace=False)))
 
 
 def _draw_bounds(
