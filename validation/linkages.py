@@ -168,7 +168,7 @@ def _draw_content(rng: np.random.Generator, drawn: Any, trial: Any) -> dict[str,
         entries[name] = {"slide": list(slide.slide)}
         if slide.at is not None:
             entries[name]["at"] = scaled({"at": slide.at}, float(drawn("varied")))["at"]
-    loose = _draw_loose(rng, joints, trial)
+    loose = draw_loose(rng, joints, trial)
     journal = round(float(drawn("journal_radius")), 5)
     for name in joints:
         bearing = round(journal + math.exp(rng.uniform(*np.log(_LINKAGES["clearance"]))), 6)
@@ -185,17 +185,19 @@ def _draw_content(rng: np.random.Generator, drawn: Any, trial: Any) -> dict[str,
     return parts | {"drive": file.drive, "effects": []}
 
 
-def _draw_loose(rng: np.random.Generator, joints: Sequence[str], trial: Any) -> list[str]:
+def draw_loose(rng: np.random.Generator, joints: Sequence[str], trial: Any) -> list[str]:
     """The joints that are loose in the model: none, or one or two without a hidden effect."""
     if trial.base == "ideal":
         return []
-    pivots = LINKAGES[trial.mechanism].sites.pivots.values() if trial.peer else ()
-    free = [
-        name
-        for name in joints
-        if name not in pivots  # Exudyn's chains turn about them
-        and not {f"{name}_clearance", f"pin_friction:{name}"} & set(trial.effects)
-    ]
+    pivots = LINKAGES[trial.mechanism].sites.pivots
+    used = {
+        pivot
+        for body, pivot in pivots.items()
+        for name in trial.effects
+        if trial.peer and (name.startswith(f"{body}_") or name in _LINKAGES["laws"])
+    }  # Exudyn's chains turn about them
+    used |= {name.removesuffix("_clearance").rpartition(":")[2] for name in trial.effects}
+    free = [name for name in joints if name not in used]
     count = min(int(rng.integers(1, 3)), len(free))
     return list(map(str, rng.choice(free, count, replace=False)))
 

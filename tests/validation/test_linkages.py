@@ -15,7 +15,7 @@ from jointgap.rig.read_files import read_measurements
 from jointgap.rig.sensors import FAULTS
 from jointgap.rig.simulate_run import channels_at
 from validation.kinds import Trial, plan_trials, read_set
-from validation.linkages import draw_linkage, exudyn_models, names_to_hide, turns_fully
+from validation.linkages import draw_linkage, draw_loose, exudyn_models, names_to_hide, turns_fully
 from validation.rig import LINKAGES, RECIPE, candidates, draw_effect, exudyn_linkage, with_effects
 from validation.score import score_trial
 from validation.trial import Calibrator, effect_record, make_trial, parameters_beyond_nominal
@@ -181,3 +181,14 @@ def test_the_gap_of_a_hidden_clearance_is_shown(tmp_path):
 def test_nothing_hidden_has_no_gap():
     rig = draw_linkage(np.random.default_rng(3), NOTHING["four_bar"])
     assert Calibrator(rig).gap([]) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("effects", "expected"),
+    [((), "ABC"), (("B_clearance",), "AC"), (("pin_friction:A",), "BC"), (("cubic_drag",), "AB")],
+)
+def test_a_joint_with_a_hidden_effect_is_ideal_in_the_model(effects, expected):
+    trial = Trial("single", "loose", 3.0, effects, mechanism="four_bar", peer=True)
+    drawn = [draw_loose(np.random.default_rng(seed), "ABC", trial) for seed in range(20)]
+    assert {name for names in drawn for name in names} == {*expected}
+    assert {len(names) for names in drawn} == {1, 2}
