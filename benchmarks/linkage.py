@@ -25,9 +25,9 @@ from jointgap.motion.linkage import linkage_model
 from jointgap.motion.model import Model
 from jointgap.motion.simulation import crank_angles, integrate_to_angles
 from jointgap.motion.slider_crank import model_of
-from tests.independent.test_exudyn_linkage import four_bar, start_of
+from tests.independent.test_exudyn_linkage import four_bar
 from tests.motion.cases import mechanism
-from validation.exudyn import LooseLinkage
+from validation.rig import exudyn_linkage
 
 REVOLUTIONS, ROUNDS = 4, 20
 SPEED = 20 * math.pi
@@ -135,7 +135,7 @@ def _peers() -> list[dict]:
     error = _error(_directions(model, ours(1e-10), angles[1]), exact)
     seconds = _least({"ours": _timed(lambda: ours(1e-10))}, 10 * ROUNDS)["ours"]
     slope, gap = right_hand_side(model, model.workspace())
-    peers: dict[str, Callable[[float], np.ndarray]] = {"Exudyn": partial(_exudyn, file, model, end)}
+    peers: dict[str, Callable[[float], np.ndarray]] = {"Exudyn": partial(_exudyn, file, end)}
     try:
         march = compiled_lsoda(slope, gap, len(model.loose))
         peers["compiled LSODA"] = lambda tolerance: _directions(
@@ -161,10 +161,10 @@ def _peers() -> list[dict]:
     return rows
 
 
-def _exudyn(file: LinkageFile, model: Model, end: float, tolerance: float) -> np.ndarray:
-    peer = LooseLinkage(file, SPEED, start_of(model))
+def _exudyn(file: LinkageFile, end: float, tolerance: float) -> np.ndarray:
+    peer = exudyn_linkage(file, SPEED, 0.0)
     peer.advance(end, tolerance)
-    return np.array([peer.coordinates(body)[2] for body in ("coupler", "rocker")])
+    return np.array([peer.angle(body) for body in ("coupler", "rocker")])
 
 
 def _directions(model: Model, state: np.ndarray, crank_angle: float) -> np.ndarray:

@@ -8,13 +8,12 @@ with an explicit integrator; with ideal joints a constraint does with an implici
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from jointgap.config import Joint, Mechanism
-from jointgap.config.linkage_file import LinkageFile
 from jointgap.core.errors import SimulationError, needs
 from jointgap.core.joints import FROM_FRAME, JOINT, PINS
 
@@ -31,8 +30,8 @@ STEPS = 1500
 # of 1 N limits the agreement with other codes to 1e-10 m, 1e-3 N to 1e-12 m at no cost
 _EVENT_TOLERANCE = 1e-3
 
-_SPECTRAL_RADIUS = 0.8  # of the implicit integrator: multipliers would ring without
-_IMMOVABLE = 1e30  # inertia [kg m^2] of the crank: no force here changes a digit of its speed
+SPECTRAL_RADIUS = 0.8  # of the implicit integrator: multipliers would ring without
+IMMOVABLE = 1e30  # inertia [kg m^2] of the crank: no force here changes a digit of its speed
 
 
 class _Link(NamedTuple):
@@ -62,7 +61,7 @@ def _vector(place: complex) -> list[float]:
     return [place.real, place.imag, 0.0]
 
 
-def _add_contact(system: Any, items: Any, joint: Joint, markers: list[int]) -> int:
+def add_contact(system: Any, items: Any, joint: Joint, markers: list[int]) -> int:
     """A loose joint between the markers of journal and bearing."""
     law = joint.contact
     data = items.NodeGenericData(initialCoordinates=[1.0, 0.0, 0.0, 0.0], numberOfDataCoordinates=4)
@@ -84,7 +83,7 @@ def _add_contact(system: Any, items: Any, joint: Joint, markers: list[int]) -> i
     return system.AddObject(contact)
 
 
-def _explicit_settings(exudyn: Any, begin: float, end: float, tolerance: float, longest: float):
+def explicit_settings(exudyn: Any, begin: float, end: float, tolerance: float, longest: float):
     """Settings of the explicit integrator from `begin` to `end` [s]."""
     settings = exudyn.SimulationSettings()
     settings.solution.file.write = False
@@ -96,70 +95,6 @@ def _explicit_settings(exudyn: Any, begin: float, end: float, tolerance: float, 
     time.discontinuous.iterationTolerance = _EVENT_TOLERANCE
     time.explicit.computeEndOfStepAccelerations = True
     return settings
-
-
-class LooseLinkage:
-    """A linkage whose joints are all loose except that of the drive; the crank turns at a constant
-    `speed` [rad/s].
-
-    `start` has position of the mass centre [m] and angle [rad], and their rates, by body.
-    """
-
-    def __init__(self, file: LinkageFile, speed: float, start: Mapping[str, Sequence[float]]):
-        with needs("a simulation by Exudyn", "peers"):
-            import exudyn
-            import exudyn.utilities as items
-
-        self.exudyn, self.time = exudyn, 0.0
-        exudyn.config.printToConsole = False
-        self.container = exudyn.SystemContainer()
-        self.system = self.container.AddSystem()
-        ground, self.nodes = self.system.AddObject(items.ObjectGround()), {}
-        places = {name: {"bodyNumber": ground} for name in ("frame",)}
-        centres: dict[str, Sequence[float]] = {"frame": (0.0, 0.0)}
-        points = {"frame": file.frame.points}
-        for name, body in file.bodies.items():
-            x, y, turn, vx, vy, rate = start[name]
-            node = items.NodeRigidBody2D(
-                initialCoordinates=[x, y, turn], initialVelocities=[vx, vy, rate]
-            )
-            self.nodes[name] = self.system.AddNode(node)
-            points[name] = body.points or dict(
-                zip(body.ends, [(0.0, 0.0), (body.length, 0.0)], strict=True)
-            )
-            centre = body.mass_centre
-            centres[name] = centre if isinstance(centre, tuple) else (centre, 0.0)
-            mass, inertia = body.mass, body.inertia
-            if file.drive in points[name]:  # about its pivot at constant speed
-                centres[name] = points[name][file.drive]
-                mass = inertia = _IMMOVABLE
-            rigid = items.ObjectRigidBody2D(mass=mass, inertia=inertia, nodeNumber=self.nodes[name])
-            places[name] = {"bodyNumber": self.system.AddObject(rigid)}
-
-        def marker(body: str, point: str) -> int:
-            local = [a - b for a, b in zip(points[body][point], centres[body], strict=True)]
-            place = {"localPosition": [*local, 0.0], **places[body]}
-            return self.system.AddMarker(items.MarkerBodyRigid(**place))
-
-        for name, joint in file.loose_joints.items():
-            bodies = sorted(file.shared[name], key=lambda body, joint=joint: body != joint.journal)
-            markers = [marker(body, name) for body in bodies]
-            _add_contact(self.system, items, joint, markers)
-        self.system.Assemble()
-
-    def advance(self, end: float, tolerance: float = TOLERANCE, longest: float = 1e-4) -> None:
-        """Continue to the time `end` [s] with steps of at most `longest` [s]."""
-        settings = _explicit_settings(self.exudyn, self.time, end, tolerance, longest)
-        settings.solution.sensors.writePeriod = end
-        solver = self.exudyn.DynamicSolverType.DOPRI5
-        if self.system.SolveDynamic(settings, solverType=solver, updateInitialValues=True) is False:
-            raise SimulationError(f"Exudyn's integrator stopped before {end:g} s")
-        self.time = end
-
-    def coordinates(self, body: str) -> np.ndarray:
-        """Mass centre (of the crank: its pivot) x, y [m] and angle [rad] of a body."""
-        kind = self.exudyn.OutputVariableType.Coordinates
-        return np.array(self.system.GetNodeOutput(self.nodes[body], kind))
 
 
 class SliderCrank:
@@ -223,7 +158,7 @@ class SliderCrank:
         x = (end + rod.length * _direction(turn) - gaps["piston_pin"]).real
         velocity = (end_velocity + 1j * rod.length * rate * _direction(turn)).real
         swing = _Link("RevoluteZ", crank.length, rod.mass, rod.mass_centre, rod.inertia)
-        heavy = _Link("RevoluteZ", 0.0, crank.mass, crank.mass_centre, _IMMOVABLE)
+        heavy = _Link("RevoluteZ", 0.0, crank.mass, crank.mass_centre, IMMOVABLE)
         if "crank_pin" not in self.loose:
             loose = "crank_pivot" in self.loose
             sliding = [_Link("PrismaticX"), _Link("PrismaticY")] if loose else []
@@ -232,10 +167,10 @@ class SliderCrank:
             self._add_chain(("crank", "rod"), [*sliding, heavy, swing], q, v, 0.0)
         else:
             centre = crank.mass_centre if "crank_pivot" in self.loose else 0.0
-            mass = crank.mass if "crank_pivot" in self.loose else _IMMOVABLE
+            mass = crank.mass if "crank_pivot" in self.loose else IMMOVABLE
             arm = centre * _direction(angle)
             self._add_body(
-                "crank", mass, _IMMOVABLE, centre, pivot + arm, angle, 1j * speed * arm, speed
+                "crank", mass, IMMOVABLE, centre, pivot + arm, angle, 1j * speed * arm, speed
             )
         if set(PINS) <= set(self.loose):
             arm = rod.mass_centre * _direction(turn)
@@ -323,7 +258,7 @@ class SliderCrank:
         }
         bodies = sorted((JOINT[name].partner, JOINT[name].body), key=lambda b: b != joint.journal)
         markers = [self._marker(body, lengths.get((name, body), 0.0)) for body in bodies]
-        return _add_contact(self.system, self.items, joint, markers)
+        return add_contact(self.system, self.items, joint, markers)
 
     def _add_slider_effects(self) -> None:
         """Loads, springs and dampers on the slider."""
@@ -356,10 +291,10 @@ class SliderCrank:
         """Continue to the time `end` [s] with steps of at most `longest` [s]; the `positions`
         there. `tolerance` is absolute (loose joints only)."""
         longest = longest if self.loose else 2 * math.pi / (self.speed * STEPS)
-        settings = _explicit_settings(self.exudyn, self.time, end, tolerance, longest)
+        settings = explicit_settings(self.exudyn, self.time, end, tolerance, longest)
         settings.solution.sensors.writePeriod = 1e-12 if self.recorded else end
         time = settings.timeIntegration
-        time.generalizedAlpha.spectralRadius = _SPECTRAL_RADIUS
+        time.generalizedAlpha.spectralRadius = SPECTRAL_RADIUS
         time.newton.relativeTolerance, time.newton.absoluteTolerance = 1e-10, 1e-12
         solvers = self.exudyn.DynamicSolverType
         solver = solvers.DOPRI5 if self.loose else solvers.GeneralizedAlpha

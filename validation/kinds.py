@@ -17,6 +17,7 @@ from jointgap.core.section import ConfigModel, Seed, Word, whole_number
 from jointgap.core.units import quantity
 from jointgap.rig.sensors import ENCODER_COUPLING, ENCODER_FAULTS
 from validation.data_faults import DATA_FAULTS
+from validation.linkages import exudyn_models, names_to_hide
 from validation.rig import LISTED, OFF_LIST, RECIPE
 
 CLEARANCES = tuple(f"{joint}_clearance" for joint in JOINTS)
@@ -58,11 +59,17 @@ class Trial:
     effects: tuple[str, ...] = ()
     damage: str = ""
     loose: str = ""  # joint that is loose in the model; empty: any
+    mechanism: str = ""  # the shipped linkage that is varied; empty: a slider-crank
+    peer: bool = False  # the data of a linkage are by Exudyn
     measured_angle: bool = False
     drift: bool = False  # the speed of a measured crank drifts slowly
     shown: tuple[float, float] | None = None  # range of the gap if the size is drawn
     number: int = 0  # position in the set
     id: str = ""  # anonymous
+
+    @property
+    def by_exudyn(self) -> bool:
+        return self.kind == "exudyn" or self.peer
 
     @property
     def needs_encoder(self) -> bool:
@@ -90,7 +97,8 @@ def plan_trials(trial_set: Any, count: int | None = None) -> list[Trial]:
     """The shuffled trials of a set; the first `count` of them are a random part."""
     trials = []
     for stream, kind in enumerate(RECIPE["kinds"], 1):
-        trials += _trials_of_kind(trial_set, kind, stream)
+        make = _trials_of_linkages if "linkages" in RECIPE["kinds"][kind] else _trials_of_kind
+        trials += make(trial_set, kind, stream)
     if count is not None and (type(count) is not int or not 1 <= count <= len(trials)):
         raise InputError(
             f"trials: is {count!r}; give a whole number from 1 to {len(trials)}, how many the"
@@ -106,7 +114,7 @@ def plan_trials(trial_set: Any, count: int | None = None) -> list[Trial]:
     drivable = [
         trial.number
         for trial in shuffled
-        if not trial.damage and not constant_speed & set(trial.effects)
+        if not trial.damage and not trial.mechanism and not constant_speed & set(trial.effects)
     ]
     measured = set(rng.permutation(drivable)[: round(trial_set.measured_angle * len(drivable))])
     drifting = set(rng.permutation(sorted(measured))[: round(trial_set.drift * len(measured))])
@@ -169,7 +177,30 @@ def _trials_of_kind(trial_set: Any, key: str, stream: int) -> list[Trial]:
     return trials
 
 
-def _names_in_turn(rng: np.random.Generator, names: list[str], count: int) -> list[str]:
+def _trials_of_linkages(trial_set: Any, key: str, stream: int) -> list[Trial]:
+    """Trials of one kind, of the shipped linkages in turn."""
+    kind, count = RECIPE["kinds"][key], getattr(trial_set, key)
+    rng, trials, each = np.random.default_rng([trial_set.seed, stream]), [], kind.get("each", 1)
+    mechanisms, gaps = RECIPE["linkages"]["joints"], RECIPE["gaps"]
+    names = {
+        mechanism: _names_in_turn(rng, names_to_hide(mechanism, kind["linkages"]), each * count)
+        for mechanism in mechanisms
+    }
+    shown = tuple(kind["shown"]) if "shown" in kind else None
+    for number in range(count):
+        mechanism = list(mechanisms)[number % len(mechanisms)]
+        start = each * (number // len(mechanisms))
+        effects = tuple(name for name in names[mechanism][start : start + each] if name)
+        base = str(rng.choice(list(kind["bases"]), p=list(kind["bases"].values())))
+        size = gaps[number % len(gaps)] if effects and not shown else 0.0
+        can = exudyn_models(mechanism, base, effects)
+        peer = bool(rng.random() < RECIPE["linkages"]["exudyn"]) and can
+        keys = {"shown": shown, "mechanism": mechanism, "peer": peer}
+        trials.append(Trial(kind["kind"], base, size, effects, **keys))
+    return trials
+
+
+def _names_in_turn(rng: np.random.Generator, names: Sequence[str], count: int) -> list[str]:
     """At least `count` names, each as often as the others but for the last round."""
     sequence: list[str] = []
     while len(sequence) < count:

@@ -140,13 +140,15 @@ def _cell(table: pd.DataFrame, what: str) -> str:
     return f"{value} ({low} - {high}) of {row['count']:.0f}"
 
 
-def documented_rates(trials: pd.DataFrame) -> tuple[list[str], list[list[str]]]:
-    """Heads and rows of the table of rates [%] by joints."""
-    tables = rates_of(trials)
-    rows = [
-        [label, *(_cell(table, what) for table in tables.values())] for label, what in _ROWS.items()
-    ]
-    return ["rate [%]", *BASES.values()], [row for row in rows if {*row[1:]} != {"–"}]
+def documented_rates(
+    trials: pd.DataFrame, linkages: pd.DataFrame
+) -> tuple[list[str], list[list[str]]]:
+    """Heads and rows of the table of rates [%]: of slider-cranks by joints, and of linkages."""
+    of_linkages = rates(linkages).query("group == 'all'").set_index("what")
+    tables = [*rates_of(trials).values(), of_linkages]
+    rows = [[label, *(_cell(table, what) for table in tables)] for label, what in _ROWS.items()]
+    heads = ["rate [%]", *BASES.values(), "linkages"]
+    return heads, [row for row in rows if {*row[1:]} != {"–"}]
 
 
 def outcomes(sets: Mapping[str, pd.DataFrame]) -> tuple[list[str], list[list[str]]]:

@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from math import tau
 from pathlib import Path
 from typing import Any
@@ -15,17 +15,26 @@ from scipy.interpolate import make_interp_spline
 from scipy.optimize import brentq
 
 from jointgap.config import EFFECTS, Mechanism, load_mechanism, read_yaml
-from jointgap.config.campaign import NUISANCES
+from jointgap.config.campaign import nuisances_of
+from jointgap.config.channels import ChannelKind, channel_kinds
+from jointgap.config.linkage_file import LinkageFile
 from jointgap.config.load import validate
 from jointgap.core.candidates import Candidate, Parameter
+from jointgap.core.formula import compile_formula
 from jointgap.core.joints import PINS
 from jointgap.core.records import record
-from jointgap.effects.base import FitContext, MotionScale
+from jointgap.effects import CRANK_SIGN_SPEED, SLIDER_SIGN_SPEED, effects_of
+from jointgap.effects.base import DETECTABLE_SHARE, FitContext
+from jointgap.effects.own_law import formula_effect
+from jointgap.linkage.assembly import signs_of
+from jointgap.linkage.equations import Crank, Pose
+from jointgap.linkage.from_file import linkage_of_file
+from jointgap.linkage.laws import evaluate
 from jointgap.linkage.parameters import MEASURED, DriveParameters, knots_record
 from jointgap.motion.model import Model
-from jointgap.motion.slider_crank import model_of
+from jointgap.motion.of_file import model_of
 from jointgap.rig.drives import options_of, prescribed_angles
-from jointgap.rig.model import physical_candidates
+from jointgap.rig.missing_effects import motion_scales, physical_candidates
 from jointgap.rig.sensors import (
     DELAY_SHARES,
     ENCODER_BACKLASH,
@@ -41,6 +50,7 @@ from jointgap.rig.sensors import (
 )
 from jointgap.rig.simulate_run import channels_at, with_nuisances
 from validation.exudyn import SliderCrank
+from validation.exudyn_linkage import Linkage, Start
 
 RECIPE = read_yaml(Path(__file__).with_name("recipe.yaml"))
 
@@ -48,9 +58,16 @@ _FIRST_SIZE, _LARGEST_SIZE = 3.0, 600.0  # [steps of a fit] start and end of a s
 _HIGHEST_ORDER = {"speed_fluctuation": 4, "crank_periodic_torque": 6}
 _VISCOSITIES = (0.03, 1.0)  # [Pa s] thinner films hardly act
 
+# The shipped linkages that rigs vary, by name
+LINKAGES: dict[str, LinkageFile] = {
+    name: load_mechanism(name) for name in RECIPE["linkages"]["joints"]
+}
+
 # The shape [1] at which the law of a family is an effect, by law and effect
 SHAPES = {
-    law.NAME: dict(law.MEMBERS) | RECIPE["families"].get(law.NAME, {}) for law in EFFECTS.values()
+    law.NAME: dict(law.MEMBERS) | RECIPE["families"].get(law.NAME.replace(law.BODY, "slider"), {})
+    for effects in (EFFECTS, *(effects_of(file.sites) for file in LINKAGES.values()))
+    for law in effects.values()
 }
 SHAPES[LAG_AND_DELAY] = DELAY_SHARES
 
@@ -66,7 +83,9 @@ class Hidden:
     most: float
     lowest: float = 0.0
     sensor: str = ""  # channel of a sensor fault
+    has_site: bool = False  # whether an entry of a mechanism file needs the site
     law: Mapping[str, Any] | None = None  # formula and coefficients of an unlisted force
+    formula_effect: str = ""  # name of its entry in a mechanism file
 
     def in_file(self, size: float) -> list[dict]:
         """Entries in a mechanism file; none for a sensor fault."""
@@ -74,19 +93,20 @@ class Hidden:
             return []
         values = self.parameters(size)
         if self.law:
-            name = "discovered_crank_torque" if self.site == "crank" else "discovered_slider_force"
             law = {**self.law, "coefficients": self.law["coefficients"] | values}
-            return [{"name": name, "parameters": law}]
-        site = {"site": self.site} if EFFECTS[self.name].sites() else {}
+            return [{"name": self.formula_effect, "parameters": law}]
+        site = {"site": self.site} if self.has_site else {}
         return [{"name": self.name, **site, "parameters": values}]
 
 
 def candidates(
-    mechanism: Mechanism, speed: float, nuisances: Mapping[str, Parameter]
+    mechanism: Mechanism | LinkageFile, speed: float, nuisances: Mapping[str, Parameter]
 ) -> dict[str, Candidate]:
     """Physical candidates at a crank `speed` [rad/s], by label."""
-    scale = MotionScale.of(mechanism, speed)
-    context = FitContext(mechanism, scale, nuisances, True, speed / tau, (None, None))
+    scale, scales = motion_scales(mechanism, speed)
+    context = FitContext(
+        mechanism, scale, nuisances, True, speed / tau, (None, None), scales=scales
+    )
     return {candidate.label: candidate for candidate in physical_candidates(context)}
 
 
@@ -128,26 +148,73 @@ def draw_effect(
 
         sizes = fault["first"], fault["most"]
         return Hidden(label, channel, fault_parameters, *sizes, sensor=channel)
-    if label in RECIPE["laws"]:
+    if label in RECIPE["laws"] or label in RECIPE["linkages"]["laws"]:
         return _unlisted_law(label, rig, rng)
     if label in FAULTS:
         site = "sensor" if label in ENCODER_FAULTS else channel
-        torque = rig.true.slider.mass * (rig.true.crank.length * rig.fastest) ** 2
+        torque = _torque(rig)
         reading = Reading(spread.get(channel, 0.0), "", rig.fastest, torque)
         return _listed_effect(FAULTS[label].candidate(site, reading), rng, {}, channel)
     candidate = candidates(rig.nominal, rig.fastest, rig.nuisances).get(label)
-    return candidate and _listed_effect(candidate, rng, rig.nuisances)
+    hidden = candidate and _listed_effect(candidate, rng, rig.nuisances)
+    if hidden and rig.is_linkage and label.endswith("_clearance"):
+        unit = hidden.parameters(1.0)["clearance_m"]
+        lowest, most = (float(end) / unit for end in RECIPE["linkages"]["clearance"])
+        return replace(hidden, first=lowest, lowest=lowest, most=most)
+    return hidden
+
+
+def _torque(rig: Any) -> float:
+    """Size of the torque on the crank [N m]."""
+    if rig.is_linkage:
+        scale, _ = motion_scales(rig.true, rig.fastest)
+        return scale.force / DETECTABLE_SHARE * scale.stroke
+    return rig.true.slider.mass * (rig.true.crank.length * rig.fastest) ** 2
 
 
 def _unlisted_law(label: str, rig: Any, rng: np.random.Generator) -> Hidden:
+    if rig.is_linkage:
+        return _unlisted_law_of_linkage(label, rig, rng)
     law, crank = RECIPE["laws"][label], rig.true.crank.length
     constants = {"V": crank * rig.fastest, "R": crank, "X": rig.true.rod.length}
     constants["A"] = float(rng.uniform(0, 6))
-    used = set(re.findall("[A-Z]", law["formula"]))
     first = law["first"] * rig.true.slider.mass * crank ** (1 + law["power"]) * rig.fastest**2
     site = "crank" if "theta" in law["formula"] else "slider"
-    formula = {"formula": law["formula"], "coefficients": {key: constants[key] for key in used}}
-    return Hidden(label, site, lambda size: {"s": size}, first, 200 * first, law=formula)
+    return _hidden_law(label, rig, site, law["formula"], constants, first)
+
+
+def _unlisted_law_of_linkage(label: str, rig: Any, rng: np.random.Generator) -> Hidden:
+    """A law at a body on a slide or pivot of the frame, or on the crank; its size starts from the
+    inertia forces there."""
+    law, sites = RECIPE["linkages"]["laws"][label], rig.true.sites
+    on_crank = "theta" in law["formula"]
+    site = sites.crank if on_crank else str(rng.choice([*sites.slides, *sites.pivots]))
+    crank, scales = motion_scales(rig.true, rig.fastest)
+    scale = scales.get(site, crank)
+    turns = site not in sites.slides
+    constants = {"X": scale.middle, "A": float(rng.uniform(0, 6))}
+    constants["V"] = scale.turning if turns else scale.speed
+    constants["R"] = scale.swing if turns else scale.stroke
+    constants["W"] = CRANK_SIGN_SPEED if turns else SLIDER_SIGN_SPEED
+    force = scale.force / DETECTABLE_SHARE * (scale.stroke if turns else 1.0)
+    return _hidden_law(label, rig, site, law["formula"], constants, law["first"] * force)
+
+
+def _hidden_law(
+    label: str, rig: Any, site: str, formula: str, constants: Mapping[str, float], first: float
+) -> Hidden:
+    used = set(re.findall("[A-Z]", formula))
+    law = {"formula": formula, "coefficients": {key: constants[key] for key in used}}
+    effect = formula_effect(rig.true.sites, site)
+    return Hidden(
+        label,
+        site,
+        lambda size: {"s": size},
+        first,
+        200 * first,
+        law=law,
+        formula_effect=effect,
+    )
 
 
 def _listed_effect(
@@ -183,7 +250,16 @@ def _listed_effect(
         return {key: float(value) for key, value in candidate.parameters(values).items()}
 
     first = min(max(_FIRST_SIZE, 1.2 * lowest), most)
-    return Hidden(candidate.name, candidate.site, effect_parameters, first, most, lowest, sensor)
+    return Hidden(
+        candidate.name,
+        candidate.site,
+        effect_parameters,
+        first,
+        most,
+        lowest,
+        sensor,
+        candidate.has_site and not candidate.sensor,
+    )
 
 
 def _direction(candidate: Candidate, rng: np.random.Generator) -> list[float]:
@@ -191,11 +267,11 @@ def _direction(candidate: Candidate, rng: np.random.Generator) -> list[float]:
     wrong, other pairs of amplitudes have a phase."""
     low = candidate.coordinates[0].low
     sign = float(rng.choice([-1.0, 1.0])) if low < 0 and not candidate.is_perturbation else 1.0
-    if candidate.name == "slider_spring":
+    if candidate.name.endswith("_spring"):
         share = rng.uniform(0.44, 0.56)
         return [share, 1 - share]
     if candidate.name == "link_length_error":
-        return list(sign * rng.permutation([1.0, 0.0]))
+        return list(sign * rng.permutation([1.0] + [0.0] * (len(candidate.amplitudes) - 1)))
     angle = rng.uniform(0, tau)
     return [sign] if len(set(candidate.amplitudes)) == 1 else [math.cos(angle), math.sin(angle)]
 
@@ -336,13 +412,21 @@ class Rig:
     compares_angle: bool = False  # whether effects act on the angle at constant speed
     drive: str = "constant_speed"
 
-    @cached_property
-    def nominal(self) -> Mechanism:
-        """The mechanism of the analyst."""
-        return _mechanism(self.content)
+    @property
+    def is_linkage(self) -> bool:
+        return isinstance(self.nominal, LinkageFile)
+
+    @property
+    def channel_kinds(self) -> dict[str, ChannelKind]:
+        return channel_kinds(self.nominal.sites, self.nominal.loose)
 
     @cached_property
-    def true(self) -> Mechanism:
+    def nominal(self) -> Mechanism | LinkageFile:
+        """The mechanism of the analyst."""
+        return mechanism_of(self.content)
+
+    @cached_property
+    def true(self) -> Mechanism | LinkageFile:
         """The mechanism with the true values of nuisances."""
         return with_nuisances(self.nominal, self.values)
 
@@ -359,27 +443,35 @@ class Rig:
     @property
     def nuisances(self) -> dict[str, Parameter]:
         """Nuisances of all runs as stated in the campaign file, by name."""
-        found = {}
+        found, kinds = {}, nuisances_of(self.nominal.sites, self.nominal.loose)
         for key, (low, high) in self.bounds.items():
             if key != "speed":
                 middle, step = 0.5 * (low + high), 0.02 * (high - low)
-                found[key] = Parameter(key, middle, low, high, step, NUISANCES[key] or "1")
+                found[key] = Parameter(key, middle, low, high, step, kinds[key].unit or "1")
         return found
 
 
-def _mechanism(content: Mapping) -> Mechanism:
-    return validate(Mechanism, content, "a drawn mechanism")
+def mechanism_of(content: Mapping) -> Mechanism | LinkageFile:
+    """The mechanism of the content of a file."""
+    kind = LinkageFile if "frame" in content else Mechanism
+    return validate(kind, content, "a drawn mechanism")
 
 
 def simulate(
-    mechanism: Mechanism, run: Run, numerics: Numerics, effects: Effects = (), perturbation=None
+    mechanism: Mechanism | LinkageFile,
+    run: Run,
+    numerics: Numerics,
+    effects: Effects = (),
+    perturbation=None,
 ) -> Readings:
     """All signals at the samples of a run, without sensor faults."""
     data = with_effects(mechanism, effects).model_dump()
     for joint in data["joints"].values():
+        if not joint.get("contact"):  # an ideal slide
+            continue
         width = numerics.friction_factor * joint["contact"]["friction_speed"]
         joint["contact"] |= {"friction_law": numerics.friction_law, "friction_speed": width}
-    mechanism = _mechanism(data)
+    mechanism = mechanism_of(data)
     wave = mechanism.effect("speed_fluctuation")
     # the speed of the law is the mean over the angle
     mean = run.speed / math.sqrt(1 - wave.ratio**2) if wave else run.speed
@@ -417,12 +509,19 @@ def with_effects(mechanism: Mechanism, effects: Effects) -> Mechanism:
     data = mechanism.model_dump()
     added = [entry for effect, size in effects for entry in effect.in_file(size)]
     data["effects"] = [*data["effects"], *added]
-    return _mechanism(data)
+    return mechanism_of(data)
 
 
-def read(mechanism: Mechanism, run: Run, numerics: Numerics, effects: Effects = ()) -> Readings:
+def read(
+    mechanism: Mechanism | LinkageFile, run: Run, numerics: Numerics, effects: Effects = ()
+) -> Readings:
     """Sensor readings without noise."""
-    motion = simulate(mechanism, run, numerics, effects)
+    return _with_faults(run, effects, lambda run: simulate(mechanism, run, numerics, effects))
+
+
+def _with_faults(run: Run, effects: Effects, simulated: Callable[[Run], Readings]) -> Readings:
+    """Readings of a run with the sensor faults among the effects; `simulated`: without them."""
+    motion = simulated(run)
     readings = motion
     for effect, size in effects:
         if not effect.sensor:
@@ -432,7 +531,7 @@ def read(mechanism: Mechanism, run: Run, numerics: Numerics, effects: Effects = 
         fault, true = FAULTS.get(effect.name), readings[effect.sensor]
 
         def at(times, channel=effect.sensor):
-            return simulate(mechanism, replace(run, times=times), numerics, effects)[channel]
+            return simulated(replace(run, times=times))[channel]
 
         if effect.name in ENCODER_ERRORS:
             error = ENCODER_ERRORS[effect.name]
@@ -468,9 +567,51 @@ def read_truth(rig: Rig, run: Run, effects: Effects, by_exudyn: bool) -> Reading
     """Readings of the rig without noise, simulated by the package or by Exudyn."""
     if not by_exudyn:
         return read(rig.true, run, rig.numerics, effects)
+    if rig.is_linkage:
+        file = with_effects(rig.true, effects)
+        return _with_faults(run, effects, lambda run: _read_linkage(file, run))
     model = SliderCrank(with_effects(rig.true, effects), run.speed, run.start_angle)
     readings = model.readings(run.times + run.lead)
     return readings | {"crank_angle": readings["crank_angle"] - tau * run.settling}
+
+
+def _read_linkage(file: LinkageFile, run: Run) -> Readings:
+    """Readings by Exudyn; with ideal joints from half a revolution before the run on."""
+    if file.applied().loose:
+        model = exudyn_linkage(file, run.speed, run.start_angle)
+        readings = model.readings(run.times + run.lead)
+        return readings | {"crank_angle": readings["crank_angle"] - tau * run.settling}
+    before = math.pi + run.speed * max(0.0, -float(run.times[0]))
+    model = exudyn_linkage(file, run.speed, run.phase - before)
+    return model.readings(run.times + before / run.speed)
+
+
+def exudyn_linkage(file: LinkageFile, speed: float, angle: float, **keys: Any) -> Linkage:
+    """Exudyn's model of a linkage whose crank starts at an `angle` [rad] with a `speed` [rad/s]."""
+    formulas = {}
+    for body in file.bodies:
+        if found := file.effect(formula_effect(file.sites, body)):
+            program = compile_formula(found.formula, found.coefficients)
+            formulas[body] = partial(evaluate, program.codes, program.numbers)
+    starts = _starts_of(file.applied(), speed, angle)
+    return Linkage(file, speed, angle, starts, formulas, **keys)
+
+
+def _starts_of(file: LinkageFile, speed: float, angle: float) -> dict[str, Start]:
+    """Start of each body of the ideal linkage at a crank `speed` [rad/s] and `angle` [rad]."""
+    joints = {
+        name: joint.model_copy(update={"loose": False}) if name in file.loose_pins else joint
+        for name, joint in file.joints.items()
+    }
+    linkage = linkage_of_file(file.model_copy(update={"joints": joints}))
+    crank = Crank(math.cos(angle), math.sin(angle), speed)
+    pose = Pose(linkage, signs_of(linkage, 0.0), crank, {})
+    starts = {}
+    for name in file.bodies:
+        place, velocity = (complex(*map(float, pair)) for pair in pose.point(name, None))
+        cosine, sine = pose.directions[name]
+        starts[name] = place, math.atan2(sine, cosine), velocity, float(pose.speeds[name])
+    return starts
 
 
 def visited_states(rig: Rig, effects: Effects) -> pd.DataFrame:
@@ -492,7 +633,7 @@ def draw_rig(rng: np.random.Generator, trial: Any) -> Rig:
         content = _draw_mechanism(rng, drawn, trial)
         speeds = np.minimum(drawn("slowest") * np.cumprod([1.0, *drawn("faster", 2)]), 600)
         speeds = np.round(rng.permutation(speeds)) * tau / 60
-        if _has_base_motion(_mechanism(content), speeds, trial.base):
+        if has_base_motion(mechanism_of(content), speeds, trial.base):
             break
     else:
         raise RuntimeError(f"no rig with a {trial.base} motion in {_MOST_DRAWS} draws")
@@ -512,10 +653,10 @@ def draw_rig(rng: np.random.Generator, trial: Any) -> Rig:
             if joint["loose"]:
                 values[f"lasting_damping_{name}"] = float(drawn("log_damping"))
     runs = {
-        f"run{number}": _draw_run(rng, drawn, float(nominal), trial.base == "chaotic")
+        f"run{number}": draw_run(rng, drawn, float(nominal), trial.base == "chaotic")
         for number, nominal in enumerate(speeds, 1)
     }
-    sensors = _draw_sensors(rng, drawn, trial.base)
+    sensors = draw_sensors(rng, drawn, lambda: _draw_channels(rng, trial.base))
     law, width = (("coulomb", 0.5), ("coulomb", 1.5), ("threlfall", 1.5))[rng.integers(3)]
     moved_angle = not MOVED_ANGLE.isdisjoint(trial.effects)
     accurate = trial.measured_angle or moved_angle
@@ -555,7 +696,7 @@ def draw_rig(rng: np.random.Generator, trial: Any) -> Rig:
     return rig
 
 
-def _has_base_motion(mechanism: Mechanism, speeds: np.ndarray, base: str) -> bool:
+def has_base_motion(mechanism: Mechanism | LinkageFile, speeds: np.ndarray, base: str) -> bool:
     """Whether the settled motion is periodic (loose) or not (chaotic) at all speeds."""
     if base == "ideal":
         return True
@@ -565,7 +706,7 @@ def _has_base_motion(mechanism: Mechanism, speeds: np.ndarray, base: str) -> boo
     return all(spread > _CHAOTIC_ABOVE for spread in spreads)
 
 
-def _draw_run(rng: np.random.Generator, drawn: Callable, nominal: float, chaotic: bool) -> Run:
+def draw_run(rng: np.random.Generator, drawn: Callable, nominal: float, chaotic: bool) -> Run:
     speed = nominal * (1 + float(drawn("speed_off")))
     samples = min(round(drawn("samples")), 100 if chaotic else 200)
     count = int((30 if chaotic else drawn("revolutions")) * samples)
@@ -576,11 +717,14 @@ def _draw_run(rng: np.random.Generator, drawn: Callable, nominal: float, chaotic
     return Run(speed, phase, times, start, int(drawn("settling")), nominal)
 
 
-def _draw_sensors(rng: np.random.Generator, drawn: Callable, base: str) -> dict[str, Sensor]:
+def draw_sensors(
+    rng: np.random.Generator, drawn: Callable, channels: Callable[[], list[str]]
+) -> dict[str, Sensor]:
+    """Sensors of the channels that `channels` draws."""
     slower = RECIPE["rig"]["slower"]
     slower = int(rng.integers(*slower, endpoint=True)) if rng.random() < 0.2 else 1
     sensors = {}
-    for channel in _draw_channels(rng, base):
+    for channel in channels():
         correlation = float(drawn("correlation")) if rng.random() < 0.25 else 0.0
         every = slower if rng.random() < 0.5 else 1
         noise, gaps = float(drawn("noise")), bool(rng.random() < 0.15)
@@ -619,19 +763,25 @@ def _draw_mechanism(rng: np.random.Generator, drawn: Callable[..., Any], trial: 
     return rounded | {"joints": joints} | shared
 
 
-def revolution_spread(mechanism: Mechanism, speed: float) -> float:
+def revolution_spread(mechanism: Mechanism | LinkageFile, speed: float) -> float:
     """Largest RMS difference of settled revolutions from different starts, over the standard
     deviation."""
     times = np.arange(90) / 90 * tau / speed
-    nudge = [1e-7 if pin in mechanism.loose else 0.0 for pin in PINS]  # [m]
+    if isinstance(mechanism, LinkageFile):
+        nudged: Any = {joint: (1e-7, 0.0) for joint in mechanism.loose}  # [m]
+        kinds = channel_kinds(mechanism.sites, mechanism.loose)
+        compared = ["crank_torque", *(name for name, kind in kinds.items() if kind.axis)]
+    else:
+        nudge = [1e-7 if pin in mechanism.loose else 0.0 for pin in PINS]
+        nudged = [nudge[0], 0.0, 0.0, nudge[1]]
+        compared = ["slider_acceleration", "crank_torque"]
 
-    def revolution(start: list[float] | None, turns: int) -> pd.DataFrame:
+    def revolution(start: Any, turns: int) -> pd.DataFrame:
         run = Run(speed, 0.3, times, settling=turns)
-        signals = pd.DataFrame(simulate(mechanism, run, Numerics(), (), start))
-        return signals[["slider_acceleration", "crank_torque"]]
+        return pd.DataFrame(simulate(mechanism, run, Numerics(), (), start))[compared]
 
     first = revolution(None, 12)
-    others = revolution([nudge[0], 0.0, 0.0, nudge[1]], 2), revolution(None, 15)
+    others = revolution(nudged, 2), revolution(None, 15)
     return max(
         float((((first - other) ** 2).mean() ** 0.5 / first.std()).max()) for other in others
     )

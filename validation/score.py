@@ -16,7 +16,6 @@ from jointgap.effects import EFFECTS
 from jointgap.identification.confirmation import share_closed
 from jointgap.identification.fit import LEVELS
 from jointgap.rig.sensors import ENCODER_FAULTS, FAULTS
-from validation.kinds import CLEARANCES
 from validation.rig import RECIPE, SHAPES
 from validation.trial import GAP_TOLERANCE, formula_values
 
@@ -82,6 +81,7 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
     outcome = _outcome(truth, analysis, hidden, reported)
     row = {
         **{key: truth[key] for key in ("id", "kind", "base", "drive")},
+        "mechanism": truth.get("mechanism", "slider_crank"),
         "hidden": f"{damage['what']}: {' + '.join(damage['channels'])}"
         if damage
         else _joined(hidden),
@@ -386,7 +386,8 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
     that of order statistics.
     """
     one = trials["kind"].isin(["single", "exudyn", "clearance"]) & (trials["hidden"] != "nothing")
-    loosened, apart = trials["hidden"].isin(CLEARANCES), trials["kind"].isin(RECIPE["apart"])
+    loosened = trials["hidden"].str.fullmatch(r"\w+_clearance")
+    apart = trials["kind"].isin(RECIPE["apart"])
     trials = trials.assign(one=one, loosened=loosened, apart=apart)
     parts = {name: trials.query(condition) for name, condition in RECIPE["parts"].items()}
     rows = []

@@ -15,19 +15,19 @@ import yaml
 from scipy.optimize import brentq, lsq_linear
 from scipy.signal import lfilter
 
-from jointgap.config import EFFECTS
 from jointgap.config.campaign import UNITS
-from jointgap.config.channels import CHANNELS
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.formula import compile_formula
 from jointgap.core.units import unit_factor
+from jointgap.effects import effects_of
 from jointgap.identification.problem import Noise, whiten
 from jointgap.linkage.laws import evaluate
 from jointgap.rig.model import STEADY_CONTACT_DAMPING_FACTOR
 from jointgap.rig.sensors import ENCODER_ECCENTRICITY, FAULTS
 from jointgap.rig.simulate_run import with_nuisances
 from validation.data_faults import damage
-from validation.kinds import CLEARANCES, Trial
+from validation.kinds import Trial
+from validation.linkages import draw_linkage
 from validation.rig import (
     Effects,
     Hidden,
@@ -255,7 +255,7 @@ def draw(
     sizes, the gap of each alone, and the number of discarded sizes."""
     most, discarded = _MOST_RIGS_FOR_SIZES if trial.shown else _MOST_RIGS, 0
     for number in range(1, most + 1):
-        rig = draw_rig(rng, trial)
+        rig = draw_linkage(rng, trial) if trial.mechanism else draw_rig(rng, trial)
         calibrator = Calibrator(rig)
         drawn = [draw_effect(name, rig, calibrator.spread, rng) for name in trial.effects]
         if None in drawn:
@@ -294,7 +294,7 @@ def _gap_or_infinity(calibrator: Calibrator, effect: Hidden, size: float) -> flo
 
 def _whirls(calibrator: Calibrator, effects: Effects) -> bool:
     """Whether a newly loose joint whirls, at the first size or together with the other effect."""
-    loose = [effect for effect, _ in effects if effect.name in CLEARANCES]
+    loose = [effect for effect, _ in effects if effect.name.endswith("_clearance")]
     attempts = [[(effect, effect.first)] for effect in loose] + ([list(effects)] if loose else [])
     try:
         return any(calibrator.gap(attempt) >= _WHIRLS for attempt in attempts)
@@ -308,8 +308,7 @@ def make_trial(
     """Write a campaign with data files of one of the `endings`; its ground truth."""
     rng = np.random.default_rng([seed, 100, trial.number])
     rig, calibrator, effects, gaps, discarded = draw(trial, rng)
-    by_exudyn = trial.kind == "exudyn"
-    clean = {name: read_truth(rig, run, effects, by_exudyn) for name, run in rig.runs.items()}
+    clean = {name: read_truth(rig, run, effects, trial.by_exudyn) for name, run in rig.runs.items()}
     campaign, frames = campaign_of(rng, rig, noisy(rng, rig, clean), trial.id, endings)
     damaged = damage(rng, trial.damage, campaign, frames) if trial.damage else None
     write_campaign(rng, folder, rig, campaign, frames)
@@ -323,15 +322,16 @@ def make_trial(
         "id": trial.id,
         "kind": trial.kind,
         "base": trial.base,
+        "mechanism": trial.mechanism or "slider_crank",
         "drive": rig.drive,
         "size": trial.size,
         "gaps": [round(gap, 4) for gap in gaps],
         "discarded": discarded,
         "nuisances": {**rig.values, **speeds},
         "where": where,
-        "numerics": "exudyn" if by_exudyn else vars(rig.numerics),
+        "numerics": "exudyn" if trial.by_exudyn else vars(rig.numerics),
         "numerics_gap": numerics_gap,
-        "effects": [_effect_record(rig, effect, size) for effect, size in effects],
+        "effects": [effect_record(rig, effect, size) for effect, size in effects],
     }
     return truth | ({"damage": damaged} if damaged else {})
 
@@ -370,20 +370,34 @@ def ar1_noise(rng: np.random.Generator, count: int, correlation: float) -> np.nd
 
 
 # Variables of a formula
-STATES = ["slider_velocity", "slider_position", "crank_speed", "crank_angle", "time"]
+STATES = ["velocity", "position", "crank_speed", "crank_angle", "time"]
 
 
-def _effect_record(rig: Rig, effect: Hidden, size: float) -> dict[str, Any]:
+def effect_record(rig: Rig, effect: Hidden, size: float) -> dict[str, Any]:
     """An effect in the ground truth; of an unlisted law also its values in visited states."""
-    listed = effect.name in EFFECTS or effect.name in FAULTS
+    listed = effect.name in effects_of(rig.nominal.sites) or effect.name in FAULTS
     record = {"name": effect.name, "site": effect.site, "listed": listed}
     record["parameters"] = parameters_beyond_nominal(rig, effect, size)
     if effect.law:
-        states = visited_states(rig, [(effect, size)])[STATES]
+        states = visited_states(rig, [(effect, size)])
+        at_site = {name: states[key] for name, key in _variables_at(rig, effect.site).items()}
+        states = states.assign(**at_site)[STATES]
         (entry,) = effect.in_file(size)
         values = formula_values(**entry["parameters"], states=states)
         record["force"] = {"kind": entry["name"], "value": values, "states": states.to_dict("list")}
     return record
+
+
+def _variables_at(rig: Rig, site: str) -> dict[str, str]:
+    """Channels of the velocity and position in a formula at a body; at the crank of a slider-crank
+    those of the slider."""
+    sites = rig.nominal.sites
+    if not rig.is_linkage:
+        site = "slider"
+    elif site == sites.crank:
+        return {"velocity": "crank_speed", "position": "crank_angle"}
+    ends = ("velocity", "position") if site in sites.slides else ("angular_velocity", "angle")
+    return {"velocity": f"{site}_{ends[0]}", "position": f"{site}_{ends[1]}"}
 
 
 def formula_values(
@@ -402,9 +416,10 @@ def parameters_beyond_nominal(rig: Rig, effect: Hidden, size: float) -> dict[str
     count from the mechanism file.
     """
     values = dict(effect.parameters(size))
-    adds_to = EFFECTS[effect.name].ADDS_TO if effect.name in EFFECTS else {}
+    known = effects_of(rig.nominal.sites)
+    adds_to = known[effect.name].ADDS_TO if effect.name in known else {}
     for key, (body, datum) in adds_to.items():
-        true, nominal = (getattr(made, body) for made in (rig.true, rig.nominal))
+        true, nominal = (made.body(body) for made in (rig.true, rig.nominal))
         values[key] += getattr(true, datum) - getattr(nominal, datum)
     return values
 
@@ -415,9 +430,10 @@ def campaign_of(
     """Content of the campaign file and samples by run, in random units."""
     measured = [*(["crank_angle"] if rig.angle_noise else []), *rig.sensors]
     prefix = str(rng.choice(["ch", "signal", "AI", "s"]))
-    units = {channel: str(rng.choice(UNITS[CHANNELS[channel]])) for channel in measured}
+    si = {name: kind.unit for name, kind in rig.channel_kinds.items()}
+    units = {channel: str(rng.choice(UNITS[si[channel]])) for channel in measured}
     units["time"] = "ms" if rng.random() < 0.3 else "s"
-    scale = {channel: 1 / unit_factor(unit, CHANNELS[channel]) for channel, unit in units.items()}
+    scale = {channel: 1 / unit_factor(unit, si[channel]) for channel, unit in units.items()}
     channels: dict[str, Any] = {"time": {"column": "t", "unit": units["time"]}}
     for number, channel in zip(rng.permutation(len(measured)), measured, strict=True):
         entry = channels[channel] = {"column": f"{prefix}{number + 1}", "unit": units[channel]}

@@ -138,6 +138,23 @@ def test_samples_of_a_window_without_simulation_are_missing(found):
     assert np.array_equal(np.isnan(read_again["crank_torque"]), missing)
 
 
+def test_filters_do_not_spread_a_window_without_simulation():
+    model = rig(sensors=FILTER)
+    states = filtered(windows_of(model), read(model)).states
+    slow = states.slow.copy()
+    slow[20, 1] = 1e6  # so fast that steps run out
+    faulty, series = windows_of(model, LAG), model.series[0]
+    complete, *_ = faulty.simulate(states)
+    again, _, _, done = faulty.simulate(replace(states, slow=slow))
+    assert np.flatnonzero(~done).tolist() == [20]
+    missing = faulty.window_of(series.time, states) == 20
+    far = np.arange(missing.size) < np.flatnonzero(missing)[0] - 3
+    for channel in ("guide_force", "slider_acceleration"):
+        assert np.array_equal(np.isnan(again[channel]), missing)
+        away = (again[channel] - complete[channel])[far]
+        assert np.sqrt(np.mean(away**2)) < 0.02 * np.std(complete[channel])
+
+
 @pytest.mark.parametrize(
     "keys",
     [

@@ -150,9 +150,9 @@ def test_outcomes_follow_from_names():
 def test_a_discovered_force_is_right_within_10_percent():
     v = np.linspace(-1, 1, 21)
     states = dict.fromkeys(
-        ("slider_velocity", "slider_position", "crank_speed", "crank_angle", "time"), [0.5] * 21
+        ("velocity", "position", "crank_speed", "crank_angle", "time"), [0.5] * 21
     )
-    states["slider_velocity"] = v.tolist()
+    states["velocity"] = v.tolist()
     force = {"kind": "discovered_slider_force", "states": states, "value": (-3 * v**3).tolist()}
     trial_truth = truth(hidden("cubic_drag", listed=False) | {"force": force}, kind="off_list")
     for off, found in ((1.05, "right"), (1.2, "wrong")):

@@ -410,10 +410,10 @@ def read(
         begin = count * delays.index(behind)
         times = elapsed - behind
         read = values[begin : begin + count]
-        fine = values[count * len(delays) :]
+        fine = _bridged(values[count * len(delays) :])
         if channel.bandwidth:
             fine = sensors.low_pass(fine, interval, channel.bandwidth, channel.filter == "causal")
-            read = CubicSpline(grid, fine)(times)
+            read = np.where(np.isfinite(read), CubicSpline(grid, fine)(times), np.nan)
         if channel.remembers or faults.need_grid(name):
             later = fine
             if channel.average:
@@ -425,6 +425,16 @@ def read(
             read = read + CubicSpline(grid, later - fine)(times)
         readings[name] = faults.act("after_filter", name, read)
     return readings
+
+
+def _bridged(values: np.ndarray) -> np.ndarray:
+    """`values` (n,) with lines over gaps, where windows could not be simulated; filters would
+    spread these."""
+    known = np.isfinite(values)
+    if known.all():
+        return values
+    places = np.arange(values.size)
+    return np.interp(places, places[known], values[known]) if known.any() else np.zeros(values.size)
 
 
 def _change_over_noise(campaign: Campaign, plan: RunPlan, count: int) -> Callable:
