@@ -16,7 +16,7 @@ from jointgap.core.errors import InputError
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import TABLES
 from jointgap.effects import EFFECTS
-from jointgap.rig import model
+from jointgap.rig import missing_effects
 
 DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"
 
@@ -46,7 +46,8 @@ def test_invalid_data_leave_no_folder_of_results(tmp_path):
 @pytest.mark.integration
 def test_an_analysis_ends_with_its_verdict_although_optional_steps_fail(tmp_path, monkeypatch):
     few = ("slider_coulomb_friction", "slider_viscous_friction")
-    monkeypatch.setattr(model, "EFFECTS", {name: EFFECTS[name] for name in few})
+    effects = {name: EFFECTS[name] for name in few}
+    monkeypatch.setattr(missing_effects, "effects_of", lambda sites: effects)
     complete, again = tmp_path / "complete", tmp_path / "again"
     explain, identified = identify.explain, []
 

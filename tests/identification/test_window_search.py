@@ -72,9 +72,7 @@ def tried(problem, jump=JUMPS[0]):
     asked = problem.model.filtered
     assert {at for *_, at, turns in asked if turns == 1.0} <= {*JUMPS[:2]}
     return [
-        place_of(effects["spring"])
-        for _, effects, at, turns in asked
-        if (at, turns) == (jump, 1.0)
+        place_of(effects["spring"]) for _, effects, at, turns in asked if (at, turns) == (jump, 1.0)
     ]
 
 
