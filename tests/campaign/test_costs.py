@@ -18,7 +18,7 @@ def test_the_costs_of_a_campaign_are_the_sum_over_its_stages_of_whatever_process
         with recorded_costs(folder, stage):
             for _ in range(runs):
                 count_run(12.5)
-            sum(range(300_000))
+            sum(range(3_000_000))
     found = costs(folder)
     spent = {stage: (cost["runs"], cost["revolutions"]) for stage, cost in found["jobs"].items()}
     assert spent == {"measure": (2, 25.0), "identify": (3, 37.5)}
