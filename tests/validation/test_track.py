@@ -47,7 +47,8 @@ def test_every_rate_is_a_metric_and_time_is_a_cost(folder):
     assert record.metrics["right name/all"] == record.metrics["right name/gap 5"] == 0.75
     assert record.metrics["trials/single"] == 4
     costs = ("median", "of 90 percent at most")
-    assert record.costs == {f"seconds/{cost}/base ideal": 2.0 for cost in costs}
+    groups = ("all", "base ideal")
+    assert record.costs == {f"seconds/{cost}/{group}": 2.0 for cost in costs for group in groups}
     # and two kinds counted
     assert len(record.metrics) + len(record.costs) == len(rates(made_up(3))) + 2
     files = {"summary.md", "trials.csv", "confusion.csv"}
