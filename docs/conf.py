@@ -78,7 +78,7 @@ nitpick_ignore_regex = [
     # Internal records of results and parts of a file, of which the docstrings tell enough.
     (
         r"py:class",
-        r"jointgap\.(core\.facts\.Fact|scenario\.chosen_lengths\.ChosenLengths|config\.linkage_file\.(BodyPart|Pin|Slide))",
+        r"jointgap\.(core\.facts\.Fact|scenario\.chosen_lengths\.ChosenLengths|lengths\.linkages\.LengthsFound|config\.linkage_file\.(BodyPart|Pin|Slide))",
     ),
     # Python's own types and what is short for those above.
     (
