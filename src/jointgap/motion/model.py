@@ -18,7 +18,9 @@ from jointgap.linkage.parameters import (
     CRANK,
     DRIVE_KINDS,
     MOTOR,
+    NO_FORMULAS,
     NO_KNOTS,
+    NO_TABLE,
     DriveParameters,
     Parameters,
     knots_record,
@@ -80,6 +82,9 @@ _OF_SLIDE = {
     "{}_tilt_ddot": "rad/s^2",
 }
 """Quantities of a loose slide."""
+
+
+_WITHOUT = (NO_FORMULAS, NO_KNOTS, NO_TABLE)
 
 
 @dataclass(frozen=True)
@@ -232,7 +237,9 @@ class Model:
     def content(self) -> bytes:
         """All its numbers; equal only for equal models."""
         bearings = (self.bearings[name].tobytes() for name in sorted(self.bearings))
-        return b"".join([self._template, *bearings, *(part.tobytes() for part in self.p)])
+        # records without content are large
+        parts = (part.tobytes() for part in self.p if not any(part is each for each in _WITHOUT))
+        return b"".join([self._template, *bearings, *parts])
 
     @cached_property
     def _template(self) -> bytes:
