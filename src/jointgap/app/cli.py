@@ -107,7 +107,8 @@ class SectionedGroup(click.Group):
 )
 @click.version_option(package_name="jointgap")
 def cli() -> None:
-    """Slider-cranks with loose joints: simulate, optimise, identify missing effects.
+    """Slider-cranks and other linkages with loose joints: simulate, optimise, identify missing
+    effects.
 
     `make run` and `make campaign` run all stages of the workflow. Stages read and write Parquet
     files with units; `jointgap describe FILE` shows them.
@@ -283,7 +284,7 @@ def look(mechanism: str, speeds: tuple[str, ...]) -> None:
     """Show motion and joint forces of a MECHANISM, a file or a shipped name, at one or several
     speeds, on one page.
 
-    Writes look_NAME.html to the current folder: slider, crank torque, and the force in each joint,
+    Writes look_NAME.html to the current folder: bodies, crank torque, and the force in each joint,
     with peaks and their crank angles.
 
     \b
@@ -317,17 +318,21 @@ def effects(name: str | None) -> None:
     """
     from jointgap.config import EFFECTS
     from jointgap.core.errors import InputError, did_you_mean
-    from jointgap.effects.base import effects_named
+    from jointgap.effects.base import effects_named, name_rules
     from jointgap.rig.sensors import FAULTS
 
     if name in EFFECTS:
         click.echo(_effect(name, EFFECTS[name], is_detailed=True))
     elif name and name not in FAULTS and (found := effects_named(name)):
-        click.echo("\n\n".join(_effect(name, effect, is_detailed=True) for effect in found))
+        headings = {effect: f"{name} (at a {effect.ON})" for effect in found}
+        headings = headings if len(found) > 1 else dict.fromkeys(found, name)
+        pages = (_effect(heading, effect, True) for effect, heading in headings.items())
+        click.echo("\n\n".join(pages))
     elif name in FAULTS:
         click.echo(_fault(name, FAULTS[name]))
     elif name is not None:
-        names = [*EFFECTS, *FAULTS]
+        site = name.partition("_")[0]
+        names = [*EFFECTS, *FAULTS, *(rule.replace("{site}", site) for rule in name_rules())]
         raise InputError(f"effect '{name}': no such effect; {did_you_mean(name, names)}")
     else:
         click.echo("\n\n".join(_effect(key, effect) for key, effect in EFFECTS.items()))

@@ -47,6 +47,8 @@ def format_effect(effect: Effect) -> str:
     if any("site" in each.model_fields for each in _effects(effect["name"])):
         if effect["site"] not in SLIDER_CRANK.revolutes:
             template = template.replace("the {site}", f"joint {site}")
+    if effect["name"] == LENGTHS and effect["site"]:
+        template = f"deviating lengths of {joined(effect['site'].split(', '))}"
     label = template.format(site=site)
     if "formula" in effect:
         label += f" ({effect['formula']})"
@@ -75,6 +77,8 @@ def _effects(name: str) -> tuple[type, ...]:
 
 def _template(name: str) -> str:
     template = ""
+    if name == LENGTHS:  # of which links, its site says
+        return "deviating lengths of links"
     if effects := _effects(name):
         template = effects[0].WORDS
     elif name in FAULTS:

@@ -16,6 +16,7 @@ from jointgap.campaign.sentences import Verdict
 from jointgap.campaign.tables import JOINED
 from jointgap.config import Mechanism
 from jointgap.config.campaign import NUISANCES, Campaign
+from jointgap.config.linkage_file import LinkageFile
 from jointgap.core import schema, words
 from jointgap.core.page import (
     Block,
@@ -75,7 +76,12 @@ def page(
         ),
         "Re-fitted parameters": _nuisances(verdict, ranges, mechanism),
         "Limits of these data": [
-            Bullets(_limits(verdict, tables.get("detectable"), tables.get("ranking")))
+            Bullets(
+                (
+                    *_limits(verdict, tables.get("detectable"), tables.get("ranking")),
+                    *(untested_clearances(campaign.mechanism) if campaign else ()),
+                )
+            )
         ],
         "Next steps": [Bullets(_next_steps(verdict, mechanism))],
         "Data": _data(campaign, tables.get("look"), warnings),
@@ -303,6 +309,18 @@ def _nuisances(verdict: Verdict, ranges: Collection[str], mechanism: str) -> lis
         text = f"Check the range of {joined(at_bounds)} {place}: {values}, or an effect is missing."
         blocks.append(Paragraph(text))
     return blocks
+
+
+def untested_clearances(mechanism: Mechanism | LinkageFile) -> tuple[str, ...]:
+    """A line on the joints whose clearance is not tested, if any."""
+    joints = mechanism.without_bearing
+    if not joints:
+        return ()
+    names = joined(map(format_name, joints))
+    return (
+        f"Not tested: clearance in {names}. To test it, give the joint's bearing in the mechanism"
+        " file, with `loose: false`.",
+    )
 
 
 def _limits(

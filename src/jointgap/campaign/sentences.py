@@ -224,7 +224,7 @@ def left_out_summary(verdict: Verdict) -> tuple[str, ...]:
     ]
     if steps := verdict.get("not_searched"):
         labels = joined(map(names_to_labels, steps))
-        sentences.append(f"Not searched, as the limit of simulations was reached: {labels}.")
+        sentences.append(f"Not completed, as the limit of simulations was reached: {labels}.")
     for step, error in verdict.get("failed", {}).items():
         sentences.append(f"{format_name(step)} failed: {error}.")
     return tuple(sentences)

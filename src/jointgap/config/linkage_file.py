@@ -150,6 +150,11 @@ class Pin(Joint):
 
 def _joint(value: Any) -> Any:
     """A joint's entry: a slide, or a pin."""
+    if value == "ideal":
+        raise ValueError(
+            "is not needed: a joint without an entry is ideal; to keep its bearing for a campaign,"
+            " write it with 'loose: false'"
+        )
     if isinstance(value, dict):
         return (Slide if "slide" in value else Pin).model_validate(value)
     return value
@@ -274,8 +279,21 @@ class LinkageFile(OfAnyKind):
                 )
         for name, joint in self.joints.items():
             yield from self._errors_of(name, joint)
+        of_frame = [name for name, bodies in self.shared_by_two.items() if FRAME in bodies]
+        if self.drive not in of_frame:
+            yield (
+                f"drive '{self.drive}' is no joint of the frame with a body;"
+                f" {did_you_mean(self.drive, of_frame)}"
+            )
         owner: dict[str, str] = {}
         for column, what in self._columns():
+            if column in owner and owner[column] != what and "the drive" in (what, owner[column]):
+                yield (
+                    f"{next(each for each in (what, owner[column]) if each != 'the drive')} is not"
+                    f" the driven one, which has the columns crank_...; rename it, or correct drive"
+                    f" '{self.drive}'"
+                )
+                return
             if column in owner and owner[column] != what:
                 yield f"{what} and {owner[column]} would both have the column {column}; rename one"
                 return

@@ -380,6 +380,11 @@ class OfAnyKind(ConfigModel):
         size = gravity.acceleration_m_s2 if gravity else 0.0
         return size * np.array([math.cos(direction), math.sin(direction)])
 
+    @property
+    def without_bearing(self) -> tuple[str, ...]:
+        """Revolute joints whose bearing the file does not have, so that no clearance is tested."""
+        return tuple(name for name in self.sites.revolutes if self.joint(name) is None)
+
     def applied(self) -> Self:
         """The mechanism with its parameters modified by the effects that only change data;
         `effects` keeps the others.

@@ -532,10 +532,9 @@ def placed(law: type[Effect], site: str, sites: Sites) -> type[Effect]:
         f"{link}.length + {letter}"
         for link, letter in zip(sites.links, string.ascii_lowercase, strict=False)
     )
-    all_pins = "both pins" if sites == SLIDER_CRANK else "all loose joints"
 
     def at_site(text: str) -> str:
-        text = text.replace("{links}", joined(sites.links)).replace("{all pins}", all_pins)
+        text = text.replace("{links}", joined(sites.links))
         text = text.replace("{lengths}", lengths)
         if law.ON == "revolute" and sites != SLIDER_CRANK:
             text = text.replace("the {site}", f"joint {site}")

@@ -223,6 +223,20 @@ def _degree(tree: ast.expr, amplitudes: Collection[str]) -> float:
     return 0.0  # a number
 
 
+def _constant(tree: ast.expr) -> float | None:
+    """Value of an expression of numbers; None for another one."""
+    match tree:
+        case ast.Constant(value=value):
+            return float(value)
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            value = _constant(operand)
+            return None if value is None else -value
+        case ast.BinOp(left=left, op=ast.Div(), right=right):
+            above, below = _constant(left), _constant(right)
+            return above / below if above is not None and below else None
+    return None
+
+
 def _dimension(tree: ast.expr, dimensions: Mapping[str, Dimension | None]) -> Dimension | None:
     """Dimension of a formula; None where it is open, as numbers may have a unit. ValueError for a
     contradiction."""
@@ -231,9 +245,9 @@ def _dimension(tree: ast.expr, dimensions: Mapping[str, Dimension | None]) -> Di
             return dimensions[name]
         case ast.UnaryOp(operand=operand) | ast.Set(elts=[operand]):
             return _dimension(operand, dimensions)
-        case ast.BinOp(left=base, op=ast.Pow(), right=ast.Constant(value=exponent)):
-            dimension = _dimension(base, dimensions)
-            return None if dimension is None else dimension**exponent
+        case ast.BinOp(left=base, op=ast.Pow(), right=right):
+            dimension, exponent = _dimension(base, dimensions), _constant(right)
+            return None if None in (dimension, exponent) else dimension**exponent
         case ast.BinOp(left=left, op=op, right=right):
             pair = _dimension(left, dimensions), _dimension(right, dimensions)
             if isinstance(op, ast.Add | ast.Sub):

@@ -128,7 +128,7 @@ class CommonPinFriction(Friction):
     """A common coefficient of friction of all loose pins."""
 
     LAW = "contact.friction = k of every loose pin"
-    WORDS = "deviating friction of {all pins}"
+    WORDS = "deviating friction of all pins"
 
 
 class Restitution(ContactCoefficient):
@@ -163,7 +163,7 @@ class CommonPinRestitution(Restitution):
     """A common coefficient of restitution of all loose pins."""
 
     LAW = "contact.restitution = e of every loose pin"
-    WORDS = "deviating restitution of {all pins}"
+    WORDS = "deviating restitution of all pins"
 
 
 @register_effect(order=220)
