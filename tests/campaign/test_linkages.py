@@ -10,8 +10,12 @@ from benchmarks.project import ROOT
 from jointgap.app.cli import cli
 from jointgap.campaign.augment import force_difference
 from jointgap.campaign.labels import format_label, format_parameter, names_to_labels, unit_of
+from jointgap.campaign.page import untested_clearances
+from jointgap.config import read_yaml, validate
+from jointgap.config.linkage_file import LinkageFile
 from jointgap.config.load import load_campaign, load_mechanism
 from jointgap.core import parquet, schema
+from jointgap.core.errors import InputError
 from jointgap.effects.base import FitContext
 from jointgap.rig.missing_effects import motion_scales, physical_candidates
 
@@ -96,6 +100,7 @@ def test_a_law_of_the_user_acts_at_a_body_on_a_slide_or_pivot(tmp_path):
     for law, wrong in (
         ('{site: rocker, torque: "-c*v^3", c: 0 to 1 N*m*s^3}', ""),
         ('{site: rocker, force: "-c*v^3", c: 0 to 1 N*s^3/m^3}', "requires the key torque"),
+        ('{site: rocker, torque: "-c*|v|^(1/2)*sgn(v)", c: 0 to 1 N*m*s}', "give c in"),
         ('{site: roker, torque: "-c*v^3", c: 0 to 1 N*m*s^3}', "did you mean 'rocker'"),
     ):
         (tmp_path / "mine.yaml").write_text(text + f"candidates: {{mine: {law}}}\n")
@@ -105,6 +110,27 @@ def test_a_law_of_the_user_acts_at_a_body_on_a_slide_or_pivot(tmp_path):
         except ValueError as error:
             message = str(error)
         assert bool(message) == bool(wrong) and wrong in message
+
+
+def test_clearances_that_are_not_tested_are_listed_with_what_to_do():
+    mechanism = load_mechanism("six_bar")
+    (line,) = untested_clearances(mechanism)
+    assert "clearance in O, C, E, A, B" in line and "`loose: false`" in line
+    assert untested_clearances(load_campaign(FOUR_BAR).mechanism) != ()  # the drive's joint
+
+
+@pytest.mark.parametrize(
+    "key, value, message",
+    [
+        ("drive", "P", "drive 'P' is no joint of the frame with a body"),
+        ("joints", {"B": "ideal"}, "a joint without an entry is ideal"),
+    ],
+)
+def test_a_wrong_drive_and_an_ideal_joint_get_one_error(key, value, message):
+    data = read_yaml(ROOT / "config/mechanisms/four_bar.yaml")
+    with pytest.raises(InputError, match=message) as error:
+        validate(LinkageFile, data | {key: value}, "mine.yaml")
+    assert str(error.value).count("mine.yaml") == 1
 
 
 @pytest.mark.integration

@@ -257,7 +257,7 @@ def _dimension(tree: ast.expr, dimensions: Mapping[str, Dimension | None]) -> Di
                         f"'{ast.unparse(tree)}' adds {units}; correct the units of the parameters"
                     )
                 return pair[1] if pair[0] is None else pair[0]
-            if None in pair or isinstance(op, ast.Pow):
+            if None in pair:
                 return None
             return pair[0] * pair[1] if isinstance(op, ast.Mult) else pair[0] / pair[1]
         case ast.Call(func=ast.Name(id=name), args=[operand]):
