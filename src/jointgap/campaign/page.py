@@ -79,7 +79,7 @@ def page(
             Bullets(
                 (
                     *_limits(verdict, tables.get("detectable"), tables.get("ranking")),
-                    *(untested_clearances(campaign.mechanism) if campaign else ()),
+                    *untested_clearances(getattr(campaign, "mechanism", None)),
                 )
             )
         ],
@@ -311,9 +311,10 @@ def _nuisances(verdict: Verdict, ranges: Collection[str], mechanism: str) -> lis
     return blocks
 
 
-def untested_clearances(mechanism: Mechanism | LinkageFile) -> tuple[str, ...]:
-    """A line on the joints whose clearance is not tested, if any."""
-    joints = mechanism.without_bearing
+def untested_clearances(mechanism: Mechanism | LinkageFile | None) -> tuple[str, ...]:
+    """A line on the joints whose clearance is not tested, if any; a model of the user has no
+    mechanism."""
+    joints = mechanism.without_bearing if mechanism else ()
     if not joints:
         return ()
     names = joined(map(format_name, joints))
