@@ -396,7 +396,7 @@ class Effect(ConfigModel):
         return tuple(law.family(cls, context.at(cls.BODY)) for law in laws)
 
     @classmethod
-    def beside(cls, law: type["Effect"]) -> str:
+    def name_at_same_site(cls, law: type["Effect"]) -> str:
         """Name of another law at the same site."""
         return placed(law, cls.BODY, cls.SITES).NAME
 

@@ -198,7 +198,7 @@ class PeriodicTorque(PeriodicEffect):
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
         yield cls.phase_locked(
-            context, _FITTED_ORDERS, _USUAL_ORDERS, carrier=cls.beside(CoulombFriction)
+            context, _FITTED_ORDERS, _USUAL_ORDERS, carrier=cls.name_at_same_site(CoulombFriction)
         )
 
 

@@ -425,7 +425,7 @@ class HarmonicForce(SlideEffect):
             amplitudes=tuple(part.key for part in parts),
             initial_guesses=({"frequency_Hz": frequency},),
             parameters=partial(_amplitude_and_phase, context.middles),
-            carrier=cls.beside(ConstantForce),
+            carrier=cls.name_at_same_site(ConstantForce),
             middles=context.middles,
         )
 
