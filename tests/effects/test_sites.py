@@ -250,6 +250,21 @@ def test_force_tables_on_different_bodies_are_refused_and_two_on_one_body_add_up
     assert np.abs(once).max() > 1.0
 
 
+def test_a_force_table_may_have_unevenly_spaced_rows(tmp_path):
+    torques = []
+    for name, angles in (
+        ("even", range(0, 361, 5)),
+        ("dense_at_end", [*range(0, 270, 5), *range(270, 361)]),
+        ("dense_at_begin", [*range(90), *range(90, 361, 5)]),
+    ):
+        file = tmp_path / f"{name}.csv"
+        rows = (f"{angle},{100.0 * math.cos(math.radians(angle))}\n" for angle in angles)
+        file.write_text("angle,force\n" + "".join(rows), encoding="utf-8")
+        law = entry(effects_of(two_rams().sites)["right_force_table"], file)
+        torques.append(simulate_linkage(two_rams(law), OPTIONS).samples["crank_torque"].to_numpy())
+    np.testing.assert_allclose(torques[1:], [torques[0]] * 2, atol=1e-3)
+
+
 def test_laws_act_at_each_of_two_slides_and_are_those_of_the_own_body():
     """Opposed sliders move alike: the same law costs the same torque on either side."""
     torques = {}
