@@ -39,6 +39,12 @@ EVENT = (
 
 EVENT_WIDTH = len(EVENT)
 
+TAKEN = ("end", "time_map", "origin", "breaks")
+"""Columns of the accepted steps: crank angle of the end [rad]; `LINEAR`, or `AFTER` or `BEFORE` an
+event at the crank angle `origin`; whether the equations of motion change at the end."""
+
+TAKEN_WIDTH = len(TAKEN)
+
 EVENT_NAMES = np.array(["separation", "impact"], dtype=object)
 
 MODES = ("ideal", "flight", "impact", "contact")
@@ -250,14 +256,15 @@ def integrate(p, k, found, angles, tolerance, step_limit):
     the arrays of `found`.
 
     Afterwards `k` is at the start of the last step, for an exact continuation. Returns status,
-    events and steps.
+    events, number of steps, and the accepted ones if `k` records them.
     """
     events, event_count, steps, sample = np.empty((64, EVENT_WIDTH)), 0, 0, 0
+    taken, taken_count = np.empty((64 if k.records else 0, TAKEN_WIDTH)), 0
     proposal, time_map, s = k.proposal, k.time_map, k.s
     times, states = found.times, found.states
     while True:
         if steps >= step_limit:
-            return TOO_MANY_STEPS, events[:event_count], steps
+            return TOO_MANY_STEPS, events[:event_count], steps, taken[:taken_count]
         longest = longest_step(p, k)
         proposal = unhindered = min(proposal, longest)
         resolution = 1e-15 * (abs(k.time[HERE]) + longest)
@@ -283,16 +290,25 @@ def integrate(p, k, found, angles, tolerance, step_limit):
             )
             if not proposal >= resolution:
                 status = STEP_TOO_SMALL if error < math.inf else NOT_FINITE
-                return status, events[:event_count], steps
+                return status, events[:event_count], steps, taken[:taken_count]
             continue
         if k.is_free and k.y[row, k.half + 2 * k.loose] <= 0.0:
             if row != HERE:
                 _take(k, row)
-            return STALLED, events[:event_count], steps
+            return STALLED, events[:event_count], steps, taken[:taken_count]
         is_last = angles[-1] <= k.angle[row] if k.is_free else times[-1] <= k.time[row]
         if is_last:
             _keep_episodes(k.episodes, k.earlier)
         _update_episodes(k, row, step_map, start, ds)
+        if k.records and row != HERE:
+            if taken_count == taken.shape[0]:
+                taken = np.concatenate((taken, np.empty_like(taken)))
+            taken[taken_count, 0], taken[taken_count, 1] = k.angle[row], step_map
+            taken[taken_count, 2] = k.angle[row] if step_map == BEFORE else k.origin
+            taken[taken_count, 3] = 1.0 if happens or proposal < unhindered else 0.0
+            taken_count += 1
+        elif happens and taken_count > 0:
+            taken[taken_count - 1, 3] = 1.0
 
         prepared = smooth = False
         while sample < times.size:
@@ -328,7 +344,7 @@ def integrate(p, k, found, angles, tolerance, step_limit):
             # this step is repeated by a continuation: its remaining part may contain samples
             _keep_episodes(k.earlier, k.episodes)
             _leave(k, unhindered, time_map, s)
-            return DONE, events[:event_count], steps
+            return DONE, events[:event_count], steps, taken[:taken_count]
         before_time = k.time[HERE]
         if row != HERE:
             for i in range(k.states):
@@ -360,7 +376,7 @@ def integrate(p, k, found, angles, tolerance, step_limit):
         if before == FLIGHT:
             _begin_episode(k.episodes, contact, k.time[HERE])
             k.begins[contact] = k.time[HERE]
-            time_map, s = AFTER, 0.0
+            time_map, s, k.origin = AFTER, 0.0, k.angle[HERE]
             impact = contact_duration(k.joints[contact], k.masses[contact], approach)
             proposal = min(proposal, 0.1 * impact)
         elif mode == FLIGHT:

@@ -26,7 +26,7 @@ from jointgap.linkage.parameters import (
     knots_record,
 )
 from jointgap.linkage.topology import FRAME, Linkage, number
-from jointgap.motion.integrate import Samples, begin, room_for
+from jointgap.motion.integrate import TAKEN_WIDTH, Samples, begin, room_for
 from jointgap.motion.runge_kutta import VELOCITY_TIME
 from jointgap.motion.workspace import (
     BLOCK,
@@ -321,6 +321,8 @@ class Workspace:
         self._owner = room.view(WORKSPACE)
         self.k: Record = self._owner[0]
         self.k.place = self._owner.ctypes.data
+        self.taken = np.empty((0, TAKEN_WIDTH))
+        """Accepted steps of the last integration, if recorded: see `jointgap.motion.integrate`."""
 
     def copy(self) -> "Workspace":
         return Workspace(self._owner.tobytes())

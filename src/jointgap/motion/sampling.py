@@ -32,7 +32,7 @@ def polar_rates(vector, direction):
 
 
 @compiled
-def _take_row(p, k, found, n):
+def take_row(p, k, found, n):
     """Set the state, time and modes of sample `n`, and evaluate everything there."""
     for i in range(2 * k.rubbing + k.pushed):
         k.assumed[i] = 0.0
@@ -84,7 +84,7 @@ def fill_samples(p, k, found, bodies, numbers, accelerations):
     bends = h - 2 * loose - k.is_free
     others = numbers.shape[1] - 3 - bodies - 8 * loose - bends
     for n in range(found.times.size):
-        _take_row(p, k, found, n)
+        take_row(p, k, found, n)
         for i in range(accelerations.shape[1]):
             accelerations[n, i] = k.slope[h + i]
         numbers[n, 0], numbers[n, 1], numbers[n, 2] = k.now, k.turned, k.crank[2]

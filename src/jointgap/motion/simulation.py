@@ -128,9 +128,12 @@ def integrate_on(
     angles: np.ndarray,
     tolerance: float,
     steps_per_revolution: int | None = None,
+    records: bool = False,
 ) -> tuple[Samples, Workspace]:
-    """Continue an integration exactly from the end of another one."""
+    """Continue an integration exactly from the end of another one; `records` its accepted steps
+    in the workspace."""
     p, workspace = model.p, earlier.copy()
+    workspace.k.records = records
     times = crank_times(p, angles)
     if p.drive.kind == MEASURED:
         _check_reached(model, times, angles)
@@ -138,7 +141,7 @@ def integrate_on(
     revolutions = max((angles[-1] - earlier.crank_angle) / (2 * math.pi), 1.0)
     limit = math.ceil((steps_per_revolution or STEPS_PER_REVOLUTION) * revolutions)
     fine, k = _fine_enough(model, tolerance), workspace.k
-    status, events, steps = integrate(p, k, samples, angles, fine, limit)
+    status, events, steps, workspace.taken = integrate(p, k, samples, angles, fine, limit)
     if status != DONE:
         raise SimulationError(_failure(model, k, status, events, tolerance, limit))
     return samples._replace(events=events, steps=steps), workspace

@@ -255,7 +255,7 @@ def _run(p, w, slow, run):
     found, first, last = rows.found, rows.bounds[w], rows.bounds[w + 1]
     part, n = _part(found, first, last), last - 1
     _begin(p, k, part.times[0], w, slow, speed, run.carried)
-    status, _, _ = integrate(p, k, part, rows.angles[first:last], run.tolerance, rows.limits[w])
+    status, _, _, _ = integrate(p, k, part, rows.angles[first:last], run.tolerance, rows.limits[w])
     if status != DONE:
         return False
     for i in range(k.states):

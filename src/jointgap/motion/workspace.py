@@ -99,6 +99,8 @@ WORKSPACE = np.dtype(
             ("proposal", "f8"),  # [s] Length of the next step
             ("s", "f8"),  # Its start in the variable of its time map
             ("time_map", "i8"),
+            ("origin", "f8"),  # Crank angle of the event from which s counts
+            ("records", "i8"),  # Whether accepted steps are recorded
             ("inertia", "f8"),  # [kg m] Times the square of the crank's speed: inertia forces
             # Sizes
             ("states", "i8"),

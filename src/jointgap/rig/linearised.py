@@ -3,6 +3,7 @@ parameters at once."""
 
 from collections.abc import Callable, Sequence
 from math import tau
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,8 +11,11 @@ from jointgap.config.campaign import Campaign
 from jointgap.core.candidates import Effects, Variation
 from jointgap.core.costs import count_revolutions
 from jointgap.core.errors import InputError, SimulationError
+from jointgap.motion.integrate import Samples
 from jointgap.motion.model import Model
-from jointgap.motion.periodic import Evaluation, LinearMotion, Orbit, periodic_orbit
+from jointgap.motion.periodic import LinearMotion, Orbit, periodic_orbit
+from jointgap.motion.simulation import integrate_on, observed
+from jointgap.motion.variation import Solution, along, at_angles, rates_over_angle, weights_of
 from jointgap.rig.drives import RunPlan, Values
 from jointgap.rig.simulate_run import (
     Columns,
@@ -25,7 +29,7 @@ from jointgap.rig.simulate_run import (
 
 Readings = dict[str, np.ndarray]
 
-NEIGHBOURS = 6  # Points of an interpolation
+NEAR = 1e-3  # [rad] Crank angles this close to known ones are reached by the derivatives
 # Simulated revolutions that take as long as the linear equations, and as one change of the
 # parameters
 REVOLUTIONS, REVOLUTIONS_OF_CHANGE = 9.0, 1.3
@@ -54,26 +58,72 @@ def linearised_changes(
     return _ReadingsNearby(campaign, plan, base, orbit).changes(variations)
 
 
+class _At(NamedTuple):
+    """A periodic motion at crank angles of any revolution."""
+
+    angles: np.ndarray  # (n,) [rad]
+    motion: Samples  # at these, in the revolution of the orbit
+    rates: np.ndarray  # (n, states) over the crank angle
+    columns: Columns
+
+
 class _ReadingsNearby:
     """The readings of a run near a periodic motion."""
 
     def __init__(self, campaign: Campaign, plan: RunPlan, base: Prepared, orbit: Orbit):
         self._campaign, self._plan, self._base = campaign, plan, base
         channels = [name for name in plan.channels if name != "crank_angle"]
-        self._columns = list(dict.fromkeys([*channels, "crank_torque"]))
-        self._motion = LinearMotion(orbit, self._columns)
-        self._between = _Interpolation(orbit.angles)
+        self._columns = list(dict.fromkeys([*channels, "crank_torque", "crank_speed"]))
+        self._orbit, self._known = orbit, []
+        self._states: dict[int, np.ndarray] = {}  # changes (n, states, m) at known angles
+
+    def _seen(self, model: Model, motion: Samples) -> Columns:
+        columns = observed(model, motion)
+        return {name: columns[name] for name in self._columns}
+
+    def _at(self, angles: np.ndarray) -> _At:
+        """The orbit at crank angles (n,) [rad], or near them if it is known there."""
+        for known in self._known:
+            if known.angles.shape == angles.shape:
+                if np.abs(known.angles - angles).max() <= NEAR:
+                    return known
+        begin = self._orbit.intervals.angles[0]
+        within, places = np.unique(begin + np.mod(angles - begin, tau), return_inverse=True)
+        orbit = self._orbit
+        motion, _ = integrate_on(orbit.model, orbit.begin, within, orbit.tolerance)
+        motion = motion._replace(begins=orbit.motion.begins[:1].repeat(within.size, axis=0))
+        motion = motion.part(places)
+        columns = self._seen(orbit.model, motion)
+        rates = rates_over_angle(orbit.model, motion)
+        self._known.append(_At(angles, motion, rates, columns))
+        return self._known[-1]
 
     def _motion_of(
-        self, model: Model, change: np.ndarray | float = 0.0
+        self, model: Model, change: Solution | None = None, number: int = 0
     ) -> Callable[[np.ndarray], Columns]:
-        """The motion with a model and a `change` (n, c) of the orbit's channels."""
-        at_points = self._motion.channels + change
+        """The motion with a model, by the solution of a `number` of the linear equations."""
+        orbit, begin = self._orbit, self._orbit.intervals.angles[0]
 
         def motion(angles: np.ndarray) -> Columns:
-            columns = self._between(angles, at_points).T
-            here = {"time": times_at(model, angles), "crank_angle": angles}
-            return dict(zip(self._columns, columns, strict=True)) | here
+            at = self._at(angles)
+            columns, times = dict(at.columns), at.motion.times
+            added = np.zeros((angles.size, weights_of(orbit.model).size))
+            states = slice(orbit.model.states)
+            if (ahead := angles - at.angles).any():
+                added[:, states] = at.rates * ahead[:, None]
+                added[:, -1] = ahead / columns["crank_speed"]
+            if change is not None:
+                within = begin + np.mod(at.angles - begin, tau)
+                if id(at) not in self._states:
+                    self._states[id(at)] = change(within)
+                added[:, states] += self._states[id(at)][:, :, number]
+                there = at_angles(model, at.motion, within)
+                direct = self._seen(model, there)
+                columns = {name: direct[name] for name in columns}
+            if added.any():
+                nearby = along(orbit.model, at.motion, added, self._seen)
+                columns = {name: columns[name] + nearby[name] for name in columns}
+            return columns | {"time": times_at(model, angles), "crank_angle": angles}
 
         return motion
 
@@ -84,13 +134,13 @@ class _ReadingsNearby:
         """Changes of the readings by each of the variations; None if the motion is not stable."""
         content = self._base.driven.model.content
         unchanged = self._motion_of(self._base.driven.model)
-        readings = self._read(self._base, unchanged)
+        readings, linear = self._read(self._base, unchanged), LinearMotion(self._orbit)
 
         def torque(model: Model, angles: np.ndarray) -> np.ndarray:
             return unchanged(angles)["crank_torque"]
 
         runs: dict[int, Prepared] = {}
-        forcing: dict[int, Evaluation] = {}
+        forcing: dict[int, np.ndarray] = {}
         for place, (values, effects) in enumerate(variations):
             limited, _, share = simulated_effects(effects)
             if share < 1.0:
@@ -101,51 +151,17 @@ class _ReadingsNearby:
                 continue
             if run.driven.model.content == content:
                 runs[place] = run
-            elif (forced := self._motion.forcing(run.driven.model)) is not None:
+            elif (forced := linear.forcing(run.driven.model)) is not None:
                 runs[place], forcing[place] = run, forced
         count_revolutions(REVOLUTIONS + REVOLUTIONS_OF_CHANGE * len(forcing))
-        channels = self._motion.changes(list(forcing.values()))
-        if channels is None:
+        change = linear.solution(list(forcing.values())) if forcing else None
+        if forcing and change is None:
             return None
-        change_of = dict(zip(forcing, channels, strict=True))
         found: list[Readings | None] = [None] * len(variations)
         for place, run in runs.items():
-            motion = self._motion_of(run.driven.model, change_of.get(place, 0.0))
+            motion = unchanged
+            if place in forcing:
+                motion = self._motion_of(run.driven.model, change, list(forcing).index(place))
             changed = self._read(run, motion)
             found[place] = {name: changed[name] - readings[name] for name in readings}
         return found
-
-
-class _Interpolation:
-    """Local polynomials through columns at `angles` (n,) [rad] of a revolution, of fifth degree."""
-
-    def __init__(self, angles: np.ndarray):
-        self._size = angles.size
-        reach = NEIGHBOURS // 2
-        self._places = np.arange(-reach, angles.size + reach) % angles.size
-        turns = np.arange(-reach, angles.size + reach) // angles.size
-        self._knots = angles[self._places] + tau * turns
-        self._begin = angles[-1] - tau
-        self._known: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-
-    def __call__(self, angles: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Values (m, c) of `columns` (n, c) at `angles` (m,) [rad] of any revolution."""
-        if self._known is None or not np.array_equal(self._known[0], angles):
-            self._known = (angles, *self._weights(angles))
-        _, places, weights = self._known
-        return np.einsum("mk,mkc->mc", weights, columns[places])
-
-    def _weights(self, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Places (m, k) of the neighbours, and their weights."""
-        reach = NEIGHBOURS // 2
-        within = self._begin + np.mod(angles - self._begin, tau)
-        first = np.searchsorted(self._knots, within, side="right") - reach
-        first = np.clip(first, 0, self._knots.size - NEIGHBOURS)
-        neighbours = first[:, None] + np.arange(NEIGHBOURS)
-        knots = self._knots[neighbours]
-        weights = np.ones(knots.shape)
-        for i in range(NEIGHBOURS):
-            for j in range(NEIGHBOURS):
-                if i != j:
-                    weights[:, i] *= (within - knots[:, j]) / (knots[:, i] - knots[:, j])
-        return self._places[neighbours], weights

@@ -27,7 +27,7 @@ from jointgap.linkage.parameters import CONSTANT, FLUCTUATING
 from jointgap.motion.integrate import Samples
 from jointgap.motion.model import Model, Workspace, beginning
 from jointgap.motion.of_file import start_state
-from jointgap.motion.periodic import COARSE_ANGLES, coarse_angles
+from jointgap.motion.periodic import COMPARED_ANGLES, compared_angles
 from jointgap.motion.simulation import integrate_on, observed
 from jointgap.rig import drives, sensors
 from jointgap.rig.cylinder_pressure import with_loads
@@ -45,7 +45,6 @@ FILM_TOLERANCE = 1e-11
 SETTLED_LENGTH = 1.0
 SETTLED_AFTER = (3, 12)  # Least and largest number of revolutions dropped as transient
 LINEARISED_BEFORE = 7  # Motion that settles in a later revolution is not linearised
-COMPARED_SAMPLES = 120  # Compared samples of a revolution: each costs about as much as a step
 TRANSIENT_REVOLUTIONS = 1.5  # A record that begins earlier after the start is simulated in full
 # Earlier begin of the motion for another start: not at a symmetry of the slider-crank (golden
 # section)
@@ -513,7 +512,7 @@ def channels_at(
     within = start + np.mod(angles - start, tau)
     whole_record = {"crank_angle": angles, "time": times_at(model, angles)}
     fewest, most = (max(dropped, round(back)) for dropped in SETTLED_AFTER)
-    compared = _spread(within[:read], COMPARED_SAMPLES)
+    compared = _spread(within[:read], COMPARED_ANGLES)
     earlier = _sampled(model, within[compared] + (fewest - 2) * tau, integrate)
     previous = _sampled(model, within[compared] + (fewest - 1) * tau, integrate)
     for dropped in range(fewest, most + 1):
@@ -532,19 +531,20 @@ def settled_revolution(
     campaign: Campaign, plan: RunPlan, run: Prepared
 ) -> tuple[Workspace, Samples, float] | None:
     """A revolution in periodic steady state: the integration's state at its end, the motion at
-    `coarse_angles`, and the crank angle [rad] of its end; None if the motion does not settle."""
+    `compared_angles`, and the crank angle [rad] of its end; None if the motion does not settle."""
     model, start = run.driven.model, run.driven.model.drive.start_angle
     if not drives.has_unknown_start(plan.run) or model.states == 0 or not _may_repeat(model):
         return None
     change = _change_over_noise(campaign, plan, run.driven.angles.size)
-    compared = slice(None, None, COARSE_ANGLES // COMPARED_SAMPLES)
     workspace, history = beginning(model, start_state(model), 0.0), []
     fewest, _ = SETTLED_AFTER
     for revolution in range(fewest - 2, LINEARISED_BEFORE):
         begin, before = start + revolution * tau, workspace.crank_angle
-        motion, workspace = integrate_on(model, workspace, coarse_angles(begin), run.tolerance)
+        motion, workspace = integrate_on(
+            model, workspace, compared_angles(begin), run.tolerance, records=True
+        )
         count_revolutions((workspace.crank_angle - before) / tau)
-        history = [*history[-2:], observed(model, motion.part(compared))]
+        history = [*history[-2:], observed(model, motion)]
         if len(history) == 3 and has_settled(*history, change):
             return workspace, motion, begin + tau
     return None
