@@ -1,13 +1,14 @@
 """The simulated motion of a general linkage, with its figures."""
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
+from jointgap.app.derivatives import derivatives_of
 from jointgap.app.result import Result
 from jointgap.config import Simulate
 from jointgap.config.linkage_file import LinkageFile
@@ -51,6 +52,9 @@ class LinkageMotion(Result):
         Integration steps, including rejected ones.
     remarks : tuple of str
         Dead points.
+    derivatives : mapping of str to pandas.DataFrame
+        By key of `simulate`'s ``derivatives``: rows and columns as `samples`, at the same crank
+        angles; units of these tables in their ``attrs["units"]``.
     """
 
     linkage: LinkageFile
@@ -59,6 +63,7 @@ class LinkageMotion(Result):
     events: pd.DataFrame
     steps: int
     remarks: tuple[str, ...] = ()
+    derivatives: Mapping[str, pd.DataFrame] = field(default_factory=dict)
 
     _HEADLINE = "Simulated motion"
 
@@ -150,11 +155,14 @@ class LinkageMotion(Result):
         return facts
 
 
-def simulated_linkage(file: LinkageFile, options: Simulate) -> LinkageMotion:
-    """Simulate a general linkage."""
+def simulated_linkage(
+    file: LinkageFile, options: Simulate, derivatives: Sequence[str] = ()
+) -> LinkageMotion:
+    """Simulate a general linkage, with derivatives by the numbers at keys."""
     run = simulate_linkage(file, options)
     remarks = linkage_remarks(file, options)
-    return LinkageMotion(file, options, run.samples, run.events, run.steps, remarks)
+    tables = derivatives_of(file, options, derivatives) if derivatives else {}
+    return LinkageMotion(file, options, run.samples, run.events, run.steps, remarks, tables)
 
 
 # ---- figures

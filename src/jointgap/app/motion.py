@@ -1,12 +1,13 @@
 """`jointgap.simulate` and its result."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
+from jointgap.app.derivatives import derivatives_of
 from jointgap.app.result import Result
 from jointgap.config import Mechanism, Optimise, Scenario, Simulate
 from jointgap.config.linkage_file import LinkageFile
@@ -50,6 +51,9 @@ class Motion(Result):
         Integration steps, including rejected ones.
     remarks : tuple of str
         Unexpected properties of the contacts.
+    derivatives : mapping of str to pandas.DataFrame
+        By key of `simulate`'s ``derivatives``: rows and columns as `samples`, at the same crank
+        angles; units of these tables in their ``attrs["units"]``.
     """
 
     mechanism: Mechanism
@@ -58,6 +62,7 @@ class Motion(Result):
     events: pd.DataFrame
     steps: int
     remarks: tuple[str, ...] = ()
+    derivatives: Mapping[str, pd.DataFrame] = field(default_factory=dict)
 
     _HEADLINE = "Simulated motion"
 
@@ -153,6 +158,7 @@ def simulate(
     options: Simulate | None = None,
     *,
     perturbation=None,
+    derivatives: Sequence[str] = (),
     **keys: Any,
 ) -> "Motion | LinkageMotion":
     """Simulate a slider-crank or another planar linkage with loose or ideal joints.
@@ -169,6 +175,10 @@ def simulate(
     perturbation : (4,) or (6,) array_like, optional
         Of a slider-crank: initial clearance vectors r2 x, r2 y, r3 x, r3 y, r1 x, r1 y [m]; zero by
         default.
+    derivatives : sequence of str
+        Numbers of the mechanism or of the drive, by the keys that `jointgap.change` takes, by which
+        the samples are differentiated, through impacts and separations: ``"rod.length"``,
+        ``"joints.crank_pin.clearance"``, ``"speed"``. The result has a table for each.
     **keys
         Keys of `jointgap.Simulate`, which override `options`: ``speed``, ``revolutions``,
         ``drive``, ``start_angle``, ``samples_per_revolution``, ``tolerance``. Text with units, such
@@ -193,6 +203,9 @@ def simulate(
     >>> len(run.samples), run.unit("slider_position")
     (7201, 'm')
     >>> run.plot("impacts").save("impacts.png")
+    >>> run = jg.simulate(mechanism, speed="600 rpm", derivatives=["slider.mass"])
+    >>> run.derivatives["slider.mass"].attrs["units"]["crank_torque"]
+    'N*m/kg'
     """
     options = simulate_options(options, keys)
     if isinstance(mechanism, LinkageFile):
@@ -200,12 +213,13 @@ def simulate(
 
         if perturbation is not None:
             raise InputError("perturbation: only of slider-cranks; a linkage starts with zero")
-        return simulated_linkage(mechanism, options)
+        return simulated_linkage(mechanism, options, derivatives)
     run = simulated(checked_mechanism(mechanism), options, perturbation)
     samples = with_units(schema.TRAJECTORY, run.samples)
     events = with_units(schema.EVENTS, run.events)
     warnings = sentences(mechanism, options.highest_speed)
-    return Motion(mechanism, options, samples, events, run.steps, warnings)
+    tables = derivatives_of(mechanism, options, derivatives, perturbation) if derivatives else {}
+    return Motion(mechanism, options, samples, events, run.steps, warnings, tables)
 
 
 def checked_mechanism(mechanism: Any) -> Mechanism:

@@ -55,10 +55,11 @@ def set_at(data: Any, path: Sequence[str], value: Any, source: str) -> Any:
     return list(entries.values()) if isinstance(data, list | tuple) else entries
 
 
-def value_at(data: Any, path: Sequence[str], source: str) -> Any:
-    """The value at a `path` in `data`, sections or mappings; `source` is for error messages."""
+def value_at(data: Any, path: Sequence[str], source: str, title: str = "the scenario") -> Any:
+    """The value at a `path` in `data`, sections or mappings; `source` and `title` are for error
+    messages."""
     for depth, step in enumerate(path):
-        data = entry(data, step, source, ".".join(path[:depth]) or "the scenario")
+        data = entry(data, step, source, ".".join(path[:depth]) or title)
     return data
 
 
@@ -264,6 +265,24 @@ def _paths(data: Any, key: str, source: str) -> list[tuple[str, ...]]:
     return [path]
 
 
+def number_at(section: ConfigModel, key: str, source: str) -> tuple[float, str]:
+    """The number at a `key` of a section and its unit, '' for a pure number."""
+    path = tuple(key.split("."))
+    value = value_at(section, path, source, type(section).__name__)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{source}: is not a number")
+    return float(value), _unit_at(section, path, source) or ""
+
+
+def _unit_at(base: ConfigModel, path: Sequence[str], source: str) -> str | None:
+    """SI unit of the number at a `path`; '' for a pure number, None if it has no unit."""
+    section, schema = value_at(base, path[:-1], source), {}
+    if isinstance(section, ConfigModel):
+        schema = type(section).model_json_schema()["properties"].get(path[-1], {})
+    units = {part["unit"] for part in (schema, *schema.get("anyOf", ())) if "unit" in part}
+    return units.pop().replace("1", "") if units else None
+
+
 def unit_of(base: DrivenMechanism, key: str, source: str) -> str:
     """SI unit of the number at a `key`, for `jointgap.core.units.to_si`; '' for a pure number."""
     if key in VARIED_BY_WORD:
@@ -273,10 +292,7 @@ def unit_of(base: DrivenMechanism, key: str, source: str) -> str:
     if path[-1] == "clearance":
         return VARIED_BY_WORD["clearance"]
     value_at(base, path, name)
-    section, schema = value_at(base, path[:-1], name), {}
-    if isinstance(section, ConfigModel):
-        schema = type(section).model_json_schema()["properties"][path[-1]]
-    units = {part["unit"] for part in (schema, *schema.get("anyOf", ())) if "unit" in part}
-    if not units:
+    unit = _unit_at(base, path, name)
+    if unit is None:
         raise InputError(f"{name}: is not a number with a unit; list its values instead of a range")
-    return units.pop().replace("1", "")
+    return unit

@@ -308,6 +308,13 @@ def format_dimension(dimension: Dimension) -> str:
     return "/".join([top, *(word for word, above in words if not above)])
 
 
+def quotient(unit: str, by: str) -> str:
+    """Unit of a quantity in `unit` over one in `by`; '' is the unit of pure numbers."""
+    if not by:
+        return unit
+    return "1" if unit == by else f"{unit or 1}/{by if by.isalpha() else f'({by})'}"
+
+
 _LIMITS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
 """Keywords of JSON schemas for pydantic's limits."""
 

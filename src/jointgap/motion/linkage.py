@@ -32,6 +32,7 @@ from jointgap.motion.simulation import (
     crank_angles,
     event_frame,
     integrate_to_angles,
+    mirrored_drive,
     modes_of,
     observed,
 )
@@ -208,11 +209,23 @@ def published(model: Model, columns: Columns) -> Columns:
 
 def _linkage_clockwise(file: LinkageFile, options: Simulate) -> Trajectory:
     """`simulate_linkage` for a clockwise crank, by the mirror image in the line y = 0."""
-    ahead = options.model_copy(
-        update={"speed": -options.speed, "start_angle": -options.start_angle}
-    )
-    seen = simulate_linkage(file.mirrored(), ahead)
-    samples, units = seen.samples.copy(), seen.samples.attrs["units"]
+    seen = simulate_linkage(file.mirrored(), mirrored_drive(options))
+    samples = seen.samples.copy()
+    for name in turned_by_mirror(file, samples.attrs["units"]):
+        samples[name] = -samples[name]
+    other_side = {
+        name: mirrored
+        for slide in file.slides
+        for name, mirrored in zip(corner_names(slide), corner_names(slide)[::-1], strict=True)
+    }
+    events = seen.events.assign(crank_angle=-seen.events["crank_angle"])
+    events["joint"] = events["joint"].replace(other_side)
+    return Trajectory(samples, events, seen.steps)
+
+
+def turned_by_mirror(file: LinkageFile, units: Mapping[str, str]) -> set[str]:
+    """Quantities of a trajectory, given with their `units`, that change their sign in the mirror
+    image in the line y = 0."""
     across = {f"{name}_force" for name in file.slides}
     across |= {f"{name}_force_y" for name in (*file.shared_by_two, "shaking")}
     across |= {f"{name}_friction_force" for name in file.loose_pins}
@@ -222,14 +235,6 @@ def _linkage_clockwise(file: LinkageFile, options: Simulate) -> Trajectory:
         for name in file.bodies
         for what in ("position", "velocity", "acceleration")
     }
-    for name, unit in units.items():
-        if name in across or unit.startswith(("rad", "N*m")):
-            samples[name] = -samples[name]
-    other_side = {
-        name: mirrored
-        for slide in file.slides
-        for name, mirrored in zip(corner_names(slide), corner_names(slide)[::-1], strict=True)
+    return {
+        name for name, unit in units.items() if name in across or unit.startswith(("rad", "N*m"))
     }
-    events = seen.events.assign(crank_angle=-seen.events["crank_angle"])
-    events["joint"] = events["joint"].replace(other_side)
-    return Trajectory(samples, events, seen.steps)

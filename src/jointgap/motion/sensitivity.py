@@ -5,42 +5,41 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jointgap.contact.joints import FLIGHT
+from jointgap.core.records import Record
 from jointgap.linkage.drive import crank_times
 from jointgap.motion.integrate import EVENT, Samples
-from jointgap.motion.model import Columns, Model, beginning
-from jointgap.motion.rates import evaluate
-from jointgap.motion.simulation import integrate_on
+from jointgap.motion.model import Columns, Model, Workspace, beginning
+from jointgap.motion.simulation import evaluated, integrate_on
 from jointgap.motion.variation import (
     STAGES,
+    Linear,
     Solution,
     along,
     at_angles,
     chained,
     depths_of,
     derivatives_by_states,
+    differences,
     intervals_of,
     linear_motion,
     rates_over_angle,
     refined,
-    shifted,
     slips_of,
     weights_of,
 )
-from jointgap.motion.workspace import HERE
+from jointgap.motion.workspace import CORNERS
 
-_TIME, _CONTACT, _BEGINS, _ANGLE = map(EVENT.index, ("time", "joint", "begins", "crank_angle"))
-_GAP_STEP = 1e-11  # [m] Of differences at events
+_CONTACT, _BEGINS, _ANGLE = map(EVENT.index, ("joint", "begins", "crank_angle"))
+_MOMENT = 1e-8  # [s] Of differences of a gap over time
+_TINY = 1e-6  # [1] Share of the changes of states in differences of a gap
 
 
 class Varied(NamedTuple):
-    """A model and its start (states,) with a parameter increased and decreased."""
+    """A model and its start (states,) with a parameter increased by a step."""
 
-    ahead: Model
-    behind: Model
-    ahead_start: np.ndarray
-    behind_start: np.ndarray
-    width: float  # Difference of the parameter
+    model: Model
+    start: np.ndarray
+    step: float
 
 
 def derivatives(
@@ -55,7 +54,32 @@ def derivatives(
     angle, of the quantities that `see` returns of a model and a motion."""
     workspace = beginning(model, start, crank_times(model.p, angles[:1])[0])
     motion, end = integrate_on(model, workspace, angles, tolerance, records=True)
-    intervals = intervals_of(end.taken, angles[0], angles[-1])
+    change = np.zeros((angles.size, weights_of(model).size, len(varied)))
+    if model.states:
+        changed, kept = _changes(model, start, workspace, end.taken, motion, angles, tolerance, varied)
+        change[:, : model.states], change[:, model.states : -1] = changed, kept
+    here, found = see(model, motion), []
+    for number, one in enumerate(varied):
+        there = see(one.model, at_angles(one.model, motion, angles))
+        direct = differences(there, here)
+        nearby = along(model, motion, change[:, :, number], see)
+        found.append({key: direct[key] / one.step + nearby[key] for key in nearby})
+    return found
+
+
+def _changes(
+    model: Model,
+    start: np.ndarray,
+    workspace: Workspace,
+    taken: np.ndarray,
+    motion: Samples,
+    angles: np.ndarray,
+    tolerance: float,
+    varied: Sequence[Varied],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of the states (n, states, m), and of approach speeds and begins of contacts (n, 2
+    contacts, m), at the samples of a `motion` from a `workspace` with the `taken` steps."""
+    intervals = intervals_of(taken, angles[0], angles[-1])
 
     def at(points: np.ndarray) -> Samples:
         return integrate_on(model, workspace, points, tolerance)[0]
@@ -65,109 +89,123 @@ def derivatives(
     intervals = refined(intervals, *(each.reshape(-1, STAGES, each.shape[1]) for each in features))
     points = intervals.points().ravel()
     nodes = at(points)
+    rates = rates_over_angle(model, nodes)
     count, contacts, width = model.states, len(model.contacts), len(varied)
-    by_states = derivatives_by_states(
-        model, nodes, rates_over_angle(model, nodes), count + 2 * contacts
-    )
-    direct = []
-    for one in varied:
-        ahead, behind = (
-            rates_over_angle(each, at_angles(each, nodes, points))
-            for each in (one.ahead, one.behind)
-        )
-        direct.append((ahead - behind) / one.width)
-    forcing = np.concatenate([np.stack(direct, axis=-1), by_states[:, :, count:]], axis=2)
+    by_states = derivatives_by_states(model, nodes, rates, count + 2 * contacts)
+    forced = [
+        (rates_over_angle(one.model, at_angles(one.model, nodes, points)) - rates) / one.step
+        for one in varied
+    ]
+    forcing = np.concatenate([np.stack(forced, axis=-1), by_states[:, :, count:]], axis=2)
     by_states, forcing = (
         each.reshape(-1, STAGES, *each.shape[1:]) for each in (by_states[:, :, :count], forcing)
     )
     linear = linear_motion(intervals, model.positions, by_states, forcing)
-    solution = _through_events(model, linear, motion.events, at, varied)
+    starts = np.stack([(one.start - start) / one.step for one in varied], axis=-1)
+    if model.is_free:
+        starts[2 * len(model.loose)] = 0.0  # the time
+    impacts = motion.events[motion.events[:, _BEGINS] == 1.0, _ANGLE]
+    memory = _Memory(model, at(impacts) if impacts.size else None, impacts, varied)
+    solution = _through_events(model, linear, motion.events, starts, memory)
     place, _ = intervals.find(angles)
-    change = np.zeros((angles.size, weights_of(model).size, width))
-    change[:, :count], change[:, count:-1] = solution(angles), solution.forcing[place, width:]
-    found = []
-    for number, one in enumerate(varied):
+    return solution(angles), solution.forcing[place, width:]
+
+
+class _Memory:
+    """Derivatives of what contacts keep of their begins: approach speed and time."""
+
+    def __init__(
+        self, model: Model, motion: Samples | None, angles: np.ndarray, varied: Sequence[Varied]
+    ):
+        self._model, self._motion, self._varied = model, motion, varied
+        if motion is not None:
+            self._accelerations = evaluated(model, motion)[1]
+            self._later = np.stack(  # (n, m) of the times at these crank angles
+                [
+                    (at_angles(one.model, motion, angles).times - motion.times) / one.step
+                    for one in varied
+                ],
+                axis=-1,
+            )
+
+    def after(self, impact: int, contact: int, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives (m,) of approach speed and begin, from those of the states (N, m)."""
+        model, motion, pins = self._model, self._motion, len(self._model.pins)
+        name, is_pin = model.contacts[contact], contact < pins
+        at = 2 * (contact if is_pin else pins + (contact - pins) // CORNERS)
+        half, joint = model.positions, model.bearings[name]
+        place, rate = motion.states[impact, at : at + 2], motion.states[impact, half + at :][:2]
+        second = self._accelerations[impact, at : at + 2]
+
+        def moved(moment: float) -> np.ndarray:
+            return _gap(joint, is_pin, place + moment * rate, rate + moment * second)
+
+        _, speed = _gap(joint, is_pin, place, rate)
+        _, onward = (moved(_MOMENT) - moved(-_MOMENT)) / (2.0 * _MOMENT)
+        by_place, by_rate = states[at : at + 2], states[half + at :][:2]
+        size = np.abs(by_place).max(axis=0) + np.abs(by_rate).max(axis=0) * _MOMENT
+        share = _TINY * joint.clearance / np.maximum(size, 1e-300)
         ahead, behind = (
-            see(each, at_angles(each, motion, angles)) for each in (one.ahead, one.behind)
+            _gap(
+                joint,
+                is_pin,
+                place[:, None] + sign * share * by_place,
+                rate[:, None] + sign * share * by_rate,
+            )
+            for sign in (1.0, -1.0)
         )
-        nearby = along(model, motion, change[:, :, number], see)
-        found.append({name: (ahead[name] - behind[name]) / one.width + nearby[name] for name in nearby})
-    return found
+        change = (ahead - behind) / (2.0 * share)
+        for number, one in enumerate(self._varied):
+            there = _gap(one.model.bearings[name], is_pin, place, rate)
+            change[:, number] += (there - _gap(joint, is_pin, place, rate)) / one.step
+        later = -change[0] / speed
+        begin = later + self._later[impact]
+        if model.is_free:
+            begin += states[2 * len(model.loose)]
+        kept = float(-speed > joint.least_approach)
+        return -kept * (change[1] + onward * later), begin
+
+
+def _gap(joint: Record, is_pin: bool, place: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """Distance of a contact's surfaces in flight, and its rate (2, ...), from the clearance vector,
+    of a corner offset and tilt (2, ...), and its rate."""
+    if is_pin:
+        clearance = joint.clearance
+        square, product = (place**2).sum(axis=0), (place * rate).sum(axis=0)
+        return np.array([0.5 * (clearance - square / clearance), -product / clearance])
+    (offset, tilt), (offset_rate, tilt_rate) = place, rate
+    along_wall = np.cos(tilt) * joint.corner_x - np.sin(tilt) * joint.corner_y
+    across = np.sin(tilt) * joint.corner_x + np.cos(tilt) * joint.corner_y
+    side = np.sign(joint.corner_y)
+    depth = side * (offset + across) - joint.clearance
+    return np.array([-depth, -side * (offset_rate + along_wall * tilt_rate)])
 
 
 def _through_events(
-    model: Model, linear, events: np.ndarray, at: Callable[[np.ndarray], Samples], varied
+    model: Model, linear: Linear, events: np.ndarray, state: np.ndarray, memory: _Memory
 ) -> Solution:
-    """The solution from the derivatives of the start, with the contacts' memory of their begins."""
-    count, contacts, width = model.states, len(model.contacts), len(varied)
+    """The solution from derivatives of the start `state` (N, m); forcings are the m parameters,
+    then approach speeds and begins of the contacts."""
+    contacts, (count, width) = len(model.contacts), state.shape
     edges, ends = linear.intervals.angles, linear.over_intervals()
-    inside = (events[:, _ANGLE] > edges[0]) & (events[:, _ANGLE] < edges[-1])
-    events = events[inside]
-    impacts = events[:, _BEGINS] == 1.0
-    motions = at(np.unique(events[:, _ANGLE])) if impacts.any() else None
-    state = np.stack([(one.ahead_start - one.behind_start) / one.width for one in varied], axis=-1)
-    if model.is_free:
-        state[2 * len(model.loose)] = 0.0  # the time of the start
     starts = np.empty((len(ends), count, width))
     forcing = np.zeros((len(ends), width + 2 * contacts, width))
-    sizes = np.vstack([np.eye(width), np.zeros((2 * contacts, width))])
-    done = 0
+    sizes = np.eye(width + 2 * contacts, width)
+    done, impact = 0, -1
     for event in events:
-        place = int(np.searchsorted(edges, event[_ANGLE]))
+        contact, begins = int(event[_CONTACT]), event[_BEGINS] == 1.0
+        impact += begins
+        if not begins and not model.has_bristles:
+            continue
+        place = int(np.searchsorted(edges[:-1], event[_ANGLE]))
         state = chained(ends[done:place], state, sizes, starts[done:place])
         forcing[done:place], done = sizes, place
-        contact, sizes = int(event[_CONTACT]), sizes.copy()
-        if event[_BEGINS] == 1.0:
-            number = np.searchsorted(motions.times, event[_TIME] * (1.0 - 1e-15))
-            row = motions.part(slice(min(number, motions.times.size - 1), None)).part(slice(0, 1))
-            change = np.vstack([state, sizes[width:], np.zeros((1, width))])
-            speed, begin = _at_impact(model, row, contact, change, varied, event[_ANGLE])
+        if begins:
+            sizes = sizes.copy()
+            speed, begin = memory.after(impact, contact, state)
             sizes[width + contact], sizes[width + contacts + contact] = speed, begin
-        elif model.has_bristles:  # without contact they are straight
+        else:  # bristles without contact are straight
             state[2 * model.positions + contact] = 0.0
     chained(ends[done:], state, sizes, starts[done:])
     forcing[done:] = sizes
     return Solution(linear, starts, forcing)
-
-
-def _at_impact(
-    model: Model, row: Samples, contact: int, change: np.ndarray, varied, angle: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives (m,) of approach speed and begin of a contact that begins at a crank angle."""
-    _, speed, acceleration = _gap(model, row, contact)
-    least = model.workspace().k.joints[contact].least_approach
-    approaches, begins = np.zeros(len(varied)), np.zeros(len(varied))
-    for number, one in enumerate(varied):
-        here = change[:, number]
-        factor = _GAP_STEP / max(np.abs(here * weights_of(model)).max(), 1e-300)
-        ahead, behind = (
-            _gap(model, shifted(model, row, sign * factor * here[None]), contact)
-            for sign in (1.0, -1.0)
-        )
-        gap, rate, _ = (ahead - behind) / (2.0 * factor)
-        ahead, behind = (
-            _gap(each, at_angles(each, row, np.array([angle])), contact)
-            for each in (one.ahead, one.behind)
-        )
-        gap, rate, _ = np.array([gap, rate, 0.0]) + (ahead - behind) / one.width
-        later = -gap / speed
-        if -speed > least:
-            approaches[number] = -(rate + acceleration * later)
-        if model.is_free:
-            begins[number] = later + here[2 * len(model.loose)]
-        else:
-            times = [crank_times(each.p, np.array([angle]))[0] for each in (one.ahead, one.behind)]
-            begins[number] = later + (times[0] - times[1]) / one.width
-    return approaches, begins
-
-
-def _gap(model: Model, row: Samples, contact: int) -> np.ndarray:
-    """Distance (3,) of a contact's surfaces in flight, and its first and second rate."""
-    k = model.workspace().k
-    k.y[HERE, : model.states], k.time[HERE] = row.states[0], row.times[0]
-    for j in range(k.contacts):
-        k.modes[j], k.approaches[j] = row.modes[0, j], row.approaches[0, j]
-        k.begins[j] = row.begins[0, j]
-    k.modes[contact] = FLIGHT
-    evaluate(model.p, k, HERE)
-    return np.array(k.conditions[HERE, contact, :3])

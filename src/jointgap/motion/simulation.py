@@ -109,6 +109,11 @@ def crank_angles(options: Simulate) -> np.ndarray:
     return options.start_angle + turned
 
 
+def mirrored_drive(options: Simulate) -> Simulate:
+    """The drive of the mirror image in the line y = 0."""
+    return options.model_copy(update={"speed": -options.speed, "start_angle": -options.start_angle})
+
+
 def integrate_to_angles(
     model: Model,
     start: np.ndarray,

@@ -26,6 +26,7 @@ from jointgap.motion.simulation import (
     crank_angles,
     event_frame,
     integrate_to_angles,
+    mirrored_drive,
     modes_of,
     observed,
 )
@@ -208,17 +209,12 @@ def simulate(mechanism: Mechanism, options: Simulate, perturbation=None) -> Traj
 
 def _clockwise(mechanism: Mechanism, options: Simulate, perturbation) -> Trajectory:
     """`simulate` for a clockwise crank, by its mirror image."""
-    behind = options.model_copy(
-        update={"speed": -options.speed, "start_angle": -options.start_angle}
-    )
     if perturbation is not None:
-        perturbation = np.asarray(perturbation, dtype=float) * np.resize(
-            [1.0, -1.0], np.shape(perturbation)
-        )
-    seen = simulate(mechanism.applied().mirrored(), behind, perturbation)
+        perturbation = mirrored(perturbation)
+    seen = simulate(mechanism.applied().mirrored(), mirrored_drive(options), perturbation)
     samples = seen.samples.copy()
     for name in samples:
-        if _turns_sign(name):
+        if turns_sign(name):
             samples[name] = -samples[name]
     samples["transmission_angle"] = math.pi - samples["transmission_angle"]
     return Trajectory(
@@ -226,7 +222,12 @@ def _clockwise(mechanism: Mechanism, options: Simulate, perturbation) -> Traject
     )
 
 
-def _turns_sign(name: str) -> bool:
+def mirrored(vectors) -> np.ndarray:
+    """Clearance vectors of the mirror image."""
+    return np.asarray(vectors, dtype=float) * np.resize([1.0, -1.0], np.shape(vectors))
+
+
+def turns_sign(name: str) -> bool:
     """Whether a column of the trajectory changes its sign in the mirror image in the line y = 0."""
     across = name.endswith(("_y", "_friction_force", "_torque")) or name.startswith(
         ("crank_a", "crank_s", "gamma")

@@ -19,6 +19,7 @@ in the root of the angle next to an event; longer ones do not resolve the vibrat
 
 from collections.abc import Callable
 from functools import cache
+from math import pi, tau
 from typing import NamedTuple
 
 import numpy as np
@@ -304,7 +305,14 @@ def along(
     ahead, behind = (
         see(model, shifted(model, motion, sign * factor[:, None] * change)) for sign in (1.0, -1.0)
     )
-    return {name: (ahead[name] - behind[name]) / (2.0 * factor) for name in ahead}
+    return {name: values / (2.0 * factor) for name, values in differences(ahead, behind).items()}
+
+
+def differences(ahead: Columns, behind: Columns) -> Columns:
+    """Small differences of quantities, of angles without whole turns."""
+    found = {name: ahead[name] - behind[name] for name in ahead}
+    turns = {name: np.remainder(each + pi, tau) - pi for name, each in found.items()}
+    return found | {name: each for name, each in turns.items() if name.endswith("_angle")}
 
 
 class Linear(NamedTuple):

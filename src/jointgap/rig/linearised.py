@@ -2,7 +2,7 @@
 parameters at once."""
 
 from collections.abc import Callable, Sequence
-from math import tau
+from math import pi, tau
 from typing import NamedTuple
 
 import numpy as np
@@ -58,70 +58,83 @@ def linearised_changes(
     return _ReadingsNearby(campaign, plan, base, orbit).changes(variations)
 
 
-class _At(NamedTuple):
-    """A periodic motion at crank angles of any revolution."""
+class _Known(NamedTuple):
+    """A periodic motion at sorted crank angles of its revolution."""
 
     angles: np.ndarray  # (n,) [rad]
-    motion: Samples  # at these, in the revolution of the orbit
-    rates: np.ndarray  # (n, states) over the crank angle
+    motion: Samples
     columns: Columns
+    states: np.ndarray  # (n, states, m) Its m periodic changes
+
+    def nearest(self, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places (m,) of the nearest known angles, and how far `angles` (m,) [rad] of any
+        revolution are ahead of them."""
+        if not self.angles.size:
+            return np.zeros(angles.size, int), np.full(angles.size, pi)
+        after = np.searchsorted(self.angles, self.angles[0] + np.mod(angles - self.angles[0], tau))
+        places = np.stack([after - 1, after % self.angles.size])
+        ahead = np.remainder(angles - self.angles[places] + pi, tau) - pi
+        nearer = np.abs(ahead).argmin(axis=0)[None]
+        return np.take_along_axis(places, nearer, 0)[0], np.take_along_axis(ahead, nearer, 0)[0]
 
 
 class _ReadingsNearby:
     """The readings of a run near a periodic motion."""
 
     def __init__(self, campaign: Campaign, plan: RunPlan, base: Prepared, orbit: Orbit):
-        self._campaign, self._plan, self._base = campaign, plan, base
+        self._campaign, self._plan, self._base, self._orbit = campaign, plan, base, orbit
         channels = [name for name in plan.channels if name != "crank_angle"]
         self._columns = list(dict.fromkeys([*channels, "crank_torque", "crank_speed"]))
-        self._orbit, self._known = orbit, []
-        self._states: dict[int, np.ndarray] = {}  # changes (n, states, m) at known angles
+        self._known, self._change = self._integrated(np.empty(0), None), None
 
     def _seen(self, model: Model, motion: Samples) -> Columns:
         columns = observed(model, motion)
         return {name: columns[name] for name in self._columns}
 
-    def _at(self, angles: np.ndarray) -> _At:
-        """The orbit at crank angles (n,) [rad], or near them if it is known there."""
-        for known in self._known:
-            if known.angles.shape == angles.shape:
-                if np.abs(known.angles - angles).max() <= NEAR:
-                    return known
-        begin = self._orbit.intervals.angles[0]
-        within, places = np.unique(begin + np.mod(angles - begin, tau), return_inverse=True)
+    def _integrated(self, angles: np.ndarray, change: Solution | None) -> _Known:
+        """The motion at sorted crank angles of the orbit's revolution."""
         orbit = self._orbit
-        motion, _ = integrate_on(orbit.model, orbit.begin, within, orbit.tolerance)
-        motion = motion._replace(begins=orbit.motion.begins[:1].repeat(within.size, axis=0))
-        motion = motion.part(places)
-        columns = self._seen(orbit.model, motion)
-        rates = rates_over_angle(orbit.model, motion)
-        self._known.append(_At(angles, motion, rates, columns))
-        return self._known[-1]
+        motion = orbit.model.room_for(np.empty(0))
+        if angles.size:
+            motion, _ = integrate_on(orbit.model, orbit.begin, angles, orbit.tolerance)
+        begins = orbit.motion.begins[:1].repeat(angles.size, axis=0)
+        motion = motion._replace(begins=begins, events=orbit.motion.events)
+        states = np.empty((angles.size, orbit.model.states, 0))
+        if change is not None:
+            states = change(angles)
+        return _Known(angles, motion, self._seen(orbit.model, motion), states)
+
+    def _near(self, angles: np.ndarray) -> tuple[_Known, np.ndarray]:
+        """The motion at the nearest known angles, and how far `angles` (m,) [rad] are ahead."""
+        places, ahead = self._known.nearest(angles)
+        if (far := np.abs(ahead) > NEAR).any():
+            begin = self._orbit.intervals.angles[0]
+            new = np.unique(begin + np.mod(angles[far] - begin, tau))
+            self._known = _joined(self._known, self._integrated(new, self._change))
+            places, ahead = self._known.nearest(angles)
+        known = self._known
+        columns = {name: values[places] for name, values in known.columns.items()}
+        motion = known.motion.part(places)
+        return _Known(known.angles[places], motion, columns, known.states[places]), ahead
 
     def _motion_of(
-        self, model: Model, change: Solution | None = None, number: int = 0
+        self, model: Model, number: int | None = None
     ) -> Callable[[np.ndarray], Columns]:
         """The motion with a model, by the solution of a `number` of the linear equations."""
-        orbit, begin = self._orbit, self._orbit.intervals.angles[0]
+        base = self._orbit.model
 
         def motion(angles: np.ndarray) -> Columns:
-            at = self._at(angles)
-            columns, times = dict(at.columns), at.motion.times
-            added = np.zeros((angles.size, weights_of(orbit.model).size))
-            states = slice(orbit.model.states)
-            if (ahead := angles - at.angles).any():
-                added[:, states] = at.rates * ahead[:, None]
+            near, ahead = self._near(angles)
+            columns = dict(near.columns)
+            added = np.zeros((angles.size, weights_of(base).size))
+            if ahead.any():
+                added[:, : base.states] = rates_over_angle(base, near.motion) * ahead[:, None]
                 added[:, -1] = ahead / columns["crank_speed"]
-            if change is not None:
-                within = begin + np.mod(at.angles - begin, tau)
-                if id(at) not in self._states:
-                    self._states[id(at)] = change(within)
-                added[:, states] += self._states[id(at)][:, :, number]
-                there = at_angles(model, at.motion, within)
-                direct = self._seen(model, there)
-                columns = {name: direct[name] for name in columns}
+            if number is not None:
+                added[:, : base.states] += near.states[:, :, number]
+                columns = self._seen(model, at_angles(model, near.motion, near.angles))
             if added.any():
-                nearby = along(orbit.model, at.motion, added, self._seen)
+                nearby = along(base, near.motion, added, self._seen)
                 columns = {name: columns[name] + nearby[name] for name in columns}
             return columns | {"time": times_at(model, angles), "crank_angle": angles}
 
@@ -154,14 +167,30 @@ class _ReadingsNearby:
             elif (forced := linear.forcing(run.driven.model)) is not None:
                 runs[place], forcing[place] = run, forced
         count_revolutions(REVOLUTIONS + REVOLUTIONS_OF_CHANGE * len(forcing))
-        change = linear.solution(list(forcing.values())) if forcing else None
-        if forcing and change is None:
-            return None
+        if forcing:
+            self._change = linear.solution(list(forcing.values()))
+            if self._change is None:
+                return None
+            self._known = self._known._replace(states=self._change(self._known.angles))
         found: list[Readings | None] = [None] * len(variations)
         for place, run in runs.items():
             motion = unchanged
             if place in forcing:
-                motion = self._motion_of(run.driven.model, change, list(forcing).index(place))
+                motion = self._motion_of(run.driven.model, list(forcing).index(place))
             changed = self._read(run, motion)
             found[place] = {name: changed[name] - readings[name] for name in readings}
         return found
+
+
+def _joined(one: _Known, other: _Known) -> _Known:
+    """Both, sorted by angle."""
+    angles = np.concatenate([one.angles, other.angles])
+    order = np.argsort(angles, kind="stable")
+
+    def both(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.concatenate([a, b])[order]
+
+    of_samples = (both(a, b) for a, b in zip(one.motion[:-2], other.motion[:-2], strict=True))
+    motion = Samples(*of_samples, *one.motion[-2:])
+    columns = {name: both(values, other.columns[name]) for name, values in one.columns.items()}
+    return _Known(angles[order], motion, columns, both(one.states, other.states))
