@@ -92,7 +92,9 @@ def test_with_a_motor(crank):
     check(crank, "slider.mass", crank.slider.mass, 5e-3, drive=motor)
 
 
-@pytest.mark.parametrize("key", ["bodies.coupler.mass", "bodies.rocker.length", "joints.B.clearance"])
+@pytest.mark.parametrize(
+    "key", ["bodies.coupler.mass", "bodies.rocker.length", "joints.B.clearance"]
+)
 def test_of_a_four_bar_through_impacts(key, four_bar):
     values = {
         "bodies.coupler.mass": four_bar.bodies["coupler"].mass,
@@ -117,7 +119,9 @@ def test_of_ideal_joints_agree_with_differences():
     ideal = jg.change(ideal, {f"joints.{name}": "ideal" for name in ideal.loose})
     run = jg.simulate(ideal, speed="200 rpm", derivatives=["rod.length"])
     ahead, behind = (
-        jg.simulate(jg.change(ideal, {"rod.length": ideal.rod.length + sign * 1e-6}), speed="200 rpm")
+        jg.simulate(
+            jg.change(ideal, {"rod.length": ideal.rod.length + sign * 1e-6}), speed="200 rpm"
+        )
         for sign in (1, -1)
     )
     secant = (ahead.samples["crank_torque"] - behind.samples["crank_torque"]) / 2e-6

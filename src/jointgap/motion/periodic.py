@@ -120,7 +120,9 @@ class LinearMotion:
 
         found, checked = change(slice(None), 0.0), slice(None, None, _CHECKED)
         later = np.abs(change(checked, tau) - found[checked])
-        allowed = _PERIODIC * np.abs(found).max(axis=0) + _ROUNDING * np.abs(self._rates).max(axis=0)
+        allowed = _PERIODIC * np.abs(found).max(axis=0) + _ROUNDING * np.abs(self._rates).max(
+            axis=0
+        )
         if not (later.max(axis=0) <= allowed).all():
             return None  # also where a number is not finite
         return found

@@ -56,7 +56,9 @@ def derivatives(
     motion, end = integrate_on(model, workspace, angles, tolerance, records=True)
     change = np.zeros((angles.size, weights_of(model).size, len(varied)))
     if model.states:
-        changed, kept = _changes(model, start, workspace, end.taken, motion, angles, tolerance, varied)
+        changed, kept = _changes(
+            model, start, workspace, end.taken, motion, angles, tolerance, varied
+        )
         change[:, : model.states], change[:, model.states : -1] = changed, kept
     here, found = see(model, motion), []
     for number, one in enumerate(varied):

@@ -298,8 +298,8 @@ def derivatives_by_states(
 def along(
     model: Model, motion: Samples, change: np.ndarray, see: Callable[[Model, Samples], Columns]
 ) -> Columns:
-    """Changes (n,) of what `see` returns by a small `change` (n, states + 2 contacts + 1) of the states
-    of a motion, made comparable with rounding and curvature."""
+    """Derivatives (n,) of what `see` returns of a motion in the direction of a `change` (n, states
+    + 2 contacts + 1), see `shifted`."""
     size = np.abs(change * weights_of(model)).max(axis=1)
     factor = _DIRECTION / np.maximum(size, 1e-300)
     ahead, behind = (
