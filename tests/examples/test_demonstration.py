@@ -1,7 +1,6 @@
 """The committed data of the example campaigns are those that their script writes."""
 
 import pandas as pd
-import pytest
 
 from examples import demonstration
 from tests.config.mechanisms import ROOT
