@@ -263,7 +263,7 @@ def test_existing_files_are_not_replaced_and_unusable_files_are_refused(tmp_path
 @pytest.mark.parametrize(
     "heading, words, unit",
     [
-        ("rocker_accel_rad_s2", "rocker accel", "rad/s2"),  # of no channel
+        ("rocker_accel_rad_s2", "rocker accel", "rad/s2"),
         ("Torque [Nm]", "torque", "Nm"),
         ("M / Nm", "m", "Nm"),
         ("slider_acc_m_s2", "slider acc", "m/s2"),

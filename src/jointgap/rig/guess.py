@@ -41,7 +41,7 @@ SIGNALS = {
 }
 """Units of a sensor's signal, and words that stand for them."""
 
-USUAL_UNITS = (*CHANNELS.values(), *SIGNALS, "W", "K", "rad/s^2")
+USUAL_UNITS = (*CHANNELS.values(), *SIGNALS, "W", "K")
 PERIODS = {"deg": (360.0, 720.0), "rad": (tau, 2 * tau), "turn": (1.0, 2.0)}
 """Values of an angle's unit in a turn, and in a four-stroke cycle."""
 
