@@ -364,3 +364,31 @@ def with_bearings(general, made):
         if joint is not None and name not in content["joints"]:
             content["joints"][name] = joint.model_dump()
     return LinkageFile.model_validate(content)
+
+
+@pytest.mark.parametrize("turned", [0, 55, 75, 95, 180])
+def test_a_torsion_spring_has_no_jump_wherever_its_rocker_points(turned):
+    """The whole linkage turned by an angle, with the spring's formula, moves and pushes alike; the
+    rocker swings between 66 and 131 deg before."""
+    content = copy.deepcopy(read_yaml(shipped_mechanisms()["four_bar"]))
+    shift, (cosine, sine) = math.radians(turned), np.cos(np.radians([turned, turned - 90]))
+    x, y = 0.3 * cosine, 0.3 * sine
+    content["frame"]["points"] = {"O": [0.0, 0.0], "C": [x, y]}
+    for joint in content["joints"].values():
+        joint["loose"] = False
+    rocker = content["bodies"]["rocker"]
+    rocker["angle"] = math.radians(100.0) + shift
+    middle = math.remainder(math.radians(87.0) + shift, 2 * math.pi)
+    formula = {"formula": f"-2.0*(x - {middle:.15f})", "coefficients": {}}
+    content["effects"] = [{"name": "discovered_rocker_torque", "parameters": formula}]
+    found = revolution(
+        validate(LinkageFile, content, "turned.yaml"), start_angle=shift, points=360
+    )
+    swing = found["rocker_angle"] - middle
+    assert np.ptp(swing) < 1.2 and abs(swing.mean()) < 0.2
+    without = revolution(
+        validate(LinkageFile, content | {"effects": []}, "turned.yaml"), start_angle=shift, points=360
+    )
+    added = found["crank_torque"] - without["crank_torque"]
+    power = 2.0 * swing * found["rocker_angular_velocity"]
+    np.testing.assert_allclose(added * SPEED, power, atol=1e-9)

@@ -277,6 +277,8 @@ class DiscoveredTorque(DiscoveredLaw):
 PIVOT_LAWS = numbers_of(law for law in LAWS if law.__module__ == __name__) | {
     "periodic_order": 0.0,
     "sign_speed": CRANK_SIGN_SPEED,
+    "middle": 0.0,  # [rad] Mean of the angle minus the turns of the body in the ideal motion
+    "turns": 0.0,  # Of the body in a turn of the crank
     "follows_slide": 0,  # 1: the variables of the formula are those of the first slide
     "formula": 0,  # Place of a program, from 1; 0: none
 }

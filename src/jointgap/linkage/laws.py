@@ -163,9 +163,11 @@ def force_along(p, number, guide_force, x, v, crank_speed, crank_angle, time):
 
 @compiled
 def torque_at(p, number, angle, speed, x, v, crank_speed, crank_angle, time):
-    """Torque [N m] of all effects on the body of a pivot, at an `angle` [rad] with a `speed`; the
-    variables of its formula are those, or `x` and `v` of the first slide."""
+    """Torque [N m] of all effects on the body of a pivot, at an `angle` [rad], whole turns aside,
+    with a `speed`; the variables of its formula are those, or `x` and `v` of the first slide."""
     law = p.pivots.laws[number]
+    usual = law.middle + law.turns * crank_angle
+    angle -= math.tau * math.floor((angle - usual) / math.tau + 0.5)
     torque = pivot_torque(law, smooth_sign(speed / law.sign_speed), angle, speed)
     if law.follows_slide == 0:
         x, v = angle, speed

@@ -1,7 +1,7 @@
 """Effects of a mechanism file as parameters of the equations of motion."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -72,9 +72,14 @@ class Laws(NamedTuple):
     load_friction: bool  # Whether a force depends on that of a slide
 
 
-def laws_of(records: Records, sites: Sites, outermost: Mapping[str, float]) -> Laws:
+def laws_of(
+    records: Records,
+    sites: Sites,
+    outermost: Mapping[str, float],
+    swing: Callable[[str], tuple[float, float]],
+) -> Laws:
     """The laws that effects have written; `outermost` [m] is the farthest place of each body on its
-    slide.
+    slide, `swing` returns the ``middle`` and ``turns`` of a body on a pivot, see `PivotLaws`.
 
     Raises
     ------
@@ -97,6 +102,10 @@ def laws_of(records: Records, sites: Sites, outermost: Mapping[str, float]) -> L
             )
     place = {body: number for number, body in enumerate(programs, 1)}
 
+    def of_pivot(body: str) -> Any:
+        middle, turns = swing(body)
+        return law(PivotLaws, body, middle=middle, turns=turns)
+
     def law(kind: type, body: str, **numbers: float) -> Any:
         return kind(**(numbers | written.get(body, {})), formula=place.get(body, 0))
 
@@ -105,8 +114,8 @@ def laws_of(records: Records, sites: Sites, outermost: Mapping[str, float]) -> L
         (*(slides[body] for body in pushed), *(sites.pivots[body] for body in turned)),
         slides_record(of_slides),
         pivots_record(
-            [law(PivotLaws, body) for body in turned],
-            law(PivotLaws, sites.crank, follows_slide=int(bool(sites.slides))),
+            [*map(of_pivot, turned)],
+            law(PivotLaws, sites.crank, turns=1.0, follows_slide=int(bool(sites.slides))),
         ),
         formulas_record([*programs.values()]),
         table_record(records["table"]) if "table" in records else NO_TABLE,

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,9 @@ from jointgap.motion.simulation import (
 )
 
 
+_POSES = 720  # Of the ideal motion, in which bodies swing
+
+
 def linkage_model(file: LinkageFile, options: Simulate, drawn_at: float | None = None) -> Model:
     """The model of a linkage file under a drive; the stated angles of its bodies are those at the
     crank angle `drawn_at` [rad], by default at the start.
@@ -67,7 +71,8 @@ def linkage_model(file: LinkageFile, options: Simulate, drawn_at: float | None =
     if is_free:
         linkage = linkage.with_inertia(linkage.crank, drive.rotor_inertia)
     bearings = {name: record(JointParameters(**part)) for name, part in records["joints"].items()}
-    laws = laws_of(records, file.sites, _farthest(file, linkage, signs))
+    farthest = _farthest(file, linkage, signs)
+    laws = laws_of(records, file.sites, farthest, partial(_swing, linkage, signs))
     p = Parameters(
         record(DriveParameters(**records["drive"])),
         knots,
@@ -93,6 +98,16 @@ def _farthest(file: LinkageFile, linkage: Linkage, signs: Sequence[float]) -> di
             middle, reach = angles[np.argmax(places)], reach / 180.0
         found[effect.BODY] = float(np.max(places))
     return found
+
+
+def _swing(linkage: Linkage, signs: Sequence[float], body: str) -> tuple[float, float]:
+    """Mean angle [rad] of a body in the ideal motion, without its turns in a turn of the crank, and
+    these."""
+    crank = np.linspace(0.0, 2.0 * math.pi, _POSES + 1)
+    cosine, sine = ideal_pose(linkage, signs, crank).directions[body]
+    angles = np.unwrap(np.arctan2(sine, cosine))
+    turns = round((angles[-1] - angles[0]) / (2.0 * math.pi))
+    return math.remainder(np.mean((angles - turns * crank)[:-1]), 2.0 * math.pi), float(turns)
 
 
 def linkage_remarks(file: LinkageFile, options: Simulate) -> tuple[str, ...]:
@@ -203,7 +218,15 @@ def published(model: Model, columns: Columns) -> Columns:
     found = {name: values for name, values in columns.items() if name not in of_frame}
     for name, values in found.items():
         if name.endswith("_angle") and name != "crank_angle":
-            found[name] = np.unwrap(values)
+            found[name] = _continuous(values)
+    return found
+
+
+def _continuous(angles: np.ndarray) -> np.ndarray:
+    """Angles (n,) [rad] without jumps; their mean is within half a turn unless the body turns."""
+    found = np.unwrap(angles)
+    if np.ptp(found) < 2.0 * math.pi:
+        found -= 2.0 * math.pi * round(float(np.mean(found)) / (2.0 * math.pi))
     return found
 
 

@@ -114,11 +114,11 @@ class LinearMotion:
         if not _has_vectors_only(model) or model.loose != known.loose:
             return None
 
-        def change(part: slice, turns: float) -> np.ndarray:
+        def change(part: slice | np.ndarray, turns: float) -> np.ndarray:
             there = at_angles(model, motion.part(part), angles[part] + turns)
             return rates_over_angle(model, there) - self._rates[part]
 
-        found, checked = change(slice(None), 0.0), slice(None, None, _CHECKED)
+        found, checked = change(slice(None), 0.0), np.arange(0, angles.size, _CHECKED)
         later = np.abs(change(checked, tau) - found[checked])
         allowed = _PERIODIC * np.abs(found).max(axis=0) + _ROUNDING * np.abs(self._rates).max(
             axis=0

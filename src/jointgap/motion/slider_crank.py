@@ -70,7 +70,7 @@ def model_of(mechanism: Mechanism, options: Simulate) -> Model:
     if is_free:
         linkage = linkage.with_inertia(linkage.crank, drive.rotor_inertia)
     outermost = math.sqrt((made.crank.length + made.rod.length) ** 2 - made.slider.offset**2)
-    laws = laws_of(records, made.sites, {"slider": outermost})
+    laws = laws_of(records, made.sites, {"slider": outermost}, lambda body: (0.0, 0.0))
     p = Parameters(
         drive=record(DriveParameters(**records["drive"])),
         knots=knots,
