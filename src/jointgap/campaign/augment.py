@@ -158,40 +158,24 @@ def _forces_over_revolution(
     crank, time = samples[["crank_speed", "crank_angle"]].to_numpy(), samples["time"]
     slide = next(iter(sites.slides), None)
     for body, joint in {**sites.slides, **sites.pivots, sites.crank: sites.drive}.items():
-        columns = {"crank_angle": turned, "body": body}
-        if body in sites.slides:
-            here = samples[[f"{body}_position", f"{body}_velocity"]].to_numpy()
-            with_effects, without = (
-                np.array(
-                    [
-                        _force(model, joint, guide, *x, *turning, t)
-                        for guide, x, turning, t in zip(
-                            samples[f"{joint}_force"], here, crank, time, strict=True
-                        )
-                    ]
-                )
-                for model in models
-            )
-            columns |= {"position": here[:, 0], "velocity": here[:, 1]}
-            columns["force"] = force = with_effects - without
+        is_slide = body in sites.slides
+        names = ("position", "velocity") if is_slide else ("angle", "angular_velocity")
+        here = crank[:, ::-1]
+        if body != sites.crank:
+            here = samples[[f"{body}_{name}" for name in names]].to_numpy()
+        if is_slide:
+            state = [samples[f"{joint}_force"], here]
+        elif body == sites.crank and slide:  # the variables of its formulas
+            state = [here, samples[[f"{slide}_position", f"{slide}_velocity"]]]
         else:
-            here = crank[:, ::-1]
-            if body != sites.crank:
-                here = samples[[f"{body}_angle", f"{body}_angular_velocity"]].to_numpy()
-            seen = here
-            if body == sites.crank and slide:  # the variables of its formulas
-                seen = samples[[f"{slide}_position", f"{slide}_velocity"]].to_numpy()
-            with_effects, without = (
-                np.array(
-                    [
-                        _torque(model, joint, *x, *variables, *turning, t)
-                        for x, variables, turning, t in zip(here, seen, crank, time, strict=True)
-                    ]
-                )
-                for model in models
-            )
-            columns |= {"angle": here[:, 0], "angular_velocity": here[:, 1]}
-            columns["torque"] = force = with_effects - without
+            state = [here, here]
+        rows, law = np.column_stack([*state, crank, time]), _force if is_slide else _torque
+        with_effects, without = (
+            np.array([law(model, joint, *row) for row in rows]) for model in models
+        )
+        force = with_effects - without
+        columns = {"crank_angle": turned, "body": body, "force" if is_slide else "torque": force}
+        columns |= dict(zip(names, here.T, strict=True))
         if force.any():
             yield pd.DataFrame(columns, columns=MISSING_FORCE.names)
 
