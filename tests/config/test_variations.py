@@ -36,7 +36,7 @@ def test_an_effect_at_two_sites_is_varied_by_name_and_site():
     "key, value, message",
     [
         ("sped", 1, "did you mean 'speed'"),
-        ("mechanism.contacts.steel.friction", 0.1, "contacts are copied into the joints"),
+        ("mechanism.contacts.steel.friction", 0.1, "mechanism.contacts has no 'steel'"),
         ("clearance", "1 s", "sweep.parameters.clearance"),
         ("mechanism.joints.crank_pn.clearance", "1 mm", "did you mean 'crank_pin'"),
         ("mechanism.crank.length", 0.7, "the crank cannot turn"),

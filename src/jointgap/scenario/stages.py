@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
 from jointgap.core import schema
+from jointgap.core.errors import InputError
 from jointgap.core.files import write_text
 from jointgap.core.stage import Option, ResultsOption, ScenarioOptions, Stages
 from jointgap.networks import OF_NETWORKS
@@ -19,7 +20,12 @@ def open_results(options: ScenarioOptions, results: ResultsOption) -> "ScenarioR
     """The results of a scenario."""
     from jointgap.config import scenario_results
 
-    return scenario_results.open_results(options, results)
+    opened = scenario_results.open_results(options, results)
+    try:
+        opened.scenario.check_slider_crank()
+    except InputError as error:
+        raise opened.located(error) from None
+    return opened
 
 
 SCENARIO_STAGES = Stages(open_results)
