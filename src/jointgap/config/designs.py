@@ -1,6 +1,7 @@
 """Variations over many designs: sweeps, sensitivities, unreported settings, robust lengths."""
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Annotated, Any, ClassVar, Literal
@@ -198,16 +199,19 @@ _ROTARY = {"m": "rad", "m/s^2": "rad/s^2"}
 def _measures_of_linkage(sites: Sites) -> Iterator[Column]:
     """The measures of a slider-crank with the names of a linkage: of its output body in place of
     the slider, and of each joint in place of the crank pin; and those of every linkage."""
-    turns = sites.output not in sites.slides
+    turns, output = sites.output not in sites.slides, format_name(sites.output)
+    words = {"slider": output, "stroke": f"stroke of the {output}"}
+    if turns:
+        words |= {"stroke": f"swing of the {output}", "acceleration": "angular acceleration"}
+        words |= {"outer dead centre": f"largest angle of the {output}"}
+        words |= {"inner dead centre": f"smallest angle of the {output}"}
     for column in (*MEASURES.columns, *MEASURES_OF_LINKAGE.columns):
         if column.name.startswith(JOINTS):
             continue
-        name, words = column.name, column.description
-        words = words.replace("slider", format_name(sites.output))
-        if turns:
-            name, words = (text.replace("stroke", "swing") for text in (name, words))
+        text = re.sub("|".join(words), lambda found: words[found[0]], column.description)
+        name = column.name.replace("stroke", "swing") if turns else column.name
         unit = _ROTARY.get(column.unit, column.unit) if turns else column.unit
-        yield replace(column, name=name, unit=unit, description=words)
+        yield replace(column, name=name, unit=unit, description=text)
     of_joint = [column for column in MEASURES.columns if column.name.startswith("crank_pin")]
     slides = (*sites.slides.values(), *sites.tracks)
     for joint in (*sites.revolutes, *slides):

@@ -163,11 +163,9 @@ def resolve(
 def check_all_sections(scenario: Scenario, name: str, source: str = "configuration") -> None:
     """InputError where the sections of a scenario, with defaults, are inconsistent, or its
     mechanism is no slider-crank."""
-    validate(Scenario, scenario.model_dump(by_alias=True), f"{source}, scenario {name}")
-    try:
-        scenario.check_slider_crank()
-    except InputError as error:
-        raise InputError(f"{source}, scenario {name}: {error}") from None
+    source = f"{source}, scenario {name}"
+    scenario.check_slider_crank(f"{source}: ")
+    validate(Scenario, scenario.model_dump(by_alias=True), source)
 
 
 def is_complete(config: Mapping[str, Any]) -> bool:

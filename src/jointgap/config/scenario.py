@@ -481,13 +481,14 @@ class Scenario(DrivenMechanism):
 
     def errors(self) -> Iterator[str]:
         """Checks only the sections that are present: a stage receives only those that it reads."""
+        sections = set(self.model_fields_set)
         if isinstance(self.mechanism, LinkageFile):
             yield from self._errors_of_linkage()
+            sections -= {"surrogate", "optimise"}
         else:
             self._set_default_box()
         if self.paper and "networks" in self.model_fields_set and not self.networks:
             yield "paper = true requires networks: true; set it, or set paper to false"
-        sections = self.model_fields_set
         if "optimise" in sections:
             yield from self._errors_of_objective()
         if sections >= {"mechanism", "simulate"}:
@@ -500,7 +501,7 @@ class Scenario(DrivenMechanism):
                 f"simulate.samples_per_revolution {samples} must be a multiple of"
                 f" surrogate.training_points - 1 = {intervals}, at least five times it"
             )
-        if sections >= {"mechanism", "optimise"} and isinstance(self.mechanism, Mechanism):
+        if sections >= {"mechanism", "optimise"}:
             yield from self._errors_of_lengths()
         names = [column.name for column in measured(self.mechanism.sites, self.sweep)]
         further = dict.fromkeys(BEST_LENGTHS.names, "best_lengths")
@@ -508,7 +509,7 @@ class Scenario(DrivenMechanism):
         for name in self.sensitivity.measures if "sweep" in sections and self.sensitivity else ():
             if name in names:
                 continue
-            fix = f"no such measure; {did_you_mean(name, names)}"
+            fix = f"is no measure here; {did_you_mean(name, names)}"
             if name in further and isinstance(self.mechanism, Mechanism):
                 fix = f"is not computed; set sweep.{further[name]} to true"
             yield f"sensitivity.measures: {name} {fix}"
@@ -540,13 +541,13 @@ class Scenario(DrivenMechanism):
         if sweep.trajectories and sweep.starts > 1:
             yield "sweep.trajectories of a linkage requires starts: 1; remove one of them"
 
-    def check_slider_crank(self) -> None:
-        """InputError where the mechanism is a general linkage."""
+    def check_slider_crank(self, source: str = "") -> None:
+        """InputError, which begins with the `source`, where the mechanism is a general linkage."""
         if isinstance(self.mechanism, LinkageFile):
             raise InputError(
-                "mechanism: is a general linkage (it has bodies), for `make sweep`, `jointgap"
-                " look`, jointgap.simulate and campaigns; this needs a slider-crank: crank, rod,"
-                " slider and joints"
+                f"{source}mechanism: is a general linkage (it has bodies), for `make sweep`,"
+                " `jointgap look`, jointgap.simulate and campaigns; this needs a slider-crank:"
+                " crank, rod, slider and joints"
             )
 
     def _set_default_box(self) -> None:

@@ -1,5 +1,6 @@
 """Labels and axes of parameters and measures, and figures of measures over parameters."""
 
+import re
 from collections.abc import Sequence
 from textwrap import fill
 from typing import Any
@@ -9,6 +10,7 @@ import pandas as pd
 from matplotlib.colors import LogNorm, Normalize
 
 from jointgap.core import plot
+from jointgap.core.joints import JOINTS
 from jointgap.core.page import TableBlock
 from jointgap.core.plot import Drawing, Panel, Quantity, Sheet
 from jointgap.core.schema import Column
@@ -25,14 +27,7 @@ _LABELS = {
     "rms": "RMS",
 }
 _UNITS = {"stiffness": "N/mⁿ"}  # depends on the exponent
-_OMITTED = (
-    "mechanism",
-    "simulate",
-    "bodies",
-    "points",
-    "joints",
-    "contact",
-)  # parts of a path, in labels
+_OMITTED = {"mechanism", "simulate", "bodies", "points", "contacts", "contact"}  # in labels
 
 PEAK_FORCE = Column("peak_force", "N", "largest force in the joints")
 """The largest force in any joint, computed from the measures of the joints."""
@@ -56,7 +51,8 @@ def measure_quantity(measure: Column) -> tuple[Quantity, float]:
 
 
 def format_parameter(key: str) -> str:
-    """``crank pin journal`` of ``mechanism.joints.crank_pin.journal``."""
+    """``crank pin journal`` of ``mechanism.joints.crank_pin.journal``, ``joint B clearance``."""
+    key = re.sub(rf"joints\.(?={'|'.join(JOINTS)})", "", key).replace("joints.", "joint ")
     parts = [part for part in key.split(".") if part not in _OMITTED]
     return _LABELS.get(key) or format_name(" ".join(parts))
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
 from jointgap.core import schema
-from jointgap.core.errors import InputError
 from jointgap.core.files import write_text
 from jointgap.core.stage import Option, ResultsOption, ScenarioOptions, Stages
 from jointgap.networks import OF_NETWORKS
@@ -21,10 +20,7 @@ def open_results(options: ScenarioOptions, results: ResultsOption) -> "ScenarioR
     from jointgap.config import scenario_results
 
     opened = scenario_results.open_results(options, results)
-    try:
-        opened.scenario.check_slider_crank()
-    except InputError as error:
-        raise opened.located(error) from None
+    opened.scenario.check_slider_crank(f"{opened.source}: ")
     return opened
 
 
