@@ -135,10 +135,11 @@ def sweep(
         Output folder of the dataset ``designs`` and the summary.
     parameters : mapping
         Varied parameters: a word (``speed``; ``clearance``, ``friction``, ``restitution`` of every
-        loose joint; ``crank_length``, ``rod_length``) or the path of a key such as
-        ``mechanism.slider.mass``. Values: a list, or ``{"from": "0.1 mm", "to": "1 mm"}`` with
-        ``"distribution"`` ``uniform`` (default), ``log_uniform``, ``normal`` (with ``mean`` and
-        ``deviation``) or ``triangular`` (with ``peak``).
+        loose joint; of a slider-crank ``crank_length``, ``rod_length``) or the path of a key as
+        `change` takes it, such as ``slider.mass``, of a linkage ``bodies.rocker.length``. Values: a
+        list, or ``{"from": "0.1 mm", "to": "1 mm"}`` with ``"distribution"`` ``uniform`` (default),
+        ``log_uniform``, ``normal`` (with ``mean`` and ``deviation``) or ``triangular`` (with
+        ``peak``).
     workers : int, optional
         Threads; the number of cores by default. Results do not depend on it.
     **keys

@@ -106,8 +106,9 @@ def change(section: AnyConfigModel, changes: Mapping[str, Any]) -> AnyConfigMode
         of a key (``{"slider.mass": "1.2 kg"}``). Additional keys of a mechanism: ``clearance``
         (radial), ``friction``, ``restitution`` and ``stiffness`` change every loose joint;
         ``joints.crank_pin.clearance`` changes the bearing's radius of one; an entry of ``contacts``
-        changes the joints that refer to it. The length of a link scales its mass centre, as in
-        sweeps and in `optimise`, unless ``mass_centre`` is given too. Effects are identified by
+        changes the joints that refer to it; ``frame.points.C.x`` is a coordinate. The length of a
+        link scales its mass centre, as in sweeps and in `optimise`, unless ``mass_centre`` is given
+        too. Effects are identified by
         name (``effects.gravity.parameters...``), or by ``name@site`` where one is listed twice.
 
     Returns
