@@ -51,35 +51,26 @@ def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
     slide = model.linkage.joints.get(sites.slides.get(sites.output))
     dyad = next(dyad for dyad in model.linkage.dyads if sites.output in dyad.bodies)
 
-    def poses(samples: slice) -> tuple[Pose, Pose]:
-        """With and without clearance."""
-        at = model, outcome.crank_angle[samples]
-        return _pose(*at, result.states[samples]), _pose(*at)
-
-    last, first = poses(last_turn), poses(slice(0, per_turn))
-    # the end repeats the beginning
-    angle, acceleration, position, ideal = (
-        values[:-1]
-        for values in (
-            outcome.crank_angle[last_turn],
-            _acceleration(seen, sites.output, slide),
-            *(_position(pose, sites.output, slide) for pose in last),
-        )
+    # the first revolution, and the last one, whose end repeats its beginning
+    rows = np.r_[:per_turn, -per_turn - 1 : -1]
+    first, last = slice(None, per_turn), slice(per_turn, None)
+    angle = outcome.crank_angle[rows]
+    pose, ideal = _pose(model, angle, result.states[rows]), _pose(model, angle[last])
+    cosines, ideal_cosines = (each.cosines[dyad.inner.name] for each in (pose, ideal))
+    *errors, least_angle = angle_errors(
+        cosines[last], ideal_cosines, angle[last], -math.inf, math.inf
     )
-    cosines, cosines_in_window = (
-        [pose.cosines[dyad.inner.name][:per_turn] for pose in pair] for pair in (last, first)
-    )
-    *errors, least_angle = angle_errors(*cosines, angle, -math.inf, math.inf)
-    first_angle = outcome.crank_angle[:per_turn]
-    *errors_in_window, _ = angle_errors(*cosines_in_window, first_angle, *window)
+    *errors_in_window, _ = angle_errors(cosines[first], ideal_cosines, angle[first], *window)
+    angle, position = angle[last], _position(pose, sites.output, slide)[last]
+    departure = position - _position(ideal, sites.output, slide)
+    departure -= math.tau * np.round(departure / math.tau)  # of angles; never as large in m
+    acceleration = _acceleration(seen, sites.output, slide)[:-1]
     turned = position[-1] - position[0]
     (outer, outer_angle), (inner, inner_angle) = (
         # a body that turns fully has no dead centres
         (math.nan, math.nan) if abs(turned) > math.pi else _extreme(sign * position, angle)
         for sign in (1.0, -1.0)
     )
-    departure = position - ideal
-    departure -= math.tau * np.round(departure / math.tau)  # of angles; never as large in m
     rms = math.sqrt(np.mean(acceleration**2))
     row = dict(zip(_ERRORS, (*errors, *errors_in_window), strict=True)) | {
         "least_transmission_angle": least_angle,
