@@ -183,7 +183,6 @@ RANGE = {"from": 0.1, "to": 0.2}
             "friction and contacts.steel.friction set the same value",
         ),
         ({"speed": [12.0]}, {"best_lengths": True}, "sweep.best_lengths is for slider-cranks"),
-        ({"speed": [12.0]}, {"trajectories": [0], "starts": 2}, "requires starts: 1"),
         (
             {"speed": [12.0]},
             {"sections": {"sensitivity": {"measures": ["B_peek_force"]}}},
@@ -202,15 +201,17 @@ def test_a_wrong_key_is_an_error_before_any_simulation(parameters, keys, message
     assert message in str(error.value)
 
 
-def test_trajectories_and_perturbed_starts_are_written(tmp_path):
-    write_sweep(scenario(FOUR_BAR, {"speed": [12.0]}, number=1, starts=3), tmp_path / "starts", 1)
-    starts = pd.read_parquet(tmp_path / "starts/designs")
-    assert starts["B_peak_force"].nunique() == 3
-    once = scenario(FOUR_BAR, {"speed": [12.0]}, number=1, trajectories=[0])
-    write_sweep(once, tmp_path, 1)
-    samples = pd.read_parquet(tmp_path / "trajectories/design_0_start_0/trajectory.parquet")
+def test_each_start_is_a_row_with_its_trajectory(tmp_path):
+    made = scenario(FOUR_BAR, {"speed": [12.0]}, number=1, starts=3, trajectories=[0])
+    write_sweep(made, tmp_path, 1)
+    assert pd.read_parquet(tmp_path / "designs")["B_peak_force"].nunique() == 3
+    first, second = (
+        pd.read_parquet(tmp_path / f"trajectories/design_0_start_{start}/trajectory.parquet")
+        for start in (0, 1)
+    )
     alone = jg.simulate(FOUR_BAR, COARSE, speed=12.0).samples
-    pd.testing.assert_frame_equal(samples, alone, check_dtype=False)
+    pd.testing.assert_frame_equal(first, alone, check_dtype=False)
+    assert 0.0 < second["r_B"][0] < 1e-6 and first["r_B"][0] == 0.0
 
 
 def test_sensitivity_of_a_linkage_names_its_output_body(tmp_path):

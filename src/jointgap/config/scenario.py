@@ -538,8 +538,6 @@ class Scenario(DrivenMechanism):
                 yield f"{key} is for slider-cranks, and the mechanism is a linkage; remove it"
         if len(self.mechanism.bodies) < 2:
             yield "mechanism: has a crank only; add the bodies that it moves"
-        if sweep.trajectories and sweep.starts > 1:
-            yield "sweep.trajectories of a linkage requires starts: 1; remove one of them"
 
     def check_slider_crank(self, source: str = "") -> None:
         """InputError, which begins with the `source`, where the mechanism is a general linkage."""

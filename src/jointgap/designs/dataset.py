@@ -26,11 +26,17 @@ from jointgap.designs.measures import (
     printed_reductions,
 )
 from jointgap.designs.sampling import SOURCE, Designs, designs_of
-from jointgap.motion.linkage import linkage_model, simulate_linkage
+from jointgap.motion.linkage import linkage_model, published
 from jointgap.motion.model import Model
 from jointgap.motion.of_file import start_state
 from jointgap.motion.parallel import Outcome, Run, side_by_side
-from jointgap.motion.simulation import Trajectory, crank_angles, integrate_to_angles
+from jointgap.motion.simulation import (
+    crank_angles,
+    event_frame,
+    integrate_to_angles,
+    modes_of,
+    observed,
+)
 from jointgap.motion.slider_crank import model_of, simulate
 
 _CHUNK = 32
@@ -269,27 +275,34 @@ def write_trajectories(designs: Designs, folder: Path) -> None:
     for number in designs.sweep.trajectories:
         design = designs.scenario(designs.values(number, 1)[0])
         for start, vectors in enumerate(designs.starts(design.mechanism)):
-            motion, table = _trajectory(design, vectors)
+            table, samples, events = _trajectory(design, vectors)
             path = folder / f"design_{number}_start_{start}"
-            parquet.write(table, motion.samples, path / "trajectory.parquet")
-            parquet.write(EVENTS, motion.events, path / "events.parquet")
+            parquet.write(table, samples, path / "trajectory.parquet")
+            parquet.write(EVENTS, events, path / "events.parquet")
 
 
 def _trajectory(
     design: DrivenMechanism, vectors: dict[str, np.ndarray]
-) -> tuple[Trajectory, Table]:
-    """A motion from given clearance vectors, of a linkage from the first start; and the table of
-    its samples."""
-    mechanism = design.mechanism
+) -> tuple[Table, pd.DataFrame, pd.DataFrame]:
+    """Samples with their table, and events, of a motion from given clearance vectors."""
+    mechanism, options = design.mechanism, design.simulate
     if not isinstance(mechanism, LinkageFile):
         start = np.concatenate([vectors.get(joint, np.zeros(2)) for joint in JOINTS])
-        return simulate(mechanism, design.simulate, start), TRAJECTORY
-    motion = simulate_linkage(mechanism, design.simulate)
+        motion = simulate(mechanism, options, start)
+        return TRAJECTORY, motion.samples, motion.events
+    model, angles = linkage_model(mechanism, options), crank_angles(options)
+    outcome = _simulate(Run(mechanism, options, vectors, angles), model)
+    if not isinstance(outcome, Outcome):
+        raise outcome
+    found = outcome.result
+    samples = published(model, observed(model, found)) | modes_of(model, found, model.pins)
+    units = {name: model.units.get(name, "") for name in samples}
     columns = (
-        Column(name, unit, name, "float" if unit else "text", nullable=True)
-        for name, unit in motion.samples.attrs["units"].items()
+        Column(name, unit, name, "float" if name in model.units else "text", nullable=True)
+        for name, unit in units.items()
     )
-    return motion, Table("trajectory", "Samples of a linkage", tuple(columns))
+    table = Table("trajectory", "Samples of a linkage", tuple(columns))
+    return table, pd.DataFrame(samples | {"crank_angle": angles}), event_frame(model, found)
 
 
 def read_designs(designs: Designs, dataset: Path, *names: str) -> pd.DataFrame:
