@@ -191,7 +191,7 @@ RANGE = {"from": 0.1, "to": 0.2}
         (
             {"speed": [12.0]},
             {"sections": {"optimise_robust": {"uncertain": {"friction": RANGE}}}},
-            "optimise_robust.uncertain is for slider-cranks",
+            "requires optimise_linkage.lengths",
         ),
     ],
 )

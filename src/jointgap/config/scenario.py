@@ -473,6 +473,9 @@ class Scenario(DrivenMechanism):
     paper: bool = Field(False, description="compare the results with the paper; requires networks")
     surrogate: Surrogate = Surrogate()
     optimise: Optimise = Optimise()
+    optimise_linkage: OptimiseLinkage | None = Field(
+        None, description="lengths of a general linkage and their constraints, for optimise_robust"
+    )
     figures: Figures = Figures()
     sweep: Sweep = Sweep()
     sensitivity: Sensitivity | None = None
@@ -487,6 +490,8 @@ class Scenario(DrivenMechanism):
             sections -= {"surrogate", "optimise"}
         else:
             self._set_default_box()
+            if self.optimise_linkage:
+                yield "optimise_linkage is for general linkages; a slider-crank has optimise.boxes"
         if self.paper and "networks" in self.model_fields_set and not self.networks:
             yield "paper = true requires networks: true; set it, or set paper to false"
         if "optimise" in sections:
@@ -528,7 +533,6 @@ class Scenario(DrivenMechanism):
             "paper": self.paper,
             "optimise.boxes": optimise.boxes,
             "optimise.constraints": optimise.constraints != Constraints(),
-            "optimise_robust.uncertain": self.optimise_robust.uncertain,
             "infer_settings": self.infer_settings,
             "sweep.best_lengths": sweep.best_lengths,
             "sweep.printed_numbers": sweep.printed_numbers,
@@ -536,6 +540,10 @@ class Scenario(DrivenMechanism):
         for key, is_given in given.items():
             if is_given:
                 yield f"{key} is for slider-cranks, and the mechanism is a linkage; remove it"
+        if self.optimise_robust.uncertain and self.optimise_linkage is None:
+            yield "optimise_robust of a linkage requires optimise_linkage.lengths, bounds by name"
+        if self.optimise_linkage and self.optimise_linkage.objective != "transmission_angle":
+            yield "optimise_linkage.objective must be transmission_angle for optimise_robust"
         if len(self.mechanism.bodies) < 2:
             yield "mechanism: has a crank only; add the bodies that it moves"
 

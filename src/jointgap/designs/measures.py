@@ -55,14 +55,14 @@ def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
     rows = np.r_[:per_turn, -per_turn - 1 : -1]
     first, last = slice(None, per_turn), slice(per_turn, None)
     angle = outcome.crank_angle[rows]
-    pose, ideal = _pose(model, angle, result.states[rows]), _pose(model, angle[last])
+    pose, ideal = pose_of(model, angle, result.states[rows]), pose_of(model, angle[last])
     cosines, ideal_cosines = (each.cosines[dyad.inner.name] for each in (pose, ideal))
     *errors, least_angle = angle_errors(
         cosines[last], ideal_cosines, angle[last], -math.inf, math.inf
     )
     *errors_in_window, _ = angle_errors(cosines[first], ideal_cosines, angle[first], *window)
-    angle, position = angle[last], _position(pose, sites.output, slide)[last]
-    departure = position - _position(ideal, sites.output, slide)
+    angle, position = angle[last], position_of(pose, sites.output, slide)[last]
+    departure = position - position_of(ideal, sites.output, slide)
     departure -= math.tau * np.round(departure / math.tau)  # of angles; never as large in m
     acceleration = _acceleration(seen, sites.output, slide)[:-1]
     turned = position[-1] - position[0]
@@ -112,7 +112,7 @@ def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
     return row
 
 
-def _pose(model: Model, angle: np.ndarray, states: np.ndarray | None = None) -> Pose:
+def pose_of(model: Model, angle: np.ndarray, states: np.ndarray | None = None) -> Pose:
     """Positions at crank angles [rad]; by default those without clearance."""
     vectors = {name: (NOTHING, NOTHING) for name in model.loose}
     if states is not None:
@@ -121,7 +121,7 @@ def _pose(model: Model, angle: np.ndarray, states: np.ndarray | None = None) -> 
     return Pose(model.linkage, model.variant.signs, crank, vectors, ON_ARRAYS)
 
 
-def _position(pose: Pose, body: str, slide: Joint | None) -> np.ndarray:
+def position_of(pose: Pose, body: str, slide: Joint | None) -> np.ndarray:
     """Place [m] of a body along its slide, or its continuous angle [rad]."""
     if slide:
         return pose.travel(slide)[0]

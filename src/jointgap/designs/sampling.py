@@ -210,7 +210,9 @@ def designs_of(scenario: Scenario) -> Designs:
             " sweep.printed_numbers to true, or remove this parameter"
         )
     base = DrivenMechanism(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
-    designs = Designs(base, axes_of(base, sweep.parameters, SOURCE, sweep.design == "grid"), sweep)
+    is_grid = sweep.design == "grid"
+    axes = axes_of(base, sweep.parameters, SOURCE, ERROR_PARAMETERS, is_grid)
+    designs = Designs(base, axes, sweep)
     for axis in designs.axes:
         for value in axis.values if ERROR_PARAMETERS.get(axis.key) == "" else ():
             designs.error_definition({axis.key: value})
@@ -245,8 +247,6 @@ def _check_assembly(design: DrivenMechanism, values: Mapping[str, Any]) -> None:
 
 def _set_by(base: DrivenMechanism, key: str, section: str) -> tuple[set[str], set[str]]:
     """Paths that a parameter sets, and those that determine the values of a word."""
-    if key in ERROR_PARAMETERS:
-        return set(), set()
     found = {".".join(path) for path in paths_of(base, key, f"{section}.{key}")}
     found |= {path.replace(".clearance", ".bearing_radius") for path in found}
     if key in OF_LOOSE_JOINTS:
@@ -261,20 +261,28 @@ def _set_by(base: DrivenMechanism, key: str, section: str) -> tuple[set[str], se
 
 
 def axes_of(
-    base: DrivenMechanism, parameters: Mapping[str, Any], section: str, grid: bool = False
+    base: DrivenMechanism,
+    parameters: Mapping[str, Any],
+    section: str,
+    units: Mapping[str, str],
+    grid: bool = False,
 ) -> tuple[Axis, ...]:
-    """Axes of the `parameters` in a `section`."""
-    axes = tuple(_axis(base, key, spec, section, grid) for key, spec in parameters.items())
-    for one, other in permutations(parameters, 2):
+    """Axes of the `parameters` in a `section`; `units` of those that are no keys of the
+    mechanism."""
+    axes = tuple(
+        _axis(base, key, spec, section, units.get(key), grid) for key, spec in parameters.items()
+    )
+    for one, other in permutations(parameters.keys() - units.keys(), 2):
         found, determining = _set_by(base, one, section)
         if _set_by(base, other, section)[0] & (found | determining):
             raise InputError(f"{section}: {one} and {other} set the same value; give one of them")
     return axes
 
 
-def _axis(base: DrivenMechanism, key: str, spec: Any, section: str, grid: bool) -> Axis:
+def _axis(
+    base: DrivenMechanism, key: str, spec: Any, section: str, unit: str | None, grid: bool
+) -> Axis:
     source, is_list = f"{section}.{key}", isinstance(spec, Values)
-    unit = ERROR_PARAMETERS.get(key) if section == SOURCE else None
     if unit == "":
         if not is_list:
             raise InputError(f"{source}: accepts no range; list its values, such as {key}: [...]")
