@@ -110,13 +110,12 @@ def _measure(
 ) -> dict:
     """Measures of a simulation, or the reason of its failure."""
     sweep, definition = designs.sweep, designs.error_definition(values)
-    if isinstance(outcome, Outcome):
-        try:
-            row = measures(outcome, sweep.window) | {"steps": outcome.result.steps, "reason": None}
-        except SimulationError as error:
-            outcome = error
-    if not isinstance(outcome, Outcome):
-        return {"steps": 0, "reason": str(outcome)}
+    try:
+        if not isinstance(outcome, Outcome):
+            raise outcome
+        row = measures(outcome, sweep.window) | {"steps": outcome.result.steps, "reason": None}
+    except (InputError, SimulationError) as error:
+        return {"steps": 0, "reason": str(error)}
     if sweep.best_lengths or sweep.printed_numbers:
         row |= best_lengths(outcome, definition)
     if sweep.printed_numbers:

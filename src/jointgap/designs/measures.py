@@ -9,7 +9,7 @@ from jointgap.config import Simulate
 from jointgap.config.linkage_file import LinkageFile
 from jointgap.core.schema import BEST_LENGTHS
 from jointgap.designs.sampling import ErrorDefinition
-from jointgap.lengths.objective import Objective, objective_of_motion
+from jointgap.lengths.objective import Objective, joint_forces, objective_of_motion
 from jointgap.linkage.assembly import ON_ARRAYS
 from jointgap.linkage.equations import NOTHING, Crank, Pose
 from jointgap.linkage.topology import Joint, number
@@ -89,9 +89,9 @@ def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
     times = result.times[last_turn]
     begin, end = float(times[0]), float(times[-1])
     sums = contact_sums(result.events, len(model.contacts), begin, end)
-    for joint in model.linkage.joints:
+    for joint, force in joint_forces(seen, model.linkage.joints).items():
         share = count = math.nan
-        normal = _normal_force(seen, joint)
+        normal = seen.get(f"{joint}_normal_force", force)
         peak = normal.max()
         if joint in model.loose:
             is_slide = joint not in model.pins
@@ -137,15 +137,6 @@ def _acceleration(seen: Columns, body: str, slide: Joint | None) -> np.ndarray:
         x, y = (seen[f"{body}_acceleration_{axis}"] for axis in "xy")
         return math.cos(direction) * x + math.sin(direction) * y
     return seen[f"{body}_acceleration"]
-
-
-def _normal_force(seen: Columns, joint: str) -> np.ndarray:
-    """Size of the normal force [N]; of an ideal revolute joint that of its force."""
-    if f"{joint}_normal_force" in seen:
-        return seen[f"{joint}_normal_force"]
-    if f"{joint}_force" in seen:  # across a slide
-        return np.abs(seen[f"{joint}_force"])
-    return np.hypot(seen[f"{joint}_force_x"], seen[f"{joint}_force_y"])
 
 
 def high_order_rms(values: np.ndarray) -> float:

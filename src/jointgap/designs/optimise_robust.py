@@ -26,6 +26,7 @@ from jointgap.lengths.linkages import LinkageProblem
 from jointgap.lengths.objective import (
     FrozenObjective,
     Objective,
+    joint_forces,
     largest_pin_force,
     measure,
     objective_of_motion,
@@ -35,7 +36,7 @@ from jointgap.lengths.region import FEASIBLE, Constraint, Region, depends_on_off
 from jointgap.lengths.search import search_from_all
 from jointgap.linkage.transmission import angle_of
 from jointgap.motion.kinematics import transmission_angle
-from jointgap.motion.linkage import linkage_model, simulate_linkage
+from jointgap.motion.linkage import _check_walls, linkage_model, simulate_linkage
 from jointgap.motion.parallel import Outcome, Run, side_by_side, simulate_runs
 from jointgap.motion.simulation import crank_angles, integrate_to_angles, observed
 from jointgap.motion.slider_crank import rod_and_slider
@@ -265,22 +266,20 @@ class SimulatedLinkages(SimulatedSamples):
         try:
             model = linkage_model(problem.with_lengths(lengths), options)
             result = integrate_to_angles(model, model.start(), angles, options.tolerance)
+            result = result.part(problem.settled)
+            seen = observed(model, result)
+            _check_walls(problem.file, seen)
         except (ValueError, SimulationError) as error:  # or the bodies do not meet at the start
             return math.nan, math.nan, math.nan, str(error)
-        result, angle = result.part(problem.settled), angles[problem.settled]
-        seen, pose = observed(model, result), pose_of(model, angle, result.states)
+        angle = angles[problem.settled]
+        pose = pose_of(model, angle, result.states)
         dyad, sites = problem.dyad, problem.file.sites
         desired, _ = self.nominal.geometry.angle(dyad, self.nominal.original, angle)
         error = desired - angle_of(pose.cosines[dyad.inner.name])
-        forces = [
-            np.abs(seen[f"{name}_force"])
-            if joint.kind == "slide"
-            else np.hypot(seen[f"{name}_force_x"], seen[f"{name}_force_y"])
-            for name, joint in model.linkage.joints.items()
-        ]
+        force = np.max([*joint_forces(seen, model.linkage.joints).values()])
         slide = model.linkage.joints.get(sites.slides.get(sites.output))
         stroke = np.ptp(position_of(pose, sites.output, slide))
-        return float(measure(error).rms), float(np.max(forces)), float(stroke), None
+        return float(measure(error).rms), float(force), float(stroke), None
 
     def frozen(self) -> FrozenObjective:
         samples = simulate_linkage(self.nominal.file, self.nominal.simulate).samples
