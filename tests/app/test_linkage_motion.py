@@ -77,8 +77,3 @@ def test_a_linkage_that_does_not_turn_is_refused_before_anything_runs(tmp_path, 
     assert message.startswith("mine.yaml: at crank angle")
     assert "coupler and rocker do not meet" in message and "200 + 150 mm" in message
     assert [path.name for path in tmp_path.iterdir()] == ["mine.yaml"]
-
-
-def test_a_sweep_says_that_it_needs_a_slider_crank(tmp_path):
-    with pytest.raises(jg.InputError, match=r"mechanism.* is a general linkage"):
-        jg.sweep(jg.load_mechanism("four_bar"), folder=tmp_path, parameters={"speed": [30.0]})

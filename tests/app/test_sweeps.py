@@ -1,5 +1,6 @@
 """`jg.sweep`: a dataset of designs on disk, its summary and figures."""
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -64,6 +65,19 @@ def test_a_sweep_has_columns_a_summary_and_figures(swept):
     assert set(drawn["x_quantity"]) == {"clearance", "crank pin journal"}
     assert sorted(drawn.query("series == 'design'")["y"].unique()) == sorted(
         swept.designs["crank_pin_peak_force"]
+    )
+
+
+def test_a_sweep_of_a_linkage_has_figures_of_its_output_body(tmp_path):
+    parameters = {"joints.B.clearance": ["0.05 mm", "0.1 mm"]}
+    keys = {"folder": tmp_path, "parameters": parameters, "number": 2, "workers": 1}
+    swept = jg.sweep(jg.load_mechanism("four_bar"), OPTIONS, **keys, tolerance="1e-9 m")
+    assert swept.figures["swing"] == "swing of the rocker"
+    assert "largest torque of the drive" in swept._repr_html_()
+    drawn = swept.plot("swing").data
+    assert set(drawn["x_quantity"]) == {"joint B clearance"}
+    assert sorted(drawn.query("series == 'design'")["y"]) == sorted(
+        np.degrees(swept.read("swing")["swing"])
     )
 
 

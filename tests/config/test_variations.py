@@ -2,6 +2,7 @@
 
 import pytest
 
+import jointgap as jg
 from jointgap.config import DrivenMechanism
 from jointgap.config.variations import with_values
 from jointgap.core.errors import InputError
@@ -32,11 +33,30 @@ def test_an_effect_at_two_sites_is_varied_by_name_and_site():
         changed({key.format(""): 0.2}, base)
 
 
+def test_a_change_of_a_contact_reaches_all_joints_that_refer_to_it():
+    for base in ("erkaya2009", "four_bar"):
+        made = jg.load_mechanism(base)
+        (contact,) = made.contacts
+        driven = changed({f"mechanism.contacts.{contact}.friction": 0.03}, made).mechanism
+        for each in (driven, jg.change(made, {f"contacts.{contact}.friction": 0.03})):
+            assert {each.joint(joint).contact.friction for joint in made.loose} == {0.03}
+
+
+def test_words_and_lengths_of_a_linkage_change_as_those_of_a_slider_crank():
+    four_bar = jg.load_mechanism("four_bar")
+    made = jg.change(four_bar, {"clearance": "0.1 mm", "bodies.coupler.length": "440 mm"})
+    assert [made.clearance(joint) for joint in "ABC"] == pytest.approx([1e-4] * 3)
+    assert made.bodies["coupler"].mass_centre == pytest.approx(0.22)
+    assert jg.change(made, {"joints.B.clearance": 2e-4}).clearance("B") == pytest.approx(2e-4)
+    moved = jg.change(made, {"frame.points.C.y": "5 mm"})
+    assert moved.frame.points["C"] == (0.3, 0.005)
+
+
 @pytest.mark.parametrize(
     "key, value, message",
     [
         ("sped", 1, "did you mean 'speed'"),
-        ("mechanism.contacts.steel.friction", 0.1, "contacts are copied into the joints"),
+        ("mechanism.contacts.steel.friction", 0.1, "mechanism.contacts has no 'steel'"),
         ("clearance", "1 s", "sweep.parameters.clearance"),
         ("mechanism.joints.crank_pn.clearance", "1 mm", "did you mean 'crank_pin'"),
         ("mechanism.crank.length", 0.7, "the crank cannot turn"),

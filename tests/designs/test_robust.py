@@ -60,6 +60,7 @@ def scenario(uncertain: dict, **options) -> Scenario:
             {},
             "give crank_length with the tolerance",
         ),
+        ({"crank.length": FRICTION}, {}, "give crank_length with the tolerance"),
         (
             {"friction": {"distribution": "normal", "mean": 0.05, "deviation": 0.1}},
             {},

@@ -503,10 +503,11 @@ def config(files: tuple[Path, ...], scenario: str | None) -> None:
     keys in SI, as JSON for --options. Warnings, such as of an implausible mass, go to the standard
     error output.
     """
-    from jointgap.config import load, read_yaml
+    from jointgap.config import Mechanism, load, read_yaml
     from jointgap.config.yaml_files import merge, plain_speeds
     from jointgap.core.errors import InputError, did_you_mean
     from jointgap.lengths.region import check_constraints
+    from jointgap.motion.linkage import linkage_remarks
     from jointgap.motion.mechanism_warnings import remarks
 
     content, folders, warnings = {}, [], []
@@ -524,7 +525,10 @@ def config(files: tuple[Path, ...], scenario: str | None) -> None:
             f"{source}: run lists no scenario '{name}'; {did_you_mean(name, scenarios)}"
         )
     selected = scenarios[name]
-    warnings += remarks(selected.mechanism, selected.simulate.highest_speed)
+    if isinstance(selected.mechanism, Mechanism):
+        warnings += remarks(selected.mechanism, selected.simulate.highest_speed)
+    else:
+        warnings += linkage_remarks(selected.mechanism, selected.simulate)
     for warning in warnings:
         click.echo(f"jointgap: {warning}", err=True)
     click.echo(selected.model_dump_json(indent=2, by_alias=True))

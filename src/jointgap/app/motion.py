@@ -224,11 +224,6 @@ def simulate(
 
 def checked_mechanism(mechanism: Any) -> Mechanism:
     """The `mechanism`; InputError for any other type."""
-    if isinstance(mechanism, LinkageFile):
-        raise InputError(
-            "mechanism: is a general linkage, which only simulate and optimise take; give a"
-            " slider-crank"
-        )
     return _of_kind(mechanism, Mechanism, "mechanism", "load one with load_mechanism(path)")
 
 

@@ -12,6 +12,7 @@ from jointgap.app.motion import checked_mechanism, simulate_options
 from jointgap.app.result import Result
 from jointgap.config import Mechanism, Scenario, Simulate, load
 from jointgap.config.designs import Sweep
+from jointgap.config.linkage_file import LinkageFile
 from jointgap.core import parquet
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.facts import Fact
@@ -96,8 +97,10 @@ class SweptDesigns(Result):
     def _draw(self, name: str):
         from jointgap.designs.figures import measure_over_parameters
 
-        axes = self._drawn.axes
-        return measure_over_parameters(self.read(*(axis.key for axis in axes), name), axes, name)
+        axes, columns = self._drawn.axes, self._drawn.measured
+        measure = next(column for column in columns if column.name == name)
+        designs = self.read(*(axis.key for axis in axes), name)
+        return measure_over_parameters(designs, axes, measure)
 
     @property
     def facts(self) -> list[Fact]:
@@ -109,7 +112,7 @@ class SweptDesigns(Result):
 
 
 def sweep(
-    mechanism: Mechanism,
+    mechanism: Mechanism | LinkageFile,
     options: Simulate | None = None,
     *,
     folder: Path | str,
@@ -125,17 +128,18 @@ def sweep(
 
     Parameters
     ----------
-    mechanism : Mechanism
+    mechanism : Mechanism or LinkageFile
     options : Simulate, optional
         Drive and sampling of all designs, except varied values.
     folder : Path or str
         Output folder of the dataset ``designs`` and the summary.
     parameters : mapping
         Varied parameters: a word (``speed``; ``clearance``, ``friction``, ``restitution`` of every
-        loose joint; ``crank_length``, ``rod_length``) or the path of a key such as
-        ``mechanism.slider.mass``. Values: a list, or ``{"from": "0.1 mm", "to": "1 mm"}`` with
-        ``"distribution"`` ``uniform`` (default), ``log_uniform``, ``normal`` (with ``mean`` and
-        ``deviation``) or ``triangular`` (with ``peak``).
+        loose joint; of a slider-crank ``crank_length``, ``rod_length``) or the path of a key as
+        `change` takes it, such as ``slider.mass``, of a linkage ``bodies.rocker.length``. Values: a
+        list, or ``{"from": "0.1 mm", "to": "1 mm"}`` with ``"distribution"`` ``uniform`` (default),
+        ``log_uniform``, ``normal`` (with ``mean`` and ``deviation``) or ``triangular`` (with
+        ``peak``).
     workers : int, optional
         Threads; the number of cores by default. Results do not depend on it.
     **keys
@@ -172,8 +176,9 @@ def sweep(
     """
     settings = {key: keys.pop(key) for key in Sweep.model_fields if key in keys}
     settings["parameters"] = parameters
+    is_linkage = isinstance(mechanism, LinkageFile)
     scenario = Scenario(
-        mechanism=checked_mechanism(mechanism),
+        mechanism=mechanism if is_linkage else checked_mechanism(mechanism),
         simulate=simulate_options(options, keys),
         sweep=load.validate(Sweep, plain_numbers(settings), "sweep"),
     )

@@ -28,7 +28,7 @@ from jointgap.config.channels import (
     groups_of,
     joints_of,
 )
-from jointgap.config.linkage_file import LinkageFile
+from jointgap.config.linkage_file import AnyMechanism, LinkageFile
 from jointgap.config.mechanism import Mechanism
 from jointgap.config.scenario import MotorDrive
 from jointgap.core.csv_files import Csv
@@ -550,14 +550,6 @@ def _day(date: Any) -> Any:
 Day = Annotated[Date, BeforeValidator(_day)]
 
 
-def _mechanism(content: Any) -> Mechanism | LinkageFile:
-    """The mechanism of a campaign: a linkage if it has ``bodies``, else a slider-crank."""
-    if isinstance(content, LinkageFile):
-        return content
-    is_linkage = isinstance(content, dict) and "bodies" in content
-    return (LinkageFile if is_linkage else Mechanism).model_validate(content)
-
-
 class Campaign(ConfigModel, use_attribute_docstrings=True):
     """A rig and its measurements, without the samples."""
 
@@ -565,7 +557,7 @@ class Campaign(ConfigModel, use_attribute_docstrings=True):
     """name of the campaign, and of its folder of results"""
     date: Day | None = None
     """day of the measurement, for trends: 2026-03-01"""
-    mechanism: Annotated[Mechanism | LinkageFile, BeforeValidator(_mechanism)]
+    mechanism: AnyMechanism
     """the current model of the mechanism"""
     drive: Literal["constant_speed", "measured_angle", "motor", "free"] = "constant_speed"
     """of the crank; free: a coast-down, without torque"""

@@ -1,18 +1,25 @@
 """Variations over many designs: sweeps, sensitivities, unreported settings, robust lengths."""
 
 import math
+import re
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, FiniteFloat, WithJsonSchema
 
-from jointgap.core.schema import BEST_LENGTHS, MEASURES, PRINTED_OPTIMA, Column
+from jointgap.core.joints import JOINTS
+from jointgap.core.schema import (
+    BEST_LENGTHS,
+    MEASURES,
+    MEASURES_OF_LINKAGE,
+    PRINTED_OPTIMA,
+    Column,
+)
 from jointgap.core.section import ConfigModel, Seed, distinct, whole_number
+from jointgap.core.sites import SLIDER_CRANK, Sites
 from jointgap.core.units import Angle, OpenFraction, quantity
-
-ALL_MEASURES = (*MEASURES.columns, *BEST_LENGTHS.columns, *PRINTED_OPTIMA.columns)
-Measure = Literal[tuple(column.name for column in ALL_MEASURES)]
-
+from jointgap.core.words import format_name
 
 MOST_DESIGNS = 10_000_000  # per sweep: a processor needs a day at some milliseconds each
 MOST_VALUES = 1000  # per list or range: combined with those of others
@@ -177,18 +184,48 @@ class Sweep(ConfigModel):
         )
 
 
-def measured(sweep: Sweep) -> tuple[Column, ...]:
-    """Columns of the measures of each design."""
+def measured(sites: Sites, sweep: Sweep) -> tuple[Column, ...]:
+    """Columns of the measures of each design of a mechanism with these bodies and joints."""
+    if sites != SLIDER_CRANK:
+        return tuple(_measures_of_linkage(sites))
     printed = PRINTED_OPTIMA.columns if sweep.printed_numbers else ()
     lengths = BEST_LENGTHS.columns if printed or sweep.best_lengths else ()
     return (*MEASURES.columns, *lengths, *printed)
 
 
+_ROTARY = {"m": "rad", "m/s^2": "rad/s^2"}
+
+
+def _measures_of_linkage(sites: Sites) -> Iterator[Column]:
+    """The measures of a slider-crank with the names of a linkage: of its output body in place of
+    the slider, and of each joint in place of the crank pin; and those of every linkage."""
+    turns, output = sites.output not in sites.slides, format_name(sites.output)
+    words = {"slider": output, "stroke": f"stroke of the {output}"}
+    if turns:
+        words |= {"stroke": f"swing of the {output}", "acceleration": "angular acceleration"}
+        words |= {"outer dead centre": f"largest angle of the {output}"}
+        words |= {"inner dead centre": f"smallest angle of the {output}"}
+    for column in (*MEASURES.columns, *MEASURES_OF_LINKAGE.columns):
+        if column.name.startswith(JOINTS):
+            continue
+        text = re.sub("|".join(words), lambda found: words[found[0]], column.description)
+        name = column.name.replace("stroke", "swing") if turns else column.name
+        unit = _ROTARY.get(column.unit, column.unit) if turns else column.unit
+        yield replace(column, name=name, unit=unit, description=text)
+    of_joint = [column for column in MEASURES.columns if column.name.startswith("crank_pin")]
+    slides = (*sites.slides.values(), *sites.tracks)
+    for joint in (*sites.revolutes, *slides):
+        words = f"{'slide' if joint in slides else 'joint'} {format_name(joint)}"
+        for column in of_joint:
+            text = column.description.replace("the crank pin", words).replace("crank pin", words)
+            yield replace(column, name=column.name.replace("crank_pin", joint), description=text)
+
+
 class Sensitivity(ConfigModel):
     """Sobol indices of the measures of a sweep, from a surrogate of each."""
 
-    measures: Annotated[tuple[Measure, ...], AfterValidator(distinct)] = Field(
-        (), description="all when empty"
+    measures: Annotated[tuple[str, ...], AfterValidator(distinct)] = Field(
+        (), description="columns of the sweep; all when empty"
     )
     seed: Seed = Field(0, description="seed of the test designs and of the intervals")
 

@@ -14,7 +14,14 @@ from pydantic import (
     field_validator,
 )
 
-from jointgap.config.mechanism import Contact, Joint, OfAnyKind, angle_of, with_contacts
+from jointgap.config.mechanism import (
+    Contact,
+    Joint,
+    Mechanism,
+    OfAnyKind,
+    angle_of,
+    with_contacts,
+)
 from jointgap.core.errors import did_you_mean
 from jointgap.core.section import ConfigModel, Word, checked, complaints
 from jointgap.core.sites import FRAME, Sites
@@ -429,6 +436,17 @@ class LinkageFile(OfAnyKind):
                 owners[name] = (*owners.get(name, ()), body)
         return owners
 
+
+def _of_any_kind(content: Any) -> Mechanism | LinkageFile:
+    """A linkage if it has ``bodies``, else a slider-crank."""
+    if isinstance(content, LinkageFile):
+        return content
+    is_linkage = isinstance(content, dict) and "bodies" in content
+    return (LinkageFile if is_linkage else Mechanism).model_validate(content)
+
+
+AnyMechanism = Annotated[Mechanism | LinkageFile, BeforeValidator(_of_any_kind)]
+"""The mechanism of a campaign or a sweep."""
 
 _OF_BODIES = ("angle", "angular_velocity", "angular_acceleration")
 _OF_BODIES += tuple(

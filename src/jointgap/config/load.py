@@ -161,8 +161,11 @@ def resolve(
 
 
 def check_all_sections(scenario: Scenario, name: str, source: str = "configuration") -> None:
-    """InputError where the sections of a scenario, with defaults, are inconsistent."""
-    validate(Scenario, scenario.model_dump(by_alias=True), f"{source}, scenario {name}")
+    """InputError where the sections of a scenario, with defaults, are inconsistent, or its
+    mechanism is no slider-crank."""
+    source = f"{source}, scenario {name}"
+    scenario.check_slider_crank(f"{source}: ")
+    validate(Scenario, scenario.model_dump(by_alias=True), source)
 
 
 def is_complete(config: Mapping[str, Any]) -> bool:
@@ -262,13 +265,17 @@ def _schema(model: type[ConfigModel]) -> dict[str, Any]:
     """The schema of a file in which mechanisms and contacts may be given by name, and mechanisms by
     a base."""
     schema = model.model_json_schema()
-    contact = schema["$defs"]["Joint"]["properties"]["contact"]
-    schema["$defs"]["Joint"]["properties"]["contact"] = {"anyOf": [{"type": "string"}, contact]}
+    for joint in ("Joint", "Pin", "Slide"):
+        properties = schema["$defs"][joint]["properties"]
+        contact = properties["contact"]
+        either = {"anyOf": [{"type": "string"}, contact], "description": contact["description"]}
+        properties["contact"] = either
     path = {"type": "string", "description": "path of a mechanism file, or name of a shipped one"}
     base = {
         "type": "string",
         "description": "path or name of the mechanism that the other keys modify",
     }
     over = {"type": "object", "required": ["base"], "properties": {"base": base}}
-    schema["properties"]["mechanism"] = {"anyOf": [path, over, schema["properties"]["mechanism"]]}
+    mechanism = schema["properties"]["mechanism"]
+    mechanism["anyOf"] = [path, over, *mechanism["anyOf"]]
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

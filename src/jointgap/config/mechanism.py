@@ -13,7 +13,6 @@ from pydantic import (
     ValidationInfo,
     WrapValidator,
     field_validator,
-    model_validator,
 )
 
 from jointgap.config.friction_laws import FRICTION_KEYS, FRICTION_LAWS
@@ -450,16 +449,6 @@ class Mechanism(OfAnyKind):
     effects: tuple[AnyEffect, ...] = Field(
         (), description="effects besides contact and friction in the joints"
     )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _is_slider_crank(cls, data: Any) -> Any:
-        if isinstance(data, dict) and "bodies" in data:
-            raise ValueError(
-                "is a general linkage (it has bodies), for `jointgap look`, jointgap.simulate and"
-                " campaigns; this needs a slider-crank: crank, rod, slider and joints"
-            )
-        return data
 
     @field_validator("joints", mode="before")
     @classmethod

@@ -18,9 +18,10 @@ from jointgap.config.designs import (
     in_order,
     measured,
 )
+from jointgap.config.linkage_file import AnyMechanism, LinkageFile
 from jointgap.config.mechanism import Mechanism
-from jointgap.core.errors import InputError
-from jointgap.core.schema import PRINTED_OPTIMA
+from jointgap.core.errors import InputError, did_you_mean
+from jointgap.core.schema import BEST_LENGTHS, PRINTED_OPTIMA
 from jointgap.core.section import ConfigModel, Seed, Word, checked, distinct, whole_number
 from jointgap.core.units import (
     Angle,
@@ -162,7 +163,7 @@ class Simulate(ConfigModel):
             )
 
 
-def check_tolerance(mechanism: Mechanism, options: Simulate) -> None:
+def check_tolerance(mechanism: Mechanism | LinkageFile, options: Simulate) -> None:
     """InputError where the tolerance is too large for the clearances."""
     check_clearance_tolerance(
         {name: mechanism.clearance(name) for name in mechanism.loose}, options
@@ -184,7 +185,7 @@ def check_clearance_tolerance(clearances: Mapping[str, float], options: Simulate
         )
 
 
-def check_drive(mechanism: Mechanism, options: Simulate) -> None:
+def check_drive(mechanism: Mechanism | LinkageFile, options: Simulate) -> None:
     """InputError where an effect of the `mechanism` is incompatible with the drive."""
     for effect in mechanism.effects:
         if effect.DRIVE not in ("", options.drive.kind):
@@ -434,7 +435,9 @@ class Figures(ConfigModel):
 class DrivenMechanism(ConfigModel):
     """A mechanism with its drive and sampling."""
 
-    mechanism: Mechanism
+    mechanism: AnyMechanism = Field(
+        description="a slider-crank; of make sweep also a general linkage"
+    )
     simulate: Simulate = Simulate()
 
     def errors(self) -> Iterator[str]:
@@ -442,7 +445,11 @@ class DrivenMechanism(ConfigModel):
         check_drive(self.mechanism, self.simulate)
         check_tolerance(applied, self.simulate)
         applied.check_contacts(self.simulate.highest_speed)
-        return iter(())
+        if isinstance(applied, LinkageFile) and self.simulate.speed < 0.0:
+            yield (
+                f"simulate.speed {self.simulate.speed:g} rad/s is clockwise; mirror the linkage and"
+                " give a positive speed"
+            )
 
 
 class Scenario(DrivenMechanism):
@@ -466,6 +473,9 @@ class Scenario(DrivenMechanism):
     paper: bool = Field(False, description="compare the results with the paper; requires networks")
     surrogate: Surrogate = Surrogate()
     optimise: Optimise = Optimise()
+    optimise_linkage: OptimiseLinkage | None = Field(
+        None, description="lengths of a general linkage and their constraints, for optimise_robust"
+    )
     figures: Figures = Figures()
     sweep: Sweep = Sweep()
     sensitivity: Sensitivity | None = None
@@ -474,10 +484,16 @@ class Scenario(DrivenMechanism):
 
     def errors(self) -> Iterator[str]:
         """Checks only the sections that are present: a stage receives only those that it reads."""
-        self._set_default_box()
+        sections = set(self.model_fields_set)
+        if isinstance(self.mechanism, LinkageFile):
+            yield from self._errors_of_linkage()
+            sections -= {"surrogate", "optimise"}
+        else:
+            self._set_default_box()
+            if self.optimise_linkage:
+                yield "optimise_linkage is for general linkages; a slider-crank has optimise.boxes"
         if self.paper and "networks" in self.model_fields_set and not self.networks:
             yield "paper = true requires networks: true; set it, or set paper to false"
-        sections = self.model_fields_set
         if "optimise" in sections:
             yield from self._errors_of_objective()
         if sections >= {"mechanism", "simulate"}:
@@ -492,16 +508,52 @@ class Scenario(DrivenMechanism):
             )
         if sections >= {"mechanism", "optimise"}:
             yield from self._errors_of_lengths()
-        names = {column.name for column in measured(self.sweep)}
+        names = [column.name for column in measured(self.mechanism.sites, self.sweep)]
+        further = dict.fromkeys(BEST_LENGTHS.names, "best_lengths")
+        further |= dict.fromkeys(PRINTED_OPTIMA.names, "printed_numbers")
         for name in self.sensitivity.measures if "sweep" in sections and self.sensitivity else ():
-            if name not in names:
-                key = "printed_numbers" if name in PRINTED_OPTIMA.names else "best_lengths"
-                yield f"sensitivity.measures: {name} is not computed; set sweep.{key} to true"
+            if name in names:
+                continue
+            fix = f"is no measure here; {did_you_mean(name, names)}"
+            if name in further and isinstance(self.mechanism, Mechanism):
+                fix = f"is not computed; set sweep.{further[name]} to true"
+            yield f"sensitivity.measures: {name} {fix}"
         settled, revolutions = self.optimise.ensemble.settled_revolution, self.simulate.revolutions
         if sections >= {"simulate", "optimise"} and settled > revolutions:
             yield (
                 f"optimise.ensemble.settled_revolution {settled} is more than"
                 f" simulate.revolutions, {revolutions}; reduce it"
+            )
+
+    def _errors_of_linkage(self) -> Iterator[str]:
+        """Keys that only a slider-crank has."""
+        optimise, sweep = self.optimise, self.sweep
+        given = {
+            "networks": self.networks,
+            "paper": self.paper,
+            "optimise.boxes": optimise.boxes,
+            "optimise.constraints": optimise.constraints != Constraints(),
+            "infer_settings": self.infer_settings,
+            "sweep.best_lengths": sweep.best_lengths,
+            "sweep.printed_numbers": sweep.printed_numbers,
+        }
+        for key, is_given in given.items():
+            if is_given:
+                yield f"{key} is for slider-cranks, and the mechanism is a linkage; remove it"
+        if self.optimise_robust.uncertain and self.optimise_linkage is None:
+            yield "optimise_robust of a linkage requires optimise_linkage.lengths, bounds by name"
+        if self.optimise_linkage and self.optimise_linkage.objective != "transmission_angle":
+            yield "optimise_linkage.objective must be transmission_angle for optimise_robust"
+        if len(self.mechanism.bodies) < 2:
+            yield "mechanism: has a crank only; add the bodies that it moves"
+
+    def check_slider_crank(self, source: str = "") -> None:
+        """InputError, which begins with the `source`, where the mechanism is a general linkage."""
+        if isinstance(self.mechanism, LinkageFile):
+            raise InputError(
+                f"{source}mechanism: is a general linkage (it has bodies), for `make sweep`,"
+                " `jointgap look`, jointgap.simulate and campaigns; this needs a slider-crank:"
+                " crank, rod, slider and joints"
             )
 
     def _set_default_box(self) -> None:

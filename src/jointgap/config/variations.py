@@ -3,12 +3,13 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
+from jointgap.config.linkage_file import LinkageFile
 from jointgap.config.load import validate
-from jointgap.config.mechanism import Link, Mechanism
+from jointgap.config.mechanism import Link, Mechanism, OfAnyKind
 from jointgap.config.scenario import DrivenMechanism
 from jointgap.config.yaml_files import leaves
 from jointgap.core.errors import InputError, did_you_mean
-from jointgap.core.joints import FROM_FRAME, JOINTS
+from jointgap.core.joints import JOINTS
 from jointgap.core.section import ConfigModel
 from jointgap.core.units import plain_numbers, to_si
 
@@ -18,10 +19,6 @@ OF_LOOSE_JOINTS = {"clearance": "m", "friction": "1", "restitution": "1", "stiff
 """Words for a value of every loose joint, with its unit (of the stiffness N/m^exponent)."""
 
 _LINKS = {"crank_length": "crank", "rod_length": "rod"}
-
-_LENGTHS = [("mechanism", link, "length") for link in _LINKS.values()]
-"""Paths of lengths, with which the mass centres of the links are scaled unless they are given
-too."""
 
 VARIED_BY_WORD = {"speed": "rad/s"} | OF_LOOSE_JOINTS | dict.fromkeys(_LINKS, "m")
 """Words for varied parameters, with their units."""
@@ -45,8 +42,8 @@ def set_at(data: Any, path: Sequence[str], value: Any, source: str) -> Any:
     step, *inner_path = path
     entries = _entries(data)
     if isinstance(data, list | tuple):
-        entry(data, step, source, "effects")
-        if not inner_path and not isinstance(value, Mapping):
+        entry(data, step, source, "a point" if "x" in entries else "effects")
+        if not (inner_path or "x" in entries or isinstance(value, Mapping)):
             raise InputError(
                 f"{source}: is a whole effect; give the path of a number, such as"
                 f" {step}.parameters.<name>"
@@ -79,9 +76,12 @@ def entry(data: Any, step: str, source: str, parent: str) -> Any:
 
 
 def _entries(data: Any) -> dict[str, Any]:
-    """The entries of `data` by key, or by name for a list of effects; a copy."""
+    """The entries of `data` by key, or by name for a list of effects, of a point x and y; a
+    copy."""
     if not isinstance(data, list | tuple):
         return dict(data) if isinstance(data, ConfigModel | Mapping) else {}
+    if len(data) == 2 and all(isinstance(coordinate, float) for coordinate in data):
+        return dict(zip("xy", data, strict=True))
     if not all(isinstance(effect, ConfigModel | Mapping) for effect in data):
         return {}
     effects = [dict(effect) for effect in data]
@@ -100,15 +100,16 @@ def change(section: AnyConfigModel, changes: Mapping[str, Any]) -> AnyConfigMode
 
     Parameters
     ----------
-    section : Mechanism, Simulate, Joint, Contact or another section
+    section : Mechanism, LinkageFile, Simulate, Joint, Contact or another section
         ConfigModel to copy.
     changes : mapping
         New values by key, nested as in a file (``{"slider": {"mass": "1.2 kg"}}``) or by the path
         of a key (``{"slider.mass": "1.2 kg"}``). Additional keys of a mechanism: ``clearance``
         (radial), ``friction``, ``restitution`` and ``stiffness`` change every loose joint;
         ``joints.crank_pin.clearance`` changes the bearing's radius of one; an entry of ``contacts``
-        changes the joints that refer to it. The length of a link scales its mass centre, as in
-        sweeps and in `optimise`, unless ``mass_centre`` is given too. Effects are identified by
+        changes the joints that refer to it; ``frame.points.C.x`` is a coordinate. The length of a
+        link scales its mass centre, as in sweeps and in `optimise`, unless ``mass_centre`` is given
+        too. Effects are identified by
         name (``effects.gravity.parameters...``), or by ``name@site`` where one is listed twice.
 
     Returns
@@ -128,7 +129,7 @@ def change(section: AnyConfigModel, changes: Mapping[str, Any]) -> AnyConfigMode
     >>> heavier.slider.mass, round(heavier.clearance("crank_pin"), 9)
     (1.2, 0.0002)
     """
-    name, is_mechanism = type(section).__name__, isinstance(section, Mechanism)
+    name, is_mechanism = type(section).__name__, isinstance(section, OfAnyKind)
     data = dict(section)
     changes = {str(key): value for key, value in plain_numbers(changes).items()}
     # apply contacts to the joints that refer to them before the joints' own changes
@@ -153,15 +154,18 @@ def _validated(
     if isinstance(section, DrivenMechanism):
         path, mechanism, mechanism_data = "mechanism.", section.mechanism, data["mechanism"]
     links = {path: section} if isinstance(section, Link) else {}
-    if isinstance(mechanism, Mechanism):
-        links = {f"{path}{link}.": getattr(mechanism, link) for link in _LINKS.values()}
+    if isinstance(mechanism, OfAnyKind):
+        places = "bodies." if isinstance(mechanism, LinkageFile) else ""
+        links = {f"{path}{places}{link}.": mechanism.body(link) for link in mechanism.sites.links}
         if isinstance(mechanism_data, dict):
             _clearances_to_radii(mechanism_data["joints"], source)
     for path, link in links.items():
         length, centre = f"{path}length", f"{path}mass_centre"
         if length in changed and centre not in changed:
             value = si_number(value_at(data, length.split("."), source), "m", f"{source}: {length}")
-            scaled = link.mass_centre * (value / link.length)
+            middle, ratio = link.mass_centre, value / link.length
+            is_point = isinstance(middle, tuple)
+            scaled = (middle[0] * ratio, middle[1]) if is_point else middle * ratio
             data = set_at(data, centre.split("."), scaled, source)
     return validate(type(section), data, title)
 
@@ -176,10 +180,13 @@ def _loose_joint_paths(joints: Sequence[str], word: str, source: str) -> list[tu
     return [("joints", joint, *keys) for joint in joints]
 
 
-def _with_contacts(mechanism: Mechanism, data: dict[str, Any], source: str) -> dict[str, Any]:
+def _with_contacts(
+    mechanism: Mechanism | LinkageFile, data: dict[str, Any], source: str
+) -> dict[str, Any]:
     """`data` whose joints follow the entries of contacts that they refer to; validated joints
     contain copies."""
-    joints = {joint: mechanism.joint(joint) for joint in JOINTS}
+    names = mechanism.joints if isinstance(mechanism, LinkageFile) else JOINTS
+    joints = {name: mechanism.joint(name) for name in names}
     for key, contact in mechanism.contacts.items():
         referring = [name for name, joint in joints.items() if joint and joint.contact == contact]
         if not referring or not isinstance(data["contacts"].get(key), Mapping):
@@ -200,7 +207,7 @@ def _with_contacts(mechanism: Mechanism, data: dict[str, Any], source: str) -> d
 def _clearances_to_radii(joints: Any, source: str) -> None:
     """Converts the radial clearance of joints to the bearing's radius."""
     for key, joint in joints.items() if isinstance(joints, Mapping) else ():
-        if isinstance(joint, dict) and "clearance" in joint:
+        if isinstance(joint, dict) and "clearance" in joint and "slide" not in joint:
             key = f"{source}: joints.{key}.clearance"
             if "journal_radius" not in joint:
                 raise InputError(f"{key}: the joint has no journal_radius; give it too")
@@ -219,15 +226,21 @@ def si_number(value: Any, unit: str, source: str) -> float:
 def with_values(base: DrivenMechanism, changes: dict[str, Any], source: str) -> DrivenMechanism:
     """A driven mechanism with other values, by word or path."""
     data, changed = dict(base), set()
-    for key in sorted(changes, key=lambda key: key in VARIED_BY_WORD):  # paths before words
+    # contacts before joints, paths before words
+    for key in sorted(changes, key=lambda key: (key in VARIED_BY_WORD, "contacts." not in key)):
         name, value = f"{source}.{key}", changes[key]
-        for path in _paths(data, key, name):
+        for path in paths_of(data, key, name):
             is_clearance = path[-1] == "clearance"
-            if is_clearance or path in _LENGTHS:
+            if path[-1] in ("clearance", "length"):
                 value = si_number(value, "m", name)
             value_at(data, path[:-1] if is_clearance else path, name)  # rejects unknown keys
             data = set_at(data, path, value, name)
             changed.add(".".join(path))
+            if path[:2] == ("mechanism", "contacts"):
+                inside = _with_contacts(base.mechanism, data["mechanism"], name)
+                if inside["joints"] is data["mechanism"]["joints"]:
+                    raise InputError(f"{name}: no joint has this contact; vary that of a joint")
+                data = data | {"mechanism": inside}
     words = ", ".join(f"{key} = {value}" for key, value in changes.items())
     changed_base = _validated(base, data, changed, source, f"{source}, {words}")
     speed = [key for key in changes if key in ("speed", "simulate.speed")]
@@ -239,30 +252,32 @@ def with_values(base: DrivenMechanism, changes: dict[str, Any], source: str) -> 
     return changed_base
 
 
-def _paths(data: Any, key: str, source: str) -> list[tuple[str, ...]]:
+def paths_of(data: Any, key: str, source: str) -> list[tuple[str, ...]]:
     """Paths of `key` in `data`, a driven mechanism."""
     if key == "speed":
         return [("simulate", "speed")]
-    if key in _LINKS:
+    words = VARIED_BY_WORD
+    if "bodies" in _entries(value_at(data, ("mechanism",), source)):  # a general linkage
+        words = {word: unit for word, unit in words.items() if word not in _LINKS}
+    elif key in _LINKS:
         return [("mechanism", _LINKS[key], "length")]
     if key in OF_LOOSE_JOINTS:
         joints = dict(value_at(data, ("mechanism", "joints"), source))
-        loose = [
-            name for name in FROM_FRAME if joints[name] != "ideal" and dict(joints[name])["loose"]
-        ]
+        loose = [name for name, joint in joints.items() if _is_loose(joint)]
         paths = _loose_joint_paths(loose, key, source)
         return [("mechanism", *path) for path in paths]
     path = tuple(key.split("."))
-    if path[:2] == ("mechanism", "contacts"):
-        raise InputError(
-            f"{source}: contacts are copied into the joints; vary"
-            f" mechanism.joints.<joint>.contact.{path[-1]}"
-        )
     if len(path) < 2:
         raise InputError(
-            f"{source}: no such word; {did_you_mean(key, VARIED_BY_WORD)} Or give the path of a key"
+            f"{source}: no such word; {did_you_mean(key, words)} (or give the path of a key)"
         )
-    return [path]
+    return [path if path[0] in ("mechanism", "simulate") else ("mechanism", *path)]
+
+
+def _is_loose(joint: Any) -> bool:
+    """Whether a joint, or its data, is loose; a slide is if it has a clearance."""
+    content = {} if joint == "ideal" else dict(joint)
+    return content.get("loose", content.get("clearance") is not None)
 
 
 def number_at(section: ConfigModel, key: str, source: str) -> tuple[float, str]:
@@ -277,6 +292,8 @@ def number_at(section: ConfigModel, key: str, source: str) -> tuple[float, str]:
 def _unit_at(base: ConfigModel, path: Sequence[str], source: str) -> str | None:
     """SI unit of the number at a `path`; '' for a pure number, None if it has no unit."""
     section, schema = value_at(base, path[:-1], source), {}
+    if isinstance(section, tuple) and path[-1] in ("x", "y"):  # of a point
+        return "m"
     if isinstance(section, ConfigModel):
         schema = type(section).model_json_schema()["properties"].get(path[-1], {})
     units = {part["unit"] for part in (schema, *schema.get("anyOf", ())) if "unit" in part}
@@ -288,7 +305,7 @@ def unit_of(base: DrivenMechanism, key: str, source: str) -> str:
     if key in VARIED_BY_WORD:
         return VARIED_BY_WORD[key].replace("1", "")
     name = f"{source}.{key}"
-    path = _paths(base, key, name)[0]
+    path = paths_of(base, key, name)[0]
     if path[-1] == "clearance":
         return VARIED_BY_WORD["clearance"]
     value_at(base, path, name)

@@ -55,8 +55,8 @@ REFERENCE_APPROACH_SPEED = 0.05
 
 def outputs(loose: Iterable[str]) -> tuple[str, ...]:
     """Outputs of the networks for the joints `loose`: columns of the trajectory, in the paper's
-    order."""
-    numbers = sorted(JOINT_NUMBERS[joint] for joint in loose)
+    order; none for joints of general linkages."""
+    numbers = sorted(JOINT_NUMBERS[joint] for joint in loose if joint in JOINT)
     names = ("r{}", "gamma{}", "gamma{}_dot", "gamma{}_ddot")
     return tuple(name.format(number) for name in names for number in numbers)
 

@@ -290,7 +290,7 @@ def label_log_ticks(axis, low: float, high: float) -> None:
     # LogLocator gives no tick at all with several steps over many decades, and one alone within a
     # few per cent
     steps = (1.0, 2.0, 5.0) if ratio < 1e3 else (1.0,)
-    label_ticks(axis, LogLocator(subs=steps) if ratio > 10.0 else MaxNLocator(5))
+    label_ticks(axis, LogLocator(subs=steps) if ratio > 9.99 else MaxNLocator(5))
 
 
 def width_for(columns: int) -> float:

@@ -40,6 +40,12 @@ class Sites:
         return hash(repr(self))
 
     @property
+    def output(self) -> str:
+        """The output body: the last one on a slide or pivot of the frame, else the last one."""
+        held = [body for body in self.bodies if body in self.slides or body in self.pivots]
+        return [*self.bodies, *held][-1]
+
+    @property
     def pins(self) -> tuple[str, ...]:
         """Revolute joints of two moving bodies."""
         return tuple(name for name, bodies in self.revolutes.items() if FRAME not in bodies)

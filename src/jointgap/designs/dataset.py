@@ -8,14 +8,17 @@ from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pandas as pd
 from pyarrow.parquet import FileMetaData
 
-from jointgap.config import Scenario
+from jointgap.config import DrivenMechanism, Scenario
+from jointgap.config.linkage_file import LinkageFile
 from jointgap.core import parquet
-from jointgap.core.errors import InputError
+from jointgap.core.errors import InputError, SimulationError
+from jointgap.core.joints import JOINTS
 from jointgap.core.progress import parts, with_progress
-from jointgap.core.schema import EVENTS, SWEEP_DESIGNS, TRAJECTORY, Table
+from jointgap.core.schema import EVENTS, SWEEP_DESIGNS, TRAJECTORY, Column, Table
 from jointgap.designs.measures import (
     angles_to_measure,
     best_lengths,
@@ -23,8 +26,17 @@ from jointgap.designs.measures import (
     printed_reductions,
 )
 from jointgap.designs.sampling import SOURCE, Designs, designs_of
+from jointgap.motion.linkage import linkage_model, published
 from jointgap.motion.model import Model
-from jointgap.motion.parallel import Outcome, Run, side_by_side, simulate_run
+from jointgap.motion.of_file import start_state
+from jointgap.motion.parallel import Outcome, Run, side_by_side
+from jointgap.motion.simulation import (
+    crank_angles,
+    event_frame,
+    integrate_to_angles,
+    modes_of,
+    observed,
+)
 from jointgap.motion.slider_crank import model_of, simulate
 
 _CHUNK = 32
@@ -57,7 +69,7 @@ def _simulate_chunk(designs: Designs, numbered: list[tuple[int, dict]]) -> list[
     """Rows of some designs, by number and values."""
     prepared = [_prepare(designs, values) for _, values in numbered]
     simulated = [
-        [job if isinstance(job, InputError) else simulate_run(*job) for job in jobs]
+        [job if isinstance(job, InputError) else _simulate(*job) for job in jobs]
         for jobs in prepared
     ]
     return [
@@ -71,23 +83,39 @@ def _prepare(designs: Designs, values: dict) -> list[tuple[Run, Model] | InputEr
     """A run for each start of a design, or the error of an infeasible design."""
     try:
         design = designs.scenario(values)
-        model = model_of(design.mechanism, design.simulate)
+        is_linkage = isinstance(design.mechanism, LinkageFile)
+        model = (linkage_model if is_linkage else model_of)(design.mechanism, design.simulate)
     except InputError as error:
         return [error] * designs.sweep.starts
-    angles = None if designs.sweep.printed_numbers else angles_to_measure(design.simulate)
+    chosen = crank_angles if designs.sweep.printed_numbers else angles_to_measure
+    angles = chosen(design.simulate)
     return [
         (Run(design.mechanism, design.simulate, start, angles), model)
         for start in designs.starts(design.mechanism)
     ]
 
 
-def _measure(designs: Designs, values: dict, outcome: Outcome | InputError) -> dict:
+def _simulate(run: Run, model: Model) -> Outcome | InputError | SimulationError:
+    """Simulate a run; its error where it fails."""
+    try:
+        start = start_state(model, run.perturbation)
+        result = integrate_to_angles(model, start, run.crank_angle, run.options.tolerance)
+    except (InputError, SimulationError) as error:
+        return error
+    return Outcome(run, model, run.crank_angle, result)
+
+
+def _measure(
+    designs: Designs, values: dict, outcome: Outcome | InputError | SimulationError
+) -> dict:
     """Measures of a simulation, or the reason of its failure."""
-    error = outcome if isinstance(outcome, InputError) else outcome.error
-    if error is not None:
-        return {"steps": 0, "reason": str(error)}
     sweep, definition = designs.sweep, designs.error_definition(values)
-    row = measures(outcome, sweep.window) | {"steps": outcome.result.steps, "reason": None}
+    try:
+        if not isinstance(outcome, Outcome):
+            raise outcome
+        row = measures(outcome, sweep.window) | {"steps": outcome.result.steps, "reason": None}
+    except (InputError, SimulationError) as error:
+        return {"steps": 0, "reason": str(error)}
     if sweep.best_lengths or sweep.printed_numbers:
         row |= best_lengths(outcome, definition)
     if sweep.printed_numbers:
@@ -246,10 +274,34 @@ def write_trajectories(designs: Designs, folder: Path) -> None:
     for number in designs.sweep.trajectories:
         design = designs.scenario(designs.values(number, 1)[0])
         for start, vectors in enumerate(designs.starts(design.mechanism)):
-            motion = simulate(design.mechanism, design.simulate, vectors)
+            table, samples, events = _trajectory(design, vectors)
             path = folder / f"design_{number}_start_{start}"
-            parquet.write(TRAJECTORY, motion.samples, path / "trajectory.parquet")
-            parquet.write(EVENTS, motion.events, path / "events.parquet")
+            parquet.write(table, samples, path / "trajectory.parquet")
+            parquet.write(EVENTS, events, path / "events.parquet")
+
+
+def _trajectory(
+    design: DrivenMechanism, vectors: dict[str, np.ndarray]
+) -> tuple[Table, pd.DataFrame, pd.DataFrame]:
+    """Samples with their table, and events, of a motion from given clearance vectors."""
+    mechanism, options = design.mechanism, design.simulate
+    if not isinstance(mechanism, LinkageFile):
+        start = np.concatenate([vectors.get(joint, np.zeros(2)) for joint in JOINTS])
+        motion = simulate(mechanism, options, start)
+        return TRAJECTORY, motion.samples, motion.events
+    model, angles = linkage_model(mechanism, options), crank_angles(options)
+    outcome = _simulate(Run(mechanism, options, vectors, angles), model)
+    if not isinstance(outcome, Outcome):
+        raise outcome
+    found = outcome.result
+    samples = published(model, observed(model, found)) | modes_of(model, found, model.pins)
+    units = {name: model.units.get(name, "") for name in samples}
+    columns = (
+        Column(name, unit, name, "float" if name in model.units else "text", nullable=True)
+        for name, unit in units.items()
+    )
+    table = Table("trajectory", "Samples of a linkage", tuple(columns))
+    return table, pd.DataFrame(samples | {"crank_angle": angles}), event_frame(model, found)
 
 
 def read_designs(designs: Designs, dataset: Path, *names: str) -> pd.DataFrame:

@@ -1,5 +1,6 @@
 """Labels and axes of parameters and measures, and figures of measures over parameters."""
 
+import re
 from collections.abc import Sequence
 from textwrap import fill
 from typing import Any
@@ -8,14 +9,14 @@ import numpy as np
 import pandas as pd
 from matplotlib.colors import LogNorm, Normalize
 
-from jointgap.config.designs import ALL_MEASURES
 from jointgap.core import plot
+from jointgap.core.joints import JOINTS
 from jointgap.core.page import TableBlock
 from jointgap.core.plot import Drawing, Panel, Quantity, Sheet
+from jointgap.core.schema import Column
 from jointgap.core.words import format_name, format_unit, number, reading_unit
 from jointgap.designs.sampling import Axis
 
-_COLUMNS = {column.name: column for column in ALL_MEASURES}
 _LABELS = {
     "speed": "crank speed",
     "window_start": "start of the window",
@@ -26,33 +27,32 @@ _LABELS = {
     "rms": "RMS",
 }
 _UNITS = {"stiffness": "N/mⁿ"}  # depends on the exponent
-_OMITTED = ("mechanism", "simulate", "joints", "contact")  # parts of a path, in labels
+_OMITTED = {"mechanism", "simulate", "bodies", "points", "contacts", "contact"}  # in labels
 
-PEAK_FORCE = "peak_force"
+PEAK_FORCE = Column("peak_force", "N", "largest force in the joints")
 """The largest force in any joint, computed from the measures of the joints."""
 
 _MOST_TICKS = 8  # labels of a list
 _MOST_DOTS = 4000  # per panel
 _GROUP_SIZE, _MOST_GROUPS = 25, 20  # designs per median, and medians per parameter
 _JITTER = 0.3  # [distance between values of a list] to both sides
-_MAPPED = ("angle_error_rms", PEAK_FORCE, "noise_share")
+_MAPPED = ("angle_error_rms", PEAK_FORCE.name, "noise_share")
 _MOST_MAPS = 3  # values of the third parameter
 
 
-def format_measure(name: str) -> str:
+def format_measure(measure: Column) -> str:
     """``RMS of the normal force in the crank pin``."""
-    if name == PEAK_FORCE:
-        return "largest force in the joints"
-    return _COLUMNS[name].description.partition(";")[0]
+    return measure.description.partition(";")[0]
 
 
-def measure_quantity(name: str) -> tuple[Quantity, float]:
+def measure_quantity(measure: Column) -> tuple[Quantity, float]:
     """Axis of a measure, and its number of axis units per SI unit."""
-    return _quantity(format_measure(name), "N" if name == PEAK_FORCE else _COLUMNS[name].unit)
+    return _quantity(format_measure(measure), measure.unit)
 
 
 def format_parameter(key: str) -> str:
-    """``crank pin journal`` of ``mechanism.joints.crank_pin.journal``."""
+    """``crank pin journal`` of ``mechanism.joints.crank_pin.journal``, ``joint B clearance``."""
+    key = re.sub(rf"joints\.(?={'|'.join(JOINTS)})", "", key).replace("joints.", "joint ")
     parts = [part for part in key.split(".") if part not in _OMITTED]
     return _LABELS.get(key) or format_name(" ".join(parts))
 
@@ -127,11 +127,13 @@ def parameter_panels(axes: Sequence[Axis], quantity: Quantity) -> Sheet:
     return sheet
 
 
-def measure_over_parameters(designs: pd.DataFrame, axes: tuple[Axis, ...], name: str) -> Drawing:
+def measure_over_parameters(
+    designs: pd.DataFrame, axes: tuple[Axis, ...], measure: Column
+) -> Drawing:
     """A measure of the designs over each parameter."""
-    designs = designs[np.isfinite(designs[name].to_numpy(dtype=float))]
-    quantity, factor = measure_quantity(name)
-    values = factor * designs[name].to_numpy(dtype=float)
+    designs = designs[np.isfinite(designs[measure.name].to_numpy(dtype=float))]
+    quantity, factor = measure_quantity(measure)
+    values = factor * designs[measure.name].to_numpy(dtype=float)
     with plot.matplotlib_style():
         sheet = parameter_panels(axes, quantity)
         for panel, axis in zip(sheet.panels, axes, strict=True):
@@ -155,9 +157,12 @@ def measure_over_parameters(designs: pd.DataFrame, axes: tuple[Axis, ...], name:
     return sheet.drawing()
 
 
-def grid_map(designs: pd.DataFrame, axes: tuple[Axis, ...]) -> Drawing:
-    """Measures of the designs of a grid over the first two parameters; a column per value of the
-    third."""
+def grid_map(
+    designs: pd.DataFrame, axes: tuple[Axis, ...], measured: tuple[Column, ...]
+) -> Drawing:
+    """Some measures of the designs of a grid over the first two parameters; a column per value of
+    the third."""
+    by_name = {column.name: column for column in (*measured, PEAK_FORCE)}
     across, up, *third = axes
     columns = {} if third else {"": designs}
     for axis in third:
@@ -169,7 +174,7 @@ def grid_map(designs: pd.DataFrame, axes: tuple[Axis, ...]) -> Drawing:
     with plot.matplotlib_style():
         sheet = Sheet(height, len(_MAPPED), len(columns))
         for row, name in enumerate(_MAPPED):
-            quantity, factor = measure_quantity(name)
+            quantity, factor = measure_quantity(by_name[name])
             low, high = factor * designs[name].min(), factor * designs[name].max()
             norm = LogNorm(low, high) if 0.0 < 10.0 * low < high else Normalize(low, high)
             panels = []

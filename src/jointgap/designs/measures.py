@@ -6,19 +6,19 @@ import numpy as np
 from scipy.optimize import newton
 
 from jointgap.config import Simulate
-from jointgap.core.joints import JOINTS
+from jointgap.config.linkage_file import LinkageFile
 from jointgap.core.schema import BEST_LENGTHS
 from jointgap.designs.sampling import ErrorDefinition
-from jointgap.lengths.objective import Objective, objective_of_motion
+from jointgap.lengths.objective import Objective, joint_forces, objective_of_motion
+from jointgap.linkage.assembly import ON_ARRAYS
+from jointgap.linkage.equations import NOTHING, Crank, Pose
+from jointgap.linkage.topology import Joint, number
+from jointgap.motion.linkage import check_walls
+from jointgap.motion.model import Columns, Model, corner_names
 from jointgap.motion.parallel import Outcome
 from jointgap.motion.sampling import ROUNDING, angle_errors, contact_sums, largest_change
 from jointgap.motion.simulation import crank_angles, observed
-from jointgap.motion.slider_crank import (
-    clearance_vectors,
-    lengths_of,
-    rod_and_slider,
-    rod_sine,
-)
+from jointgap.motion.slider_crank import rod_and_slider
 from jointgap.paper.printed import OPTIMA
 
 NOISE_ORDER = 10  # order of the crank above which acceleration counts as noise
@@ -40,46 +40,69 @@ def angles_to_measure(options: Simulate) -> np.ndarray:
 
 
 def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
-    """The numbers `MEASURES` of a successful run [SI]; NaN where undefined."""
-    result, model = outcome.result, outcome.model
-    per_turn = outcome.run.options.samples_per_revolution
+    """The numbers `jointgap.config.designs.measured` of a successful run, and some of other
+    mechanisms [SI]; NaN where undefined."""
+    result, model, mechanism = outcome.result, outcome.model, outcome.run.mechanism
+    sites, per_turn = mechanism.sites, outcome.run.options.samples_per_revolution
     last_turn = slice(-per_turn - 1, None)
     seen = observed(model, result.part(last_turn))
-    # the end repeats the beginning
-    position, acceleration = seen["slider_position"][:-1], seen["slider_acceleration"][:-1]
-    crank, rod, offset = lengths_of(model)
+    if isinstance(mechanism, LinkageFile):
+        check_walls(mechanism, seen)
+    slide = model.linkage.joints.get(sites.slides.get(sites.output))
+    dyad = next(dyad for dyad in model.linkage.dyads if sites.output in dyad.bodies)
 
-    def errors_of(samples: slice, angles: tuple[float, float]) -> tuple[float, ...]:
-        angle = outcome.crank_angle[samples]
-        ideal = (offset - crank * np.sin(angle)) / rod
-        return angle_errors(rod_sine(model, angle, result.states[samples]), ideal, angle, *angles)
-
-    *errors, least_angle = errors_of(slice(-per_turn - 1, -1), (-math.inf, math.inf))
-    *errors_in_window, _ = errors_of(slice(0, per_turn), window)
-    angle = outcome.crank_angle[last_turn][:-1]
-    outer, outer_angle = _extreme(position, angle)
-    inner, inner_angle = _extreme(-position, angle)
+    # the first revolution, and the last one, whose end repeats its beginning
+    rows = np.r_[:per_turn, -per_turn - 1 : -1]
+    first, last = slice(None, per_turn), slice(per_turn, None)
+    angle = outcome.crank_angle[rows]
+    pose, ideal = pose_of(model, angle, result.states[rows]), pose_of(model, angle[last])
+    cosines, ideal_cosines = (each.cosines[dyad.inner.name] for each in (pose, ideal))
+    *errors, least_angle = angle_errors(
+        cosines[last], ideal_cosines, angle[last], -math.inf, math.inf
+    )
+    *errors_in_window, _ = angle_errors(cosines[first], ideal_cosines, angle[first], *window)
+    angle, position = angle[last], position_of(pose, sites.output, slide)[last]
+    departure = position - position_of(ideal, sites.output, slide)
+    departure -= math.tau * np.round(departure / math.tau)  # of angles; never as large in m
+    acceleration = _acceleration(seen, sites.output, slide)[:-1]
+    turned = position[-1] - position[0]
+    (outer, outer_angle), (inner, inner_angle) = (
+        # a body that turns fully has no dead centres
+        (math.nan, math.nan) if abs(turned) > math.pi else _extreme(sign * position, angle)
+        for sign in (1.0, -1.0)
+    )
     rms = math.sqrt(np.mean(acceleration**2))
     row = dict(zip(_ERRORS, (*errors, *errors_in_window), strict=True)) | {
         "least_transmission_angle": least_angle,
         "stroke": outer + inner,
+        "swing": outer + inner,
         # without offset at 0 and pi: ranges around these have meaningful means over designs
         "outer_dead_centre_angle": (outer_angle + math.pi) % (2.0 * math.pi) - math.pi,
         "inner_dead_centre_angle": inner_angle,
         "acceleration_rms": rms,
         "noise_share": high_order_rms(acceleration) / rms if rms else math.nan,
         "repeat_distance": _repeat_distance(outcome, per_turn),
+        "departure_rms": math.sqrt(np.mean(departure**2)),
+        "departure_peak": float(np.abs(departure).max()),
+        "peak_torque": float(np.abs(seen["crank_torque"]).max()),
     }
-    begin, end = float(result.times[last_turn.start]), float(result.times[-1])
-    contact_time, impacts, contact_peaks = contact_sums(result.events, len(model.loose), begin, end)
-    for joint in JOINTS:
+    times = result.times[last_turn]
+    begin, end = float(times[0]), float(times[-1])
+    sums = contact_sums(result.events, len(model.contacts), begin, end)
+    for joint, force in joint_forces(seen, model.linkage.joints).items():
         share = count = math.nan
-        normal = seen[f"{joint}_normal_force"]
+        normal = seen.get(f"{joint}_normal_force", force)
         peak = normal.max()
         if joint in model.loose:
-            number = model.loose.index(joint)
-            share, count = contact_time[number] / (end - begin), impacts[number]
-            peak = max(peak, contact_peaks[number])  # samples may miss that of a short contact
+            is_slide = joint not in model.pins
+            names = corner_names(joint) if is_slide else (joint,)
+            numbers = [model.contacts.index(name) for name in names]
+            contact_time, impacts, contact_peaks = (values[numbers] for values in sums)
+            if is_slide:  # its corners touch at the same time
+                touches = seen[f"{joint}_contacts"][:-1] > 0.0
+                contact_time = np.diff(times)[touches]
+            share, count = contact_time.sum() / (end - begin), impacts.sum()
+            peak = max(peak, *contact_peaks)  # samples may miss that of a short contact
         row |= {
             f"{joint}_contact_share": float(share),
             f"{joint}_impacts": float(count),
@@ -87,6 +110,33 @@ def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
             f"{joint}_rms_force": math.sqrt(np.mean(normal[:-1] ** 2)),
         }
     return row
+
+
+def pose_of(model: Model, angle: np.ndarray, states: np.ndarray | None = None) -> Pose:
+    """Positions at crank angles [rad]; by default those without clearance."""
+    vectors = {name: (NOTHING, NOTHING) for name in model.loose}
+    if states is not None:
+        vectors = {name: (tuple(model.vector(states, name)[0].T), NOTHING) for name in vectors}
+    crank = Crank(np.cos(angle), np.sin(angle), 0.0)
+    return Pose(model.linkage, model.variant.signs, crank, vectors, ON_ARRAYS)
+
+
+def position_of(pose: Pose, body: str, slide: Joint | None) -> np.ndarray:
+    """Place [m] of a body along its slide, or its continuous angle [rad]."""
+    if slide:
+        return pose.travel(slide)[0]
+    return np.unwrap(ON_ARRAYS.angle(pose.directions[body]))
+
+
+def _acceleration(seen: Columns, body: str, slide: Joint | None) -> np.ndarray:
+    """Acceleration [m/s^2] of a body along its slide, or its angular acceleration [rad/s^2]."""
+    if not slide:
+        return seen[f"{body}_angular_acceleration"]
+    if slide.loose:
+        direction = number(slide.direction)
+        x, y = (seen[f"{body}_acceleration_{axis}"] for axis in "xy")
+        return math.cos(direction) * x + math.sin(direction) * y
+    return seen[f"{body}_acceleration"]
 
 
 def high_order_rms(values: np.ndarray) -> float:
@@ -114,8 +164,10 @@ def _repeat_distance(outcome: Outcome, per_turn: int) -> float:
         return math.nan
     two_turns = slice(-2 * per_turn - 1, None)
     smallest = min(map(mechanism.clearance, mechanism.loose))
-    vectors = clearance_vectors(outcome.model, result.states[two_turns])
-    return largest_change(vectors, per_turn) / smallest
+    model, states = outcome.model, result.states[two_turns]
+    # of a slide the offset across it
+    vectors = [model.vector(states, name)[0][:, : 1 + (name in model.pins)] for name in model.loose]
+    return largest_change(np.hstack(vectors), per_turn) / smallest
 
 
 def best_lengths(outcome: Outcome, definition: ErrorDefinition) -> dict[str, float]:

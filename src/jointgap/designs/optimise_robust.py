@@ -2,10 +2,9 @@
 ones."""
 
 import math
-import re
 import warnings
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any
 
@@ -15,12 +14,19 @@ from scipy.stats import binomtest, bootstrap, qmc
 
 from jointgap.config import Constraints, DrivenMechanism, Scenario
 from jointgap.config.designs import OptimiseRobust, Sweep
+from jointgap.config.variations import paths_of
 from jointgap.core import schema
-from jointgap.core.errors import InputError, needs
+from jointgap.core.errors import InputError, SimulationError, needs
 from jointgap.core.progress import report_progress
+from jointgap.core.schema import Column
+from jointgap.core.words import format_name
+from jointgap.designs.measures import pose_of, position_of
 from jointgap.designs.sampling import Designs, axes_of, values_at
+from jointgap.lengths.linkages import LinkageProblem
 from jointgap.lengths.objective import (
+    FrozenObjective,
     Objective,
+    joint_forces,
     largest_pin_force,
     measure,
     objective_of_motion,
@@ -28,9 +34,11 @@ from jointgap.lengths.objective import (
 )
 from jointgap.lengths.region import FEASIBLE, Constraint, Region, depends_on_offset, regions
 from jointgap.lengths.search import search_from_all
+from jointgap.linkage.transmission import angle_of
 from jointgap.motion.kinematics import transmission_angle
-from jointgap.motion.parallel import Outcome, Run, simulate_runs
-from jointgap.motion.simulation import observed
+from jointgap.motion.linkage import check_walls, linkage_model, simulate_linkage
+from jointgap.motion.parallel import Outcome, Run, side_by_side, simulate_runs
+from jointgap.motion.simulation import crank_angles, integrate_to_angles, observed
 from jointgap.motion.slider_crank import rod_and_slider
 
 with needs("optimising link lengths", "learn"):
@@ -48,7 +56,6 @@ LENGTHS = ("crank_length", "rod_length")
 COMPARED = ("original", "frozen", "nominal", "robust")
 """Pairs of lengths in the comparison, each compared with those before it."""
 
-_LENGTH_PATH = re.compile(r"mechanism\.(crank|rod)\.(length|mass_centre)")
 _SOLVER_OPTIONS = {
     "simulate.revolutions",
     "simulate.samples_per_revolution",
@@ -68,6 +75,18 @@ _QUANTITIES = ("error", "force", "stroke")
 _ENDS = ("", "_low", "_high")  # suffixes of a value and its interval
 
 
+def _searched(scenario: Scenario) -> dict[str, tuple[str, ...]]:
+    """Names of the searched lengths, with the paths that the search sets."""
+    if scenario.optimise_linkage is None:
+        links = zip(LENGTHS, ("crank", "rod"), strict=True)
+        ends = ("length", "mass_centre")
+        return {name: tuple(f"mechanism.{link}.{end}" for end in ends) for name, link in links}
+    return {
+        name: (f"mechanism.bodies.{name}".replace("bodies.frame.", "frame.points."),)
+        for name in scenario.optimise_linkage.lengths
+    }
+
+
 def uncertain_of(scenario: Scenario) -> Designs:
     """The parameters in the section `optimise_robust` of a `scenario`, sampled by a Sobol
     sequence."""
@@ -77,13 +96,19 @@ def uncertain_of(scenario: Scenario) -> Designs:
             f"{SOURCE}: is empty; give parameters with distributions, such as friction: {{from:"
             " 0.02, to: 0.15}"
         )
-    for key in options.uncertain:
-        if link := _LENGTH_PATH.fullmatch(key):
-            raise InputError(
-                f"{SOURCE}.{key}: lengths and mass centres are optimised; give {link[1]}_length"
-                " with the tolerance to add, such as {distribution: normal, mean: 0 mm,"
-                " deviation: 0.05 mm}"
-            )
+    base = DrivenMechanism(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
+    searched = _searched(scenario)
+    for given in options.uncertain:
+        key = given
+        if "." in given and given not in searched:
+            key = ".".join(paths_of(base, given, f"{SOURCE}.{given}")[0])
+        for name, paths in searched.items():
+            if key in paths:
+                raise InputError(
+                    f"{SOURCE}.{given}: lengths and mass centres are optimised; give {name}"
+                    " with the tolerance to add, such as {distribution: normal, mean: 0 mm,"
+                    " deviation: 0.05 mm}"
+                )
         if key in _SOLVER_OPTIONS:
             raise InputError(
                 f"{SOURCE}.{key}: is a solver option, not an uncertain parameter; remove it"
@@ -93,15 +118,16 @@ def uncertain_of(scenario: Scenario) -> Designs:
                 f"{SOURCE}.{key}: optimise.constraints.{constraint} is computed with the nominal"
                 " offset; remove one of them"
             )
-    base = DrivenMechanism(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
-    axes = axes_of(base, options.uncertain, SOURCE)
+    axes = axes_of(base, options.uncertain, SOURCE, dict.fromkeys(searched, "m"))
     for axis in axes:
         if not axis.varies:
             raise InputError(
                 f"{SOURCE}.{axis.key}: has one value only; give several, or a distribution"
             )
-        if axis.key in LENGTHS:
-            shortest = min(getattr(box, axis.key)[0] for box in scenario.optimise.boxes.values())
+        if axis.key in searched and axis.key.endswith("length"):
+            boxes = [dict(box) for box in scenario.optimise.boxes.values()]
+            bounds = [scenario.optimise_linkage.lengths] if scenario.optimise_linkage else boxes
+            shortest = min(each[axis.key][0] for each in bounds)
             largest = max(map(abs, axis.at(np.array([0.001, 0.5, 0.999]))))
             if largest > _LARGEST_TOLERANCE * shortest:
                 raise InputError(
@@ -112,9 +138,12 @@ def uncertain_of(scenario: Scenario) -> Designs:
     return Designs(base, axes, Sweep(seed=options.seed), SOURCE)
 
 
-def sample_scenario(uncertain: Designs, values: dict[str, Any]) -> DrivenMechanism:
-    """Mechanism at nominal lengths, and simulation, of a sample."""
-    changes = {key: value for key, value in values.items() if key not in LENGTHS}
+def sample_scenario(
+    uncertain: Designs, values: dict[str, Any], searched: Collection[str] = LENGTHS
+) -> DrivenMechanism:
+    """Mechanism at nominal lengths, and simulation, of a sample; the values of the lengths
+    `searched` are tolerances."""
+    changes = {key: value for key, value in values.items() if key not in searched}
     try:
         return uncertain.scenario(changes)
     except InputError as error:
@@ -125,14 +154,14 @@ def sample_scenario(uncertain: Designs, values: dict[str, Any]) -> DrivenMechani
 
 @dataclass(frozen=True)
 class Responses:
-    """Results of m pairs of lengths in n samples."""
+    """Results of m sets of k lengths in n samples."""
 
-    lengths: np.ndarray  # shape (m, 2); nominal [m]
-    actual: np.ndarray  # shape (m, n, 2); with the tolerances of each sample [m]
+    lengths: np.ndarray  # shape (m, k); nominal [m]
+    actual: np.ndarray  # shape (m, n, k); with the tolerances of each sample [m]
     # shape (m, n); RMS of the transmission angle [rad], NaN where the simulation failed
     error: np.ndarray
-    force: np.ndarray  # shape (m, n); largest in a pin [N]
-    stroke: np.ndarray  # shape (m, n) [m]
+    force: np.ndarray  # shape (m, n); largest in a pin, of a linkage in a joint [N]
+    stroke: np.ndarray  # shape (m, n) [m]; swing [rad] of a linkage whose output body turns
     reasons: np.ndarray  # shape (m, n); why the simulation failed, or None
 
     @property
@@ -142,7 +171,11 @@ class Responses:
 
 
 RespondingModel = Callable[[np.ndarray], Responses]
-"""Responses of lengths (m, 2) [m] in all samples: a simulation, or a formula in its place."""
+"""Responses of lengths (m, k) [m] in all samples: a simulation, or a formula in its place."""
+
+
+Row = tuple[float, float, float, str | None]
+"""Error, force and stroke of one motion, and why it failed."""
 
 
 class SimulatedSamples:
@@ -155,26 +188,28 @@ class SimulatedSamples:
         samples: list[dict[str, Any]],
         workers: int | None = None,
     ):
-        self.scenarios = [sample_scenario(uncertain, values) for values in samples]
-        # tolerances of (L2, L3) in each sample [m]
-        self.tolerances = np.array(
-            [[values.get(key, 0.0) for key in LENGTHS] for values in samples]
-        )
+        names = _searched(scenario)
+        self.scenarios = [sample_scenario(uncertain, values, names) for values in samples]
+        # tolerances of the lengths in each sample [m]
+        self.tolerances = np.array([[values.get(key, 0.0) for key in names] for values in samples])
         self.original, self.workers = uncertain.base.mechanism, workers
         self.settled_revolution = scenario.optimise.ensemble.settled_revolution
 
     def __call__(self, lengths: np.ndarray) -> Responses:
-        """Responses of `lengths` (m, 2) [m] in all samples."""
+        """Responses of `lengths` (m, k) [m] in all samples."""
         actual = lengths[:, None, :] + self.tolerances
+        frame = pd.DataFrame(self._rows(actual), columns=[*_QUANTITIES, "reason"])
+        columns = (frame[name].to_numpy().reshape(actual.shape[:2]) for name in frame)
+        return Responses(lengths, actual, *columns)
+
+    def _rows(self, actual: np.ndarray) -> Iterator[Row]:
+        """What `_measure` gives of each set of lengths in each sample."""
         runs = (
             Run(sample.mechanism.with_lengths(*map(float, pair)), sample.simulate)
             for pairs in actual
             for sample, pair in zip(self.scenarios, pairs, strict=True)
         )
-        rows = [self._measure(outcome) for outcome in simulate_runs(runs, self.workers)]
-        frame = pd.DataFrame(rows, columns=[*_QUANTITIES, "reason"])
-        columns = (frame[name].to_numpy().reshape(actual.shape[:2]) for name in frame)
-        return Responses(lengths, actual, *columns)
+        return map(self._measure, simulate_runs(runs, self.workers))
 
     def rod_angles(self, outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
         """Crank and rod angles [rad] at the samples of the error."""
@@ -186,7 +221,7 @@ class SimulatedSamples:
         per_turn = outcome.run.options.samples_per_revolution
         return (self.settled_revolution - 1) * per_turn + np.arange(per_turn + 1)
 
-    def _measure(self, outcome: Outcome) -> tuple[float, float, float, str | None]:
+    def _measure(self, outcome: Outcome) -> Row:
         """Error [rad], force [N] and stroke [m] of one motion; or the reason of a failure."""
         if outcome.error is not None:
             return math.nan, math.nan, math.nan, str(outcome.error)
@@ -205,6 +240,62 @@ class SimulatedSamples:
         if outcome.error is not None:
             raise outcome.error
         return objective_of_motion(self.original, *self.rod_angles(outcome))
+
+
+class SimulatedLinkages(SimulatedSamples):
+    """The same of a general linkage."""
+
+    def __init__(self, scenario: Scenario, *given: Any):
+        super().__init__(scenario, *given)
+        self.nominal = _linkage_problem(scenario)
+        options = self.nominal.options
+        self.problems = [
+            LinkageProblem(sample.mechanism, sample.simulate, options) for sample in self.scenarios
+        ]
+
+    def _rows(self, actual: np.ndarray) -> Iterator[Row]:
+        items = (
+            (problem, lengths)
+            for several in actual
+            for problem, lengths in zip(self.problems, several, strict=True)
+        )
+        return side_by_side(lambda item: self._simulate(*item), items, self.workers)
+
+    def _simulate(self, problem: LinkageProblem, lengths: np.ndarray) -> Row:
+        options, angles = problem.simulate, crank_angles(problem.simulate)
+        try:
+            model = linkage_model(problem.with_lengths(lengths), options)
+            result = integrate_to_angles(model, model.start(), angles, options.tolerance)
+            result = result.part(problem.settled)
+            seen = observed(model, result)
+            check_walls(problem.file, seen)
+        except (ValueError, SimulationError) as error:  # or the bodies do not meet at the start
+            return math.nan, math.nan, math.nan, str(error)
+        angle = angles[problem.settled]
+        pose = pose_of(model, angle, result.states)
+        dyad, sites = problem.dyad, problem.file.sites
+        desired, _ = self.nominal.geometry.angle(dyad, self.nominal.original, angle)
+        error = desired - angle_of(pose.cosines[dyad.inner.name])
+        force = np.max([*joint_forces(seen, model.linkage.joints).values()])
+        slide = model.linkage.joints.get(sites.slides.get(sites.output))
+        stroke = np.ptp(position_of(pose, sites.output, slide))
+        return float(measure(error).rms), float(force), float(stroke), None
+
+    def frozen(self) -> FrozenObjective:
+        samples = simulate_linkage(self.nominal.file, self.nominal.simulate).samples
+        return self.nominal.objective(samples)
+
+
+def _linkage_problem(scenario: Scenario) -> LinkageProblem:
+    return LinkageProblem(
+        scenario.mechanism.applied(), scenario.simulate, scenario.optimise_linkage
+    )
+
+
+def simulated_samples(scenario: Scenario, *given: Any) -> SimulatedSamples:
+    """The samples of a scenario's mechanism."""
+    kind = SimulatedSamples if scenario.optimise_linkage is None else SimulatedLinkages
+    return kind(scenario, *given)
 
 
 def objective_value(options: OptimiseRobust, values: np.ndarray) -> np.ndarray:
@@ -232,14 +323,24 @@ class RobustProblem:
     """Region, objective and constraints of the robust optimisation."""
 
     region: Region  # Of the nominal lengths, with the constraints that depend on lengths only
-    original: tuple[float, float]  # Original lengths, (L2, L3) [m]
+    original: tuple[float, ...]  # Original lengths [m]
     options: OptimiseRobust
     constraints: Constraints  # Section of the configuration, for the largest pin force
+    words: Mapping[str, str] = field(default_factory=dict)  # Of a linkage, in descriptions
 
     @classmethod
     def of(cls, scenario: Scenario) -> "RobustProblem":
         """The problem of a scenario; InputError where all joints are ideal."""
         original, optimise = scenario.mechanism.applied(), scenario.optimise
+        options = scenario.optimise_robust
+        if scenario.optimise_linkage:
+            problem = _linkage_problem(scenario)
+            problem.check()
+            sites = original.sites
+            motion = "stroke" if sites.output in sites.slides else "swing"
+            words = {"stroke": f"{motion} of the {format_name(sites.output)}"}
+            words |= {"in either pin": "in the joints"}
+            return cls(problem.region, problem.original, options, Constraints(), words)
         if not original.loose:
             raise InputError(
                 "optimise_robust: all joints are ideal, so the transmission angle has no error;"
@@ -247,7 +348,24 @@ class RobustProblem:
             )
         region = next(iter(regions(original, optimise).values()))
         lengths = original.crank.length, original.rod.length
-        return cls(region, lengths, scenario.optimise_robust, optimise.constraints)
+        return cls(region, lengths, options, optimise.constraints)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the lengths."""
+        return list(self.region.names)
+
+    def table(self, table: schema.Table, **groups: Any) -> schema.Table:
+        """A `table` with columns for the lengths, and the words of the mechanism."""
+        lengths = [Column(name, "m", f"{name}, nominal") for name in self.names]
+        columns = []
+        for column in table.filled(lengths=lengths, **groups).columns:
+            text = column.description
+            for word, own in self.words.items():
+                text = text.replace(word, own)
+            turns = column.name.startswith("stroke") and "swing" in text
+            columns.append(replace(column, description=text, unit="rad" if turns else column.unit))
+        return replace(table, columns=tuple(columns))
 
     @property
     def ranges(self) -> list[Constraint]:
@@ -285,7 +403,7 @@ class RobustProblem:
                 "error": objective_value(self.options, responses.error),
                 "force": objective_value(self.options, responses.force),
             }
-        lengths = dict(zip(LENGTHS, responses.lengths.T, strict=True))
+        lengths = dict(zip(self.names, responses.lengths.T, strict=True))
         missed = np.minimum(missed, _MOST_VIOLATION)
         return pd.DataFrame(lengths | columns | {"missed": missed, "failed": responses.failed})
 
@@ -294,7 +412,8 @@ class _LengthsProblem(Problem):
     """The lengths of a region as a pymoo problem, with the `candidates` of a generation."""
 
     def __init__(self, region: Region, candidates: Callable[[np.ndarray], pd.DataFrame]):
-        super().__init__(n_var=2, n_obj=1, n_ieq_constr=2, xl=region.lower, xu=region.upper)
+        count = len(region.lower)
+        super().__init__(n_var=count, n_obj=1, n_ieq_constr=2, xl=region.lower, xu=region.upper)
         self.region, self.candidates = region, candidates
 
     def _evaluate(self, x, out, *args, **kwargs):
@@ -324,15 +443,15 @@ def search(problem: RobustProblem, model: RespondingModel) -> pd.DataFrame:
 
     report_generation()
     spacing = np.linspace(region.lower, region.upper, options.grid)
-    cranks, rods = np.meshgrid(*spacing.T, indexing="ij")
-    grid = np.stack([cranks.ravel(), rods.ravel()], axis=1)
+    each = np.meshgrid(*spacing.T, indexing="ij")
+    grid = np.stack([lengths.ravel() for lengths in each], axis=1)
     grid = grid[region.contains(grid, slack=1e-12)]
     grid = region.nearest(np.vstack([grid, region.clip(np.array(problem.original))]))
     candidates, count = assess(grid), options.population
     # the first population: half of it the best so far, half spread over the region
-    best = candidates.loc[ranked(candidates)[: count // 2], list(LENGTHS)].to_numpy()
+    best = candidates.loc[ranked(candidates)[: count // 2], problem.names].to_numpy()
     random = np.random.default_rng([options.seed, 0])
-    spread = qmc.LatinHypercube(2, rng=random).random(count - len(best))
+    spread = qmc.LatinHypercube(len(each), rng=random).random(count - len(best))
     evolution = DE(
         variant="DE/best/1/bin",
         CR=1.0,
@@ -372,16 +491,17 @@ class RobustOptimum:
     @property
     def frames(self) -> dict[schema.Table, pd.DataFrame]:
         """The tables of the stage."""
-        columns = []
+        columns, problem = [], self.problem
         for axis in self.uncertain.axes:
-            role = "tolerance added to the nominal length" if axis.key in LENGTHS else "uncertain"
+            is_length = axis.key in problem.names
+            role = "tolerance added to the nominal length" if is_length else "uncertain"
             columns.append(replace(axis.column, description=f"{axis.key}: {role}"))
         return {
-            schema.OPTIMISE_ROBUST_LENGTHS: self.lengths,
+            problem.table(schema.OPTIMISE_ROBUST_LENGTHS): self.lengths,
             schema.OPTIMISE_ROBUST_GAINS: self.gains,
             schema.OPTIMISE_ROBUST_CONSTRAINTS: self.constraints,
-            schema.OPTIMISE_ROBUST_CANDIDATES: self.candidates,
-            schema.OPTIMISE_ROBUST_FRESH.filled(uncertain=columns): self.fresh,
+            problem.table(schema.OPTIMISE_ROBUST_CANDIDATES): self.candidates,
+            problem.table(schema.OPTIMISE_ROBUST_FRESH, uncertain=columns): self.fresh,
         }
 
     @property
@@ -431,7 +551,7 @@ def compare(
         ends = np.quantile(function(resampled), (tail, 1.0 - tail), axis=-1)
         return zip(_ENDS, (function(statistics(values)), *ends), strict=True)
 
-    lengths = {"lengths": names, **dict(zip(LENGTHS, responses.lengths.T, strict=True))}
+    lengths = {"lengths": names, **dict(zip(problem.names, responses.lengths.T, strict=True))}
     lengths |= {"draws": draws, "failed": responses.failed}
     for end, by_statistic in with_interval(lambda numbers: numbers):
         for statistic, by_quantity in zip(_STATISTICS, by_statistic, strict=True):
@@ -479,15 +599,15 @@ def optimise_robust(scenario: Scenario, workers: int | None = None) -> RobustOpt
     validation = values_at(axes, random.random((options.fresh_draws, len(axes))))
     # create all samples first: infeasible ones are rejected before any simulation
     at_nominal, at_samples, at_validation = (
-        SimulatedSamples(scenario, uncertain, samples, workers)
+        simulated_samples(scenario, uncertain, samples, workers)
         for samples in ([{}], uncertain.values(0, options.draws), validation)
     )
     nominal = search(problem, at_nominal).assign(search="nominal")
     robust = search(problem, at_samples).assign(search="robust")
-    local_tolerance = scenario.optimise.local_tolerance
+    local_tolerance = (scenario.optimise_linkage or scenario.optimise).local_tolerance
     optima = search_from_all(at_nominal.frozen(), problem.region, local_tolerance)
     frozen = min(optima, key=lambda optimum: optimum.value).lengths
-    best = [best_of(candidates)[list(LENGTHS)] for candidates in (nominal, robust)]
+    best = [best_of(candidates)[problem.names] for candidates in (nominal, robust)]
     responses = at_validation(np.array([problem.original, frozen, *best], float))
     values = pd.DataFrame(validation)
     fresh = pd.concat(
@@ -507,4 +627,4 @@ def check(scenario: Scenario) -> None:
     """InputError where the section `optimise_robust` of a `scenario` is infeasible."""
     uncertain = uncertain_of(scenario)
     RobustProblem.of(scenario)
-    SimulatedSamples(scenario, uncertain, uncertain.values(0, scenario.optimise_robust.draws))
+    simulated_samples(scenario, uncertain, uncertain.values(0, scenario.optimise_robust.draws))

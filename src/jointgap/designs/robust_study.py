@@ -5,7 +5,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from jointgap.config import Scenario
-from jointgap.core import schema
 from jointgap.core.facts import Fact
 from jointgap.core.page import FigureBlock, TableBlock
 from jointgap.core.plot import Drawing, Quantity, Sheet
@@ -13,7 +12,6 @@ from jointgap.core.words import format_name, percent
 from jointgap.designs.figures import parameter_table
 from jointgap.designs.optimise_robust import (
     COMPARED,
-    LENGTHS,
     RobustOptimum,
     best_of,
     format_objective,
@@ -37,11 +35,11 @@ _LOOKS = {
 """Label and colour of each pair of lengths."""
 
 _SECTIONS = {
-    schema.OPTIMISE_ROBUST_LENGTHS: "{lengths}/",
-    schema.OPTIMISE_ROBUST_GAINS: "{lengths} beside {beside}/",
-    schema.OPTIMISE_ROBUST_CONSTRAINTS: "{lengths} keeps {constraint}/",
+    "optimise_robust_lengths": "{lengths}/",
+    "optimise_robust_gains": "{lengths} beside {beside}/",
+    "optimise_robust_constraints": "{lengths} keeps {constraint}/",
 }
-_ERROR_COLUMNS = (*LENGTHS, "error_mean", "error_deviation", "error_measure", "error_quantile_95")
+_ERROR_COLUMNS = ("error_mean", "error_deviation", "error_measure", "error_quantile_95")
 _LOAD_COLUMNS = ("force_mean", "force_deviation", "stroke_mean", "stroke_deviation")
 _GAIN_COLUMNS = ("probability", "mean_fall", "measure_fall")
 _HEADS = {
@@ -56,8 +54,9 @@ _HEADS = {
 def robust_study(optimum: RobustOptimum, scenario: Scenario, name: str) -> Study:
     """The study of the robust lengths of the scenario `name`."""
     facts: dict[str, Fact] = {}
-    for table, section in _SECTIONS.items():
-        facts |= facts_of_rows(table, optimum.frames[table], section)
+    for table, frame in optimum.frames.items():
+        if section := _SECTIONS.get(table.name):
+            facts |= facts_of_rows(table, frame, section)
     figure = FigureBlock("robust_errors", "Error in the validation samples")
     sentences = " ".join(_sentences(optimum, facts))
     result = Fact("is_feasible", optimum.is_feasible, sentence=sentences)
@@ -79,17 +78,22 @@ def _label(optimum: RobustOptimum, name: str) -> str:
     return _LOOKS[name][0]
 
 
+def _short(name: str) -> str:
+    """``crank`` of ``crank_length``, ``rocker`` of ``rocker.length``, ``frame C x``."""
+    return name.removesuffix("_length").removesuffix(".length").replace(".", " ")
+
+
 def _headline(optimum: RobustOptimum, facts: dict[str, Fact]) -> str:
     """The result in one line."""
-    crank, rod = 1e3 * best_of(optimum.robust_candidates)[list(LENGTHS)]
-    lengths = f"crank {crank:.2f} mm, rod {rod:.2f} mm"
+    best = 1e3 * best_of(optimum.robust_candidates)[optimum.problem.names]
+    lengths = ", ".join(f"{_short(name)} {length:.2f} mm" for name, length in best.items())
     reduction = facts["robust beside original/measure_fall"]
     if not optimum.is_feasible:
         return f"No candidate satisfies the constraints; nearest: {lengths}"
     if reduction.low > 0.0:
         objective = format_objective(optimum.problem.options)
         return (
-            f"{lengths.capitalize()}: the error ({objective}) falls by"
+            f"{lengths[0].upper()}{lengths[1:]}: the error ({objective}) falls by"
             f" {format_interval(reduction)} %"
         )
     return "No significant improvement: keep the original lengths"
@@ -125,7 +129,7 @@ def _sentences(optimum: RobustOptimum, facts: dict[str, Fact]) -> Iterator[str]:
 
 def _introduction(optimum: RobustOptimum, scenario: Scenario) -> str:
     options, draws = scenario.optimise_robust, optimum.lengths["draws"].iloc[0]
-    revolution = scenario.optimise.ensemble.settled_revolution
+    revolution = (scenario.optimise_linkage or scenario.optimise).ensemble.settled_revolution
     return (
         f"{draws} validation samples, independent of the search and common to all lengths"
         f" ({options.fresh_draws - draws} more failed and are excluded). The error is the RMS over"
@@ -138,10 +142,12 @@ def _introduction(optimum: RobustOptimum, scenario: Scenario) -> str:
 
 def _method(optimum: RobustOptimum) -> str:
     options, region = optimum.problem.options, optimum.problem.region
-    candidates, (cranks, rods) = optimum.robust_candidates, region.searched
-    best = best_of(candidates.dropna(subset="error"))[list(LENGTHS)]
+    candidates, names = optimum.robust_candidates, optimum.problem.names
+    best = best_of(candidates.dropna(subset="error"))[names]
+    pairs = zip(map(_short, names), region.searched, strict=True)
+    ranges = ", ".join(f"{name} {ends}" for name, ends in pairs)
     return (
-        f"{len(candidates)} pairs of lengths (searched in mm: crank {cranks}, rod {rods}), each"
+        f"{len(candidates)} sets of lengths (searched in mm: {ranges}), each"
         f" simulated in the same {options.draws} samples (scrambled Sobol sequence, seed"
         f" {options.seed}). Search: a grid, then differential evolution. Active limits:"
         f" {region.active(best.to_numpy(dtype=float))}. All numbers are in the Parquet files next"
@@ -150,17 +156,23 @@ def _method(optimum: RobustOptimum) -> str:
 
 
 def _tables(optimum: RobustOptimum, facts: dict[str, Fact]) -> Iterator[TableBlock]:
+    labels, words = {name: _label(optimum, name) for name in COMPARED}, optimum.problem.words
+    stroke, force = words.get("stroke", "stroke"), "joint force" if words else "pin force"
+
+    def head(column: str) -> str:
+        words = _HEADS.get(column) or format_name(column)
+        return words.replace("stroke", stroke.partition(" ")[0])
+
     def row(label: str, prefix: str, columns: tuple[str, ...]) -> list[tuple[str, str, Fact]]:
         row_facts = [(column, facts[prefix + column]) for column in columns]
-        return [
-            (label, f"{_HEADS.get(column, format_name(column))} [{fact.unit}]", fact)
-            for column, fact in row_facts
-        ]
+        return [(label, f"{head(column)} [{fact.unit}]", fact) for column, fact in row_facts]
 
-    labels = {name: _label(optimum, name) for name in COMPARED}
     for caption, columns in (
-        ("Error of the transmission angle in the validation samples", _ERROR_COLUMNS),
-        ("Largest pin force, and simulated stroke", _LOAD_COLUMNS),
+        (
+            "Error of the transmission angle in the validation samples",
+            (*optimum.problem.names, *_ERROR_COLUMNS),
+        ),
+        (f"Largest {force}, and simulated {stroke}", _LOAD_COLUMNS),
     ):
         cells = [cell for name in COMPARED for cell in row(labels[name], f"{name}/", columns)]
         yield fact_table(cells, caption)

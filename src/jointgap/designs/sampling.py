@@ -4,9 +4,10 @@ import hashlib
 import json
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import permutations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,12 +16,13 @@ from scipy.stats import qmc
 
 from jointgap.config import DrivenMechanism, Mechanism, Scenario
 from jointgap.config.designs import Sweep, Values, measured
-from jointgap.config.variations import si_number, unit_of, with_values
+from jointgap.config.linkage_file import LinkageFile
+from jointgap.config.variations import OF_LOOSE_JOINTS, paths_of, si_number, unit_of, with_values
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import JOINTS
 from jointgap.core.schema import Column
 from jointgap.lengths.objective import MEASURES
-from jointgap.motion.slider_crank import perturbed_start
+from jointgap.motion.linkage import linkage_remarks
 from jointgap.paper.printed import departures
 
 SOURCE = "sweep.parameters"
@@ -108,7 +110,7 @@ class Designs:
     @property
     def measured(self) -> tuple[Column, ...]:
         """Columns of the measures of each design."""
-        return measured(self.sweep)
+        return measured(self.base.mechanism.sites, self.sweep)
 
     def values(self, begin: int, count: int) -> list[dict[str, Any]]:
         """Values by key of `count` designs from number `begin`."""
@@ -136,13 +138,16 @@ class Designs:
         changes = {key: value for key, value in values.items() if key not in ERROR_PARAMETERS}
         return with_values(self.base, changes, self.source)
 
-    def starts(self, mechanism: Mechanism) -> np.ndarray:
-        """Initial clearance vectors (starts, 6) [m] of each design: zero, then normally distributed
-        in the loose joints."""
+    def starts(self, mechanism: Mechanism | LinkageFile) -> Iterator[dict[str, np.ndarray]]:
+        """Initial clearance vectors (2,) [m] by loose joint, of each start of a design: zero, then
+        normally distributed."""
         random = np.random.default_rng(self.sweep.seed)
-        vectors = random.normal(0.0, PERTURBATION, (self.sweep.starts, 6))
+        names = mechanism.loose if isinstance(mechanism, LinkageFile) else JOINTS
+        vectors = random.normal(0.0, PERTURBATION, (self.sweep.starts, len(names), 2))
         vectors[0] = 0.0
-        return perturbed_start(vectors, mechanism.loose)
+        for start in vectors:
+            by_joint = zip(names, start, strict=True)
+            yield {name: vector for name, vector in by_joint if name in mechanism.loose}
 
     def error_definition(self, values: Mapping[str, Any]) -> ErrorDefinition:
         """Definition of the error for a design; InputError where it is invalid."""
@@ -205,7 +210,9 @@ def designs_of(scenario: Scenario) -> Designs:
             " sweep.printed_numbers to true, or remove this parameter"
         )
     base = DrivenMechanism(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
-    designs = Designs(base, axes_of(base, sweep.parameters, SOURCE, sweep.design == "grid"), sweep)
+    is_grid = sweep.design == "grid"
+    axes = axes_of(base, sweep.parameters, SOURCE, ERROR_PARAMETERS, is_grid)
+    designs = Designs(base, axes, sweep)
     for axis in designs.axes:
         for value in axis.values if ERROR_PARAMETERS.get(axis.key) == "" else ():
             designs.error_definition({axis.key: value})
@@ -213,6 +220,7 @@ def designs_of(scenario: Scenario) -> Designs:
     for values in designs.values(0, min(_MOST_TRIALS, designs.number)):
         try:
             feasible = designs.scenario(values)
+            _check_assembly(feasible, values)
             break
         except InputError as error:  # a row of the table with this reason
             errors.append(error)
@@ -227,39 +235,54 @@ def designs_of(scenario: Scenario) -> Designs:
     return designs
 
 
-def _of_joints(*keys: str) -> tuple[str, ...]:
-    return tuple(f"mechanism.joints.{joint}.{key}" for joint in JOINTS for key in (*keys, "loose"))
+def _check_assembly(design: DrivenMechanism, values: Mapping[str, Any]) -> None:
+    """InputError where the linkage of a design cannot be assembled or turned."""
+    if isinstance(design.mechanism, LinkageFile):
+        try:
+            linkage_remarks(design.mechanism, design.simulate)
+        except InputError as error:
+            words = ", ".join(f"{key} = {value}" for key, value in values.items())
+            raise InputError(f"{SOURCE}, {words}: {error}") from None
 
 
-_SET_BY_WORD = {
-    "speed": ("simulate.speed",),
-    "crank_length": ("mechanism.crank.length", "mechanism.crank.mass_centre"),
-    "rod_length": ("mechanism.rod.length", "mechanism.rod.mass_centre"),
-    "clearance": _of_joints("bearing_radius"),
-    "friction": _of_joints("contact.friction"),
-    "restitution": _of_joints("contact.restitution"),
-    "stiffness": _of_joints("contact.stiffness"),
-}
-"""By word, the paths that it sets or that determine its value."""
+def _set_by(base: DrivenMechanism, key: str, section: str) -> tuple[set[str], set[str]]:
+    """Paths that a parameter sets, and those that determine the values of a word."""
+    found = {".".join(path) for path in paths_of(base, key, f"{section}.{key}")}
+    found |= {path.replace(".clearance", ".bearing_radius") for path in found}
+    if key in OF_LOOSE_JOINTS:
+        mechanism = base.mechanism
+        joints = (*mechanism.sites.revolutes, *mechanism.sites.slides.values())
+        ends = ("clearance", "bearing_radius") if key == "clearance" else (f"contact.{key}",)
+        determining = {f"joints.{joint}.{end}" for joint in joints for end in (*ends, "loose")}
+        determining |= {f"contacts.{contact}.{key}" for contact in mechanism.contacts}
+        return found, {f"mechanism.{path}" for path in determining}
+    is_word = "." not in key
+    return found, {path.replace(".length", ".mass_centre") for path in found if is_word}
 
 
 def axes_of(
-    base: DrivenMechanism, parameters: Mapping[str, Any], section: str, grid: bool = False
+    base: DrivenMechanism,
+    parameters: Mapping[str, Any],
+    section: str,
+    units: Mapping[str, str],
+    grid: bool = False,
 ) -> tuple[Axis, ...]:
-    """Axes of the `parameters` in a `section`."""
-    axes = tuple(_axis(base, key, spec, section, grid) for key, spec in parameters.items())
-    for word, paths in _SET_BY_WORD.items():
-        duplicates = parameters.keys() & set(paths)
-        if word in parameters and duplicates:
-            raise InputError(
-                f"{section}: {word} and {min(duplicates)} set the same value; give one of them"
-            )
+    """Axes of the `parameters` in a `section`; `units` of those that are no keys of the
+    mechanism."""
+    axes = tuple(
+        _axis(base, key, spec, section, units.get(key), grid) for key, spec in parameters.items()
+    )
+    for one, other in permutations(parameters.keys() - units.keys(), 2):
+        found, determining = _set_by(base, one, section)
+        if _set_by(base, other, section)[0] & (found | determining):
+            raise InputError(f"{section}: {one} and {other} set the same value; give one of them")
     return axes
 
 
-def _axis(base: DrivenMechanism, key: str, spec: Any, section: str, grid: bool) -> Axis:
+def _axis(
+    base: DrivenMechanism, key: str, spec: Any, section: str, unit: str | None, grid: bool
+) -> Axis:
     source, is_list = f"{section}.{key}", isinstance(spec, Values)
-    unit = ERROR_PARAMETERS.get(key) if section == SOURCE else None
     if unit == "":
         if not is_list:
             raise InputError(f"{source}: accepts no range; list its values, such as {key}: [...]")

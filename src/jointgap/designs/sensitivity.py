@@ -8,7 +8,7 @@ S to Q2 S + 1 - Q2, with the ends of 90 % intervals of bootstrap replicates (Wu,
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,13 +16,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jointgap.config.designs import ALL_MEASURES, Sensitivity
+from jointgap.config.designs import Sensitivity
 from jointgap.core.errors import InputError, needs
 from jointgap.core.progress import with_progress
 from jointgap.core.schema import (
     SENSITIVITY_EFFECTS,
     SENSITIVITY_INDICES,
     SENSITIVITY_SURROGATES,
+    Column,
 )
 from jointgap.designs.dataset import read_designs
 from jointgap.designs.sampling import Axis, Designs
@@ -48,9 +49,6 @@ CURVE_POINTS = 41  # of a main effect
 _TRUNCATION = 8.0  # [standard deviations] of normal distributions
 # lower limit of 1 - leverage: leave-one-out residuals grow at most tenfold
 _MIN_LEVERAGE_REST = 0.1
-
-UNITS = {column.name: column.unit for column in ALL_MEASURES}
-"""SI units of the measures."""
 
 ENDS = ("", "_low", "_high")
 """Suffixes of a value and its interval."""
@@ -232,6 +230,7 @@ class SensitivityResult:
     axes: tuple[Axis, ...]  # Parameters with more than one value
     number: int  # Designs
     failed: int  # Failed designs
+    columns: Mapping[str, Column]  # Of the measures
     surrogates: pd.DataFrame  # Tables of the stage
     indices: pd.DataFrame
     effects: pd.DataFrame
@@ -264,12 +263,14 @@ def compute_indices(
     variables, succeeded = basis.variables(frame.iloc[order]), frame["reason"].isna().to_numpy()
     terms = basis.at(variables)
     failed = int((~succeeded).sum())
+    columns = {column.name: column for column in designs.measured}
     surrogates, indices, effects = [], [], []
     for name in with_progress(iter(measures), "measures", len(measures)):
         values = frame[name].to_numpy(dtype=float)
         defined = succeeded & np.isfinite(values)
         undefined = int(succeeded.sum() - defined.sum())
-        row = {"measure": name, "unit": UNITS[name], "failed": failed, "undefined": undefined}
+        row = {"measure": name, "unit": columns[name].unit}
+        row |= {"failed": failed, "undefined": undefined}
         row |= dict.fromkeys(("terms", "trained", "held_out"), 0)
         if defined.any():
             row |= {"mean": np.mean(values[defined]), "deviation": np.std(values[defined])}
@@ -290,12 +291,13 @@ def compute_indices(
                 )
             else:
                 indices += _index_rows(name, basis, surrogate)
-                effects += _effect_rows(name, basis, surrogate)
+                effects += _effect_rows(columns[name], basis, surrogate)
         surrogates.append(row | {"reason": reason})
     return SensitivityResult(
         axes,
         len(frame),
         failed,
+        columns,
         pd.DataFrame(surrogates, columns=SENSITIVITY_SURROGATES.names),
         pd.DataFrame(indices, columns=SENSITIVITY_INDICES.names),
         pd.DataFrame(effects, columns=SENSITIVITY_EFFECTS.names),
@@ -339,12 +341,12 @@ def _index_rows(name: str, basis: Basis, surrogate: PolynomialSurrogate) -> Iter
         yield row
 
 
-def _effect_rows(name: str, basis: Basis, surrogate: PolynomialSurrogate) -> Iterator[dict]:
+def _effect_rows(measure: Column, basis: Basis, surrogate: PolynomialSurrogate) -> Iterator[dict]:
     for index, axis in enumerate(basis.axes):
         values, is_word = curve_values(axis), axis.column.kind != "float"
         curves = surrogate.mean(basis.means_at(index, values))
         for value, *effects in zip(values, *curves, strict=True):
-            row = {"measure": name, "parameter": axis.key}
-            row |= {"unit": UNITS[name], "value_unit": axis.unit}
+            row = {"measure": measure.name, "parameter": axis.key}
+            row |= {"unit": measure.unit, "value_unit": axis.unit}
             row |= {"word": str(value)} if is_word else {"value": float(value)}
             yield row | _named("effect", effects)

@@ -61,7 +61,7 @@ def sensitivity_study(result: SensitivityResult) -> Study:
     facts = _facts(result)
     cells = []
     for measure in measures:
-        label, ranked = format_measure(measure), result.ranked(measure)
+        label, ranked = format_measure(result.columns[measure]), result.ranked(measure)
         for parameter in (axis.key for axis in result.axes):
             fact = facts[f"total/{measure} by {parameter}"]
             cells.append((label, format_parameter(parameter), fact))
@@ -71,7 +71,8 @@ def sensitivity_study(result: SensitivityResult) -> Study:
     missing = result.surrogates.dropna(subset=["reason", "mean"])
     tables = [fact_table(cells, "Total indices of the parameters, and Q2", digits=2)]
     if len(missing):
-        rows = zip(map(format_measure, missing["measure"]), missing["reason"], strict=True)
+        labels = (format_measure(result.columns[measure]) for measure in missing["measure"])
+        rows = zip(labels, missing["reason"], strict=True)
         tables.append(TableBlock(("measure", "reason"), tuple(rows), "ll", "No indices"))
     headline = Fact("measures_with_indices", len(measures), sentence=_headline(result, measures))
     return Study(
@@ -133,7 +134,7 @@ def _figures(result: SensitivityResult, measures: list[str]) -> Figures:
     indices = FigureBlock(f"{FIGURES}/indices", "Sobol indices of all measures")
     figures = {indices: partial(_draw_indices, result, measures)}
     for measure in measures:
-        title = f"Main effects: {format_measure(measure)}"
+        title = f"Main effects: {format_measure(result.columns[measure])}"
         block = FigureBlock(f"{FIGURES}/main_effects_{measure}", title)
         figures[block] = partial(_draw_main_effects, result, measure)
     return figures
@@ -141,7 +142,7 @@ def _figures(result: SensitivityResult, measures: list[str]) -> Figures:
 
 def _draw_indices(result: SensitivityResult, measures: list[str]) -> Drawing:
     """Bars of both indices with their intervals: a panel per measure, a row per parameter."""
-    titles = [fill(format_measure(measure), 31) for measure in measures]
+    titles = [fill(format_measure(result.columns[measure]), 31) for measure in measures]
     keys = [axis.key for axis in result.axes]
     labels = [format_parameter(key) for key in keys]
     columns = min(_COLUMNS, len(measures))
@@ -168,7 +169,8 @@ def _draw_indices(result: SensitivityResult, measures: list[str]) -> Drawing:
 
 def _draw_main_effects(result: SensitivityResult, measure: str) -> Drawing:
     """Mean of a measure over each relevant parameter, on a common scale."""
-    ranked, (quantity, factor) = result.ranked(measure), measure_quantity(measure)
+    ranked = result.ranked(measure)
+    quantity, factor = measure_quantity(result.columns[measure])
     by_key = {axis.key: axis for axis in result.axes}
     axes = [by_key[key] for key in ranked["parameter"][ranked["total"] >= _MIN_SHARE]]
     curves = result.effects[result.effects["measure"] == measure]

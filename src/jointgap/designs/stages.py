@@ -219,14 +219,18 @@ def infer_settings(results: "ScenarioResults") -> str:
     return module.inference_study(inferred).write(folder)
 
 
-@_study(("mechanism", "simulate", "optimise", "optimise_robust"), minutes=120, threads=8)
+@_study(
+    ("mechanism", "simulate", "optimise", "optimise_linkage", "optimise_robust"),
+    minutes=120,
+    threads=8,
+)
 def optimise_robust(results: "ScenarioResults", workers: Workers) -> str:
     """Optimise link lengths under uncertainty, and validate them on independent samples.
 
     The scenario's section `optimise_robust` defines the uncertain parameters (clearances, friction,
     masses, speed, tolerances of the lengths) and the objective: mean plus standard deviations, or a
     quantile, of the error of the transmission angle. Bounds and constraints of the lengths are
-    those of the first box of the section `optimise`.
+    those of the first box of the section `optimise`; of a linkage those of `optimise_linkage`.
 
     \b
     Example:

@@ -44,7 +44,7 @@ def sweep_study(designs: Designs, dataset: Path) -> Study:
     frame = read_designs(designs, dataset, *keys, *measures, "reason")
     # NaN without clearance
     peak_force = frame.filter(like="_peak_force").max(axis=1).astype(float)
-    frame = frame.assign(**{PEAK_FORCE: peak_force})
+    frame = frame.assign(**{PEAK_FORCE.name: peak_force})
     failed = int(frame["reason"].count())
     facts = [
         Fact("designs", len(frame), sentence=_extreme_forces(designs, frame)),
@@ -80,7 +80,7 @@ def _measure_facts(column: Column, values: pd.Series) -> dict[str, Fact]:
     values = factor * values
     numbers = {"mean": values.mean(), "deviation": values.std(ddof=0)}
     numbers |= dict(zip(_QUANTILES, values.quantile(list(_QUANTILES.values())), strict=True))
-    label = format_measure(column.name)
+    label = format_measure(column)
     facts = {
         statistic: Fact(f"{name}/{statistic}", float(value), unit, label)
         for statistic, value in numbers.items()
@@ -103,7 +103,7 @@ def _introduction(designs: Designs, dataset: Path, failed: int) -> str:
 
 def _extreme_forces(designs: Designs, frame: pd.DataFrame) -> str:
     """Smallest and largest of the largest forces, with their designs."""
-    force = frame[PEAK_FORCE]
+    force = frame[PEAK_FORCE.name]
     if not force.notna().any():
         return ""
     texts = []
@@ -112,7 +112,7 @@ def _extreme_forces(designs: Designs, frame: pd.DataFrame) -> str:
             f"{format_parameter(axis.key)} {format_value(axis, row[axis.key])}"
             for axis in designs.axes
         )
-        texts.append(f"{row[PEAK_FORCE]:.4g} N ({values})")
+        texts.append(f"{row[PEAK_FORCE.name]:.4g} N ({values})")
     return f"The largest force in the joints is {texts[0]} to {texts[1]}."
 
 
@@ -120,8 +120,8 @@ def _figures(designs: Designs, frame: pd.DataFrame) -> Figures:
     axes = designs.axes
     if designs.sweep.design == "grid" and len(axes) in (2, 3):
         block = FigureBlock("map", "Map of the grid")
-        return {block: lambda: grid_map(frame, axes)}
-    if frame[PEAK_FORCE].isna().all():
+        return {block: lambda: grid_map(frame, axes, designs.measured)}
+    if frame[PEAK_FORCE.name].isna().all():
         return {}
     title, caption = "Largest force in the joints", "One point per design; bars: medians."
     block = FigureBlock("forces", title, caption)

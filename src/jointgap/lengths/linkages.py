@@ -17,7 +17,12 @@ from jointgap.config import OptimiseLinkage, Simulate
 from jointgap.config.linkage_file import LinkageFile
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.progress import with_progress
-from jointgap.lengths.objective import FrozenObjective, LargestOfSeveral, measure
+from jointgap.lengths.objective import (
+    FrozenObjective,
+    LargestOfSeveral,
+    joint_forces,
+    measure,
+)
 from jointgap.lengths.region import Constraint, Region
 from jointgap.lengths.search import Search, evolve, search, search_from_all
 from jointgap.lengths.tables import spread
@@ -359,13 +364,7 @@ def resimulate(problem: LinkageProblem, lengths: ArrayLike, desired: np.ndarray)
         }
         vectors = [clearance_vector(columns, joint.name) for joint in problem.linkage.loose]
         at = lengths, angles[rows], np.concatenate(vectors)
-        forces = {
-            name: np.abs(columns[f"{name}_force"])
-            if joint.kind == "slide"
-            else np.hypot(columns[f"{name}_force_x"], columns[f"{name}_force_y"])
-            for name, joint in joints.items()
-        }
-        return problem.geometry.angle(problem.dyad, *at)[0], forces
+        return problem.geometry.angle(problem.dyad, *at)[0], joint_forces(columns, joints)
 
     runs = with_progress(side_by_side(one, starts), "simulated starts", len(starts))
     transmission, forces = zip(*runs, strict=True)

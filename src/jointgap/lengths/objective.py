@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from jointgap.config import Mechanism, Optimise, Simulate
 from jointgap.core.joints import PINS
+from jointgap.linkage.topology import Joint
 from jointgap.motion.kinematics import transmission_angle
 
 
@@ -106,6 +107,18 @@ class Objective(FrozenObjective):
 Settled = Mapping[str, np.ndarray]
 """Torque of the drive [N m] and forces in the pins [N] by name over a settled revolution, shape
 (..., n) each."""
+
+
+def joint_forces(
+    columns: Mapping[str, np.ndarray], joints: Mapping[str, Joint]
+) -> dict[str, np.ndarray]:
+    """Sizes (n,) of the force in each joint [N], of a slide across it."""
+    return {
+        name: np.abs(columns[f"{name}_force"])
+        if joint.kind == "slide"
+        else np.hypot(columns[f"{name}_force_x"], columns[f"{name}_force_y"])
+        for name, joint in joints.items()
+    }
 
 
 def pin_forces(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -368,6 +368,7 @@ def check_constraints(scenarios: Mapping[str, Scenario], source: str = "configur
     """InputError, before any simulation, where the constraints of a scenario are infeasible."""
     for name, scenario in scenarios.items():
         try:
-            regions(scenario.mechanism.applied(), scenario.optimise)
+            if isinstance(scenario.mechanism, Mechanism):
+                regions(scenario.mechanism.applied(), scenario.optimise)
         except InputError as error:
             raise InputError(f"{source}, scenario {name}: {error}") from None

@@ -128,7 +128,7 @@ def _play(file: LinkageFile, linkage: Linkage) -> float:
     return play
 
 
-def _check_walls(file: LinkageFile, columns: Columns) -> None:
+def check_walls(file: LinkageFile, columns: Columns) -> None:
     """SimulationError where a corner is deeper in a wall than its clearance."""
     for name, slide in file.loose_joints.items():
         if not isinstance(slide, Slide):
@@ -193,7 +193,7 @@ def simulate_linkage(file: LinkageFile, options: Simulate) -> Trajectory:
     angles = crank_angles(options)
     run = integrate_to_angles(model, model.start(), angles, options.tolerance)
     columns = published(model, observed(model, run)) | modes_of(model, run, model.pins)
-    _check_walls(file, columns)
+    check_walls(file, columns)
     columns["crank_angle"] = angles  # exact; a motor's simulated crank angle has rounding errors
     samples = pd.DataFrame(columns)
     samples.attrs["units"] = {name: model.units.get(name, "") for name in columns}

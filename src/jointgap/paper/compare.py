@@ -344,7 +344,7 @@ def _apart_from_looseness(scenario: "Scenario") -> dict:
     mechanism = scenario.mechanism.applied().model_dump()
     for joint in mechanism["joints"].values():
         if isinstance(joint, dict):
-            joint.pop("loose")
+            joint.pop("loose", None)  # a slide has a clearance instead
     mechanism.pop("contacts")  # included in each joint
     return {"mechanism": mechanism, "simulate": scenario.simulate, "optimise": scenario.optimise}
 

@@ -19,7 +19,9 @@ def open_results(options: ScenarioOptions, results: ResultsOption) -> "ScenarioR
     """The results of a scenario."""
     from jointgap.config import scenario_results
 
-    return scenario_results.open_results(options, results)
+    opened = scenario_results.open_results(options, results)
+    opened.scenario.check_slider_crank(f"{opened.source}: ")
+    return opened
 
 
 SCENARIO_STAGES = Stages(open_results)
