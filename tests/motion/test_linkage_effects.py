@@ -381,13 +381,13 @@ def test_a_torsion_spring_has_no_jump_wherever_its_rocker_points(turned):
     middle = math.remainder(math.radians(87.0) + shift, 2 * math.pi)
     formula = {"formula": f"-2.0*(x - {middle:.15f})", "coefficients": {}}
     content["effects"] = [{"name": "discovered_rocker_torque", "parameters": formula}]
-    found = revolution(
-        validate(LinkageFile, content, "turned.yaml"), start_angle=shift, points=360
-    )
+    found = revolution(validate(LinkageFile, content, "turned.yaml"), start_angle=shift, points=360)
     swing = found["rocker_angle"] - middle
     assert np.ptp(swing) < 1.2 and abs(swing.mean()) < 0.2
     without = revolution(
-        validate(LinkageFile, content | {"effects": []}, "turned.yaml"), start_angle=shift, points=360
+        validate(LinkageFile, content | {"effects": []}, "turned.yaml"),
+        start_angle=shift,
+        points=360,
     )
     added = found["crank_torque"] - without["crank_torque"]
     power = 2.0 * swing * found["rocker_angular_velocity"]

@@ -10,6 +10,7 @@ from jointgap.config import Mechanism, Simulate
 from jointgap.config.linkage_file import LinkageFile
 from jointgap.config.variations import change, number_at
 from jointgap.core.errors import InputError
+from jointgap.core.joints import JOINT
 from jointgap.core.schema import TRAJECTORY
 from jointgap.core.units import quotient
 from jointgap.motion import linkage, slider_crank
@@ -20,6 +21,7 @@ from jointgap.motion.simulation import crank_angles, mirrored_drive, observed
 
 _STEP = 1e-7  # [1] Of differences by a number, over it
 _CLEARANCE_STEP = 1e-12  # [m] Largest change of a clearance in one: penetrations are small
+_UNPREDICTABLE = 1e4  # [1] Clearances by which a pin would move, over the share of a number
 _OF_DRIVE = ("speed", "drive")
 
 
@@ -42,11 +44,6 @@ class _Case(NamedTuple):
         """With another number at a key."""
         if key.partition(".")[0] in _OF_DRIVE:
             return self._replace(options=change(self.options, {key: value}))
-        if (name := self._pin(key)) is not None:
-            key, value = (
-                f"joints.{name}.bearing_radius",
-                self.mechanism.joint(name).journal_radius + value,
-            )
         return self._replace(mechanism=change(self.mechanism, {key: value}))
 
     def _pin(self, key: str) -> str | None:
@@ -81,18 +78,22 @@ def derivatives_of(
     options: Simulate,
     keys: Sequence[str],
     perturbation: np.ndarray | None = None,
-) -> dict[str, pd.DataFrame]:
-    """Derivatives of the samples of `jointgap.simulate` by the numbers at `keys`; see there."""
+) -> tuple[dict[str, pd.DataFrame], tuple[str, ...]]:
+    """Derivatives of the samples of `jointgap.simulate` by the numbers at `keys`, see there; and
+    remarks on those that hold for tiny changes only."""
     if isinstance(keys, str):
         raise InputError(f"derivatives: is text, not a list of keys; write ['{keys}']")
+    if not keys:
+        return {}, ()
     case = _Case(mechanism, options, perturbation)
     model, start = case.model()
-    varied, units = [], []
+    varied, units, values = [], [], []
     for key in keys:
         key = key.removeprefix("mechanism.").removeprefix("simulate.")
         value, unit = case.number(key)
         varied.append(_varied(case, model, key, value))
         units.append(unit)
+        values.append(value)
     is_linkage = isinstance(mechanism, LinkageFile)
     of_column = {column.name: column.unit for column in TRAJECTORY.columns}
     of_column = model.units if is_linkage else of_column
@@ -105,7 +106,7 @@ def derivatives_of(
 
     angles = crank_angles(mirrored_drive(options) if case.is_clockwise else options)
     found = derivatives(model, start, angles, options.tolerance, varied, seen)
-    tables, turned = {}, set()
+    tables, remarks, turned = {}, [], set()
     if case.is_clockwise:
         turned = (
             linkage.turned_by_mirror(mechanism, of_column)
@@ -113,12 +114,31 @@ def derivatives_of(
             else {name for name in of_column if slider_crank.turns_sign(name)}
         )
         turned |= {"transmission_angle"}
-    for key, unit, columns in zip(keys, units, found, strict=True):
+    for key, unit, value, columns in zip(keys, units, values, found, strict=True):
         signs = {name: -1.0 if name in turned else 1.0 for name in columns}
         table = pd.DataFrame({name: signs[name] * values for name, values in columns.items()})
         table.attrs["units"] = {name: quotient(of_column.get(name, ""), unit) for name in table}
         tables[key] = table
-    return tables
+        remarks += _remark(model, key, value, columns)
+    return tables, tuple(remarks)
+
+
+def _remark(model: Model, key: str, value: float, columns: Columns) -> list[str]:
+    """A remark if a tiny change of the number at a key moves a pin through its clearance."""
+    moved = [
+        float(np.nanmax(np.abs(columns[name]))) * abs(value) / model.bearings[pin].clearance
+        for pin in model.pins
+        for name in (f"r_{pin}", f"r{JOINT[pin].number}" if pin in JOINT else "")
+        if name in columns
+    ]
+    largest = max(moved, default=0.0)
+    if not largest > _UNPREDICTABLE:
+        return []
+    return [
+        f"Derivatives by {key}: a change by {1.0 / largest:.0e} of its value would move a pin"
+        " through its clearance. The motion is chaotic; its derivatives hold for smaller changes"
+        " only. Simulate fewer revolutions, or compare statistics of several starts."
+    ]
 
 
 def _varied(case: _Case, model: Model, key: str, value: float) -> Varied:

@@ -51,7 +51,7 @@ class LinkageMotion(Result):
     steps : int
         Integration steps, including rejected ones.
     remarks : tuple of str
-        Dead points.
+        Dead points, and derivatives that hold for tiny changes only.
     derivatives : mapping of str to pandas.DataFrame
         By key of `simulate`'s ``derivatives``: rows and columns as `samples`, at the same crank
         angles; units of these tables in their ``attrs["units"]``.
@@ -160,8 +160,8 @@ def simulated_linkage(
 ) -> LinkageMotion:
     """Simulate a general linkage, with derivatives by the numbers at keys."""
     run = simulate_linkage(file, options)
-    remarks = linkage_remarks(file, options)
-    tables = derivatives_of(file, options, derivatives) if derivatives else {}
+    tables, remarks = derivatives_of(file, options, derivatives)
+    remarks = (*linkage_remarks(file, options), *remarks)
     return LinkageMotion(file, options, run.samples, run.events, run.steps, remarks, tables)
 
 

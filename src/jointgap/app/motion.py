@@ -50,7 +50,7 @@ class Motion(Result):
     steps : int
         Integration steps, including rejected ones.
     remarks : tuple of str
-        Unexpected properties of the contacts.
+        Unexpected properties of the contacts and derivatives.
     derivatives : mapping of str to pandas.DataFrame
         By key of `simulate`'s ``derivatives``: rows and columns as `samples`, at the same crank
         angles; units of these tables in their ``attrs["units"]``.
@@ -217,9 +217,9 @@ def simulate(
     run = simulated(checked_mechanism(mechanism), options, perturbation)
     samples = with_units(schema.TRAJECTORY, run.samples)
     events = with_units(schema.EVENTS, run.events)
-    warnings = sentences(mechanism, options.highest_speed)
-    tables = derivatives_of(mechanism, options, derivatives, perturbation) if derivatives else {}
-    return Motion(mechanism, options, samples, events, run.steps, warnings, tables)
+    tables, remarks = derivatives_of(mechanism, options, derivatives, perturbation)
+    remarks = (*sentences(mechanism, options.highest_speed), *remarks)
+    return Motion(mechanism, options, samples, events, run.steps, remarks, tables)
 
 
 def checked_mechanism(mechanism: Any) -> Mechanism:

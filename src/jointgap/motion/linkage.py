@@ -38,7 +38,6 @@ from jointgap.motion.simulation import (
     observed,
 )
 
-
 _POSES = 720  # Of the ideal motion, in which bodies swing
 
 
