@@ -225,7 +225,7 @@ def test_a_slide_of_the_frame_is_moved():
 def test_the_page_has_all_figures(optimum, tmp_path):
     page = optimum.write_page(tmp_path / "optimum.html").read_text(encoding="utf-8")
     assert all(title in page for title in optimum.figures.values())
-    assert page.count("<img") == len(optimum.figures) == 4
+    assert page.count("<img") == len(optimum.figures) == 5
     for name in optimum.figures:
         assert len(optimum.plot(name).data)
 

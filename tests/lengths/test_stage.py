@@ -11,7 +11,8 @@ from jointgap.config import Ensemble, Genetic, Optimise, Scenario, Simulate
 from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.core.schema import TABLES
-from jointgap.lengths import force_limit
+from jointgap.lengths import optimise as stage
+from jointgap.lengths.force_limit import LimitedForce, search_under_force_limits
 from jointgap.lengths.objective import evaluation_samples
 from jointgap.lengths.optimise import frozen_objectives, optimise
 from jointgap.lengths.region import Region
@@ -129,25 +130,28 @@ def below(newtons):
     return OPTIMISE.model_copy(update={"constraints": constraints})
 
 
-def limited(mechanism, limit, peak_force):
+def limited(forces, limit, peak_force, search):
     """Searches, or the point with the smallest force, of the box of the paper."""
     region = Region.of(OPTIMISE.boxes["paper"], None)
-    return force_limit.search_under_force_limit(
-        mechanism, SIMULATE, below(limit), {}, peak_force, "paper", region
+    surface = grid_of(forces)(None, None, None, region, "")
+    force = LimitedForce("largest_pin_force", "force", limit, surface.value, surface.gradient)
+    return search_under_force_limits(
+        [force], region, "paper", search, lambda point: [peak_force(point)]
     )
 
 
 def test_a_limit_that_no_lengths_keep_leaves_no_optimum(mechanism, trajectory, monkeypatch):
     limit, message = 100.0, "No lengths within the bounds keep the pin force below"  # N; a tenth
     proportional = grid_of(lambda crank, rod: 1000.0 * crank / 0.147 * (rod / 0.555) ** 2)
-    monkeypatch.setattr(force_limit, "simulated_surface", proportional)
-    monkeypatch.setattr(force_limit, "search_all", lambda *_: pytest.fail("searched"))
+    monkeypatch.setattr(stage, "simulated_surface", proportional)
+    monkeypatch.setattr(stage, "search_all", lambda *_: pytest.fail("searched"))
     tables = optimise(mechanism, SIMULATE, below(limit), POINTS, trajectory, {})
     optima = tables["optimise_optima"].set_index("method")
     assert set(optima.index) == {"original", "printed", "least_force"}
     smallest = optima.loc["least_force"].iloc[0]
     assert (smallest["crank_length"], smallest["rod_length"]) == pytest.approx((0.147, 0.555))
-    assert smallest["status"] == "no lengths within the bounds keep the pin force below 100 N"
+    status = "no lengths within the bounds keep the largest force in a pin below 100 N"
+    assert smallest["status"] == status
     for name, frame in tables.items():  # those of the searches have no rows
         parquet.to_arrow(TABLES[name], frame)
     scenario = Scenario(mechanism=mechanism, simulate=SIMULATE, optimise=below(limit))
@@ -159,28 +163,27 @@ def test_a_limit_that_no_lengths_keep_leaves_no_optimum(mechanism, trajectory, m
         jg.optimise(mechanism, SIMULATE, **options, ensemble=OPTIMISE.ensemble)
 
 
-def test_the_surface_is_scaled_to_the_simulated_force(mechanism, monkeypatch):
+def test_the_surface_is_scaled_to_the_simulated_force():
     """The grid exceeds the limit everywhere, and the simulated force does not."""
-    monkeypatch.setattr(
-        force_limit, "simulated_surface", grid_of(lambda crank, rod: 400.0 * crank / 0.15 + 0 * rod)
-    )
     search, regions = SimpleNamespace(optima=lambda: [Point("optimum", "local", (0.15, 0.56))]), []
-    monkeypatch.setattr(
-        force_limit,
-        "search_all",
-        lambda objectives, boxes, options: regions.append(boxes) or [search],
-    )
-    assert limited(mechanism, 200.0, lambda point: 150.0) == [search]
-    force = regions[0]["paper"].constraints[-1]
+    assert limited(
+        lambda crank, rod: 400.0 * crank / 0.15 + 0 * rod,
+        200.0,
+        lambda point: 150.0,
+        lambda region: regions.append(region) or [search],
+    ) == [search]
+    force = regions[0].constraints[-1]
     assert force.value((0.147, 0.56)) == pytest.approx(150.0) and force.high == 200.0
 
 
-def test_feasible_lengths_are_kept_where_a_later_round_has_none(mechanism, monkeypatch):
+def test_feasible_lengths_are_kept_where_a_later_round_has_none():
     forces = {(0.1475, 0.56): 100.0, (0.1476, 0.56): 110.0}  # all others: 101 N
     points = [Point("optimum", "genetic", lengths) for lengths in forces]
     search = SimpleNamespace(optima=lambda: points)
-    surface = grid_of(lambda crank, rod: 100.0 * crank / 0.15 + 0 * rod)
-    monkeypatch.setattr(force_limit, "simulated_surface", surface)
-    monkeypatch.setattr(force_limit, "search_all", lambda *_: [search])
-    result = limited(mechanism, 100.0, lambda point: forces.get(point.lengths, 101.0))
+    result = limited(
+        lambda crank, rod: 100.0 * crank / 0.15 + 0 * rod,
+        100.0,
+        lambda point: forces.get(point.lengths, 101.0),
+        lambda region: [search],
+    )
     assert result == [search]

@@ -15,13 +15,17 @@ from jointgap.config.linkage_file import LinkageFile
 from jointgap.core.facts import Fact
 from jointgap.core.plot import CRANK_ANGLE, Drawing, Quantity, Sheet
 from jointgap.core.words import format_name, format_range, format_size
-from jointgap.lengths.linkages import LengthsFound, LinkageEnsemble, LinkageProblem, find_lengths
+from jointgap.lengths.linkages import (
+    DEPARTURE,
+    LengthsFound,
+    LinkageEnsemble,
+    LinkageProblem,
+    find_lengths,
+)
+from jointgap.lengths.objective import Goal
+from jointgap.lengths.region import FORCE_TOLERANCE
 
 _REMARKABLE = 0.05  # relative growth of the largest force that causes a remark
-_WORDS = {
-    "rms": "RMS error of the transmission angle",
-    "departure": "departure of the transmission angle from 90 deg",
-}
 _LOOKS = {  # the line of before stays visible below an equal one
     "before": {"colour": "ideal", "linewidth": 2.2},
     "after": {"colour": "optimised", "linewidth": 0.9},
@@ -48,11 +52,11 @@ class LinkageOptimum(Result):
 
     @property
     def _HEADLINE(self) -> str:
-        return f"Lengths with the smallest {self._goal}"
+        return f"Lengths with the smallest {self._goal.words}"
 
     @property
-    def _goal(self) -> str:
-        return _WORDS[self._found.measure]
+    def _goal(self) -> Goal:
+        return self._found.problem.goal
 
     @property
     def lengths(self) -> dict[str, float]:
@@ -68,7 +72,7 @@ class LinkageOptimum(Result):
     @property
     def tables(self) -> dict[str, pd.DataFrame]:
         """``population`` of the genetic algorithm, ``paths`` of the local searches (lengths in m),
-        ``gains`` (angles in rad) and ``loads`` (N) before and after."""
+        ``gains`` (SI: rad, N or N m) and ``loads`` (N) before and after."""
         found = self._found
         paths = [one.history.assign(start=n) for n, one in enumerate(found.search.local)]
         return {
@@ -80,7 +84,7 @@ class LinkageOptimum(Result):
 
     @property
     def _gain(self) -> pd.Series:
-        return self._found.gains.loc[self._found.measure]
+        return self._found.gains.loc[self._goal.measure]
 
     @property
     def gain(self) -> float:
@@ -101,21 +105,27 @@ class LinkageOptimum(Result):
         return (*self._remarks(), *self.optimised.remarks)
 
     def _remarks(self) -> Iterator[str]:
-        low, high = self.interval
-        changes = format_range(f"{-100 * high:+.1f}", f"{-100 * low:+.1f}")
+        (low, high), words = self.interval, self._goal.words
+        changes, over = f"{-100 * high:+.1f}", ""
+        if self._found.problem.file.loose:
+            changes = format_range(changes, f"{-100 * low:+.1f}")
+            over = " over perturbed starts"
+        excess = self._found.problem.excess(self._found.before)
+        if exceeds := excess > FORCE_TOLERANCE:
+            share = f"{100 * excess - 100:.0f} %"
+            yield f"The original lengths exceed a limit of the forces by {share}, those found none."
         if high < 0.0:
-            yield (
-                f"Simulated again, the {self._goal} increases ({changes} %): keep the original"
-                " lengths."
-            )
+            advice = "" if exceeds else ": keep the original lengths"
+            yield f"Simulated again, the {words} increases ({changes} %){advice}."
         elif low <= 0.0:
             yield (
                 "The gain is not significant: simulated again from perturbed starts, the"
-                f" {self._goal} changes by {changes} %."
+                f" {words} changes by {changes} %."
             )
         else:
-            size = format_size(self._gain["original"] - self._gain["size"], "rad")
-            yield f"The gain is {size} ({changes} % over perturbed starts)."
+            unit = "rad" if self._goal.unit == "deg" else self._goal.unit
+            size = format_size(self._gain["original"] - self._gain["size"], unit)
+            yield f"The gain is {size} ({changes} %{over})."
         for bound in self.at_bounds:
             yield f"A limit is reached: {bound}."
         for joint, load in self._found.loads.iterrows():
@@ -133,19 +143,21 @@ class LinkageOptimum(Result):
         pairs = zip(problem.names, problem.original, found.lengths, strict=True)
         for name, before, after in pairs:
             yield Fact(f"lengths/{name}", 1e3 * after, "mm", name, before=1e3 * before)
-        for measure, words in _WORDS.items():
-            row = np.degrees(found.gains.loc[measure].astype(float))
-            if measure == "departure":
-                words, row = "smallest transmission angle", 90.0 - row
-            elif measure != found.measure:
-                continue
-            label = f"{words} over a settled revolution"
-            yield Fact(measure, row["size"], "deg", label, before=row["original"])
+        goal, gains = self._goal, found.gains.astype(float)
+        over = "over a settled revolution"
+        if goal.measure != DEPARTURE:
+            row = goal.factor * gains.loc[goal.measure]
+            label, unit = f"{goal.words} {over}", goal.unit
+            yield Fact(goal.measure, row["size"], unit, label, before=row["original"])
+        row = 90.0 - np.degrees(gains.loc[DEPARTURE])
+        label = f"smallest transmission angle {over}"
+        yield Fact(DEPARTURE, row["size"], "deg", label, before=row["original"])
         low, high = self.interval
-        words = f"reduction of the {self._goal}"
-        ends = {"low": 100 * low, "high": 100 * high}
+        words = f"reduction of the {goal.words}"
+        ends = {"low": 100 * low, "high": 100 * high} if problem.file.loose else {}
         yield Fact("reduction_percent", 100 * self.gain, "%", words, **ends)
-        yield Fact("estimate_percent", 100 * found.estimate, "%", f"{words}, as searched")
+        words += ", in the search (ideal joints)" if goal.load else ", as searched"
+        yield Fact("estimate_percent", 100 * found.estimate, "%", words)
         for key, factor, unit in (("stroke", 1e3, "mm"), ("swing", math.degrees(1.0), "deg")):
             for body in getattr(problem.options, key):
                 before, after = (
@@ -162,12 +174,16 @@ class LinkageOptimum(Result):
     @property
     def figures(self) -> Mapping[str, str]:
         """Names for `plot`, with the titles of the figures; the first is the default."""
-        return {
+        load = self._goal.load
+        first = ("torque" if load.names == ("crank_torque",) else "joint_forces") if load else ""
+        figures = {
             "transmission": "Transmission angle over a settled revolution",
             "linkage": "Positions of the linkage before and after",
             "search": "Convergence of the search",
             "joint_forces": "Forces in the joints over a settled revolution",
+            "torque": "Torque of the drive over a settled revolution",
         }
+        return {name: figures[name] for name in sorted(figures, key=lambda name: name != first)}
 
     def _draw(self, name: str) -> Drawing:
         return _DRAW[name](self)
@@ -201,7 +217,7 @@ def _turned(ensemble: LinkageEnsemble) -> np.ndarray:
 def _transmission(optimum: LinkageOptimum) -> Drawing:
     """Transmission angle; where its error is the objective, also the difference from that without
     clearance at the original lengths."""
-    is_of_error = optimum._found.measure == "rms"
+    is_of_error = optimum._goal.measure == "rms"
     rows = 2 if is_of_error else 1
     sheet = Sheet(0.4 + 2.3 * rows, rows, 1)
     panel = sheet.panel((0, 0), "", CRANK_ANGLE, Quantity("transmission angle", "deg"))
@@ -243,12 +259,12 @@ def _search(optimum: LinkageOptimum) -> Drawing:
     original = float(search.objective.value(search.objective.original))
     sheet = Sheet(3.2, 1, 1)
     size = Quantity("best over the original", "%")
-    panel = sheet.panel((0, 0), optimum._goal, Quantity("evaluations", ""), size)
+    panel = sheet.panel((0, 0), optimum._goal.words, Quantity("evaluations", ""), size)
     shown = [("genetic", "genetic algorithm", search.genetic)]
     shown += [("local", "local, from several starts", result) for result in search.local]
     for colour, words, result in shown:
         best = np.minimum.accumulate(result.values / original)
-        if optimum._found.measure == "rms":
+        if optimum._goal.measure == "rms":
             best = np.sqrt(best)
         panel.line(words, 1 + np.arange(best.size), 100.0 * best, colour)
     panel.axes.set_xscale("log")
@@ -275,9 +291,21 @@ def _joint_forces(optimum: LinkageOptimum) -> Drawing:
     return sheet.drawing()
 
 
+def _torque(optimum: LinkageOptimum) -> Drawing:
+    sheet = Sheet(2.7, 1, 1)
+    panel = sheet.panel((0, 0), "", CRANK_ANGLE, Quantity("torque", "N m"))
+    for when, ensemble in optimum._pair.items():
+        angle = _turned(ensemble)
+        panel.line(when, angle, ensemble.torque[0], **_LOOKS[when])
+    panel.over_crank_angle(angle[0], angle[0] + 360.0)
+    sheet.legend()
+    return sheet.drawing()
+
+
 _DRAW = {
     "transmission": _transmission,
     "linkage": _linkage,
     "search": _search,
     "joint_forces": _joint_forces,
+    "torque": _torque,
 }

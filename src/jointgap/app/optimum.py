@@ -116,9 +116,10 @@ def optimise(
 
     The mechanism is simulated. A genetic and a local optimiser search crank and rod length: with
     frozen joint motion, or, for a force or torque, on a grid of simulations with and without
-    clearance. The optima are simulated again from several slightly perturbed starts. The result has
-    the smallest objective over a settled revolution (for the transmission angle: or over the
-    configured window). Requires pymoo: the extra ``learn``.
+    clearance; of a general linkage with the forces of ideal joints. The optima are simulated again
+    from several slightly perturbed starts. The result has the smallest objective over a settled
+    revolution (for the transmission angle: or over the configured window). Requires pymoo: the
+    extra ``learn``.
 
     Parameters
     ----------
@@ -139,9 +140,11 @@ def optimise(
         ``ensemble``. Keys of `jointgap.Simulate` as `jointgap.simulate` takes them, such as
         ``speed``, override `options`. Of a general linkage the keys are ``lengths`` (bounds of
         ``BODY.length``, ``frame.POINT.x`` or ``.y``, by name), ``objective``
-        (``"transmission_angle"`` or ``"least_transmission_angle"``), ``transmission`` (inner joint
-        of the two bodies whose angle counts; by default the last), ``least_angle``,
-        ``dead_point_margin``, ``stroke`` and ``swing`` (ranges by body), ``genetic``, ``ensemble``.
+        (``"transmission_angle"``, ``"least_transmission_angle"``, ``"largest_pin_force"``,
+        ``"JOINT_peak_force"``, ``"JOINT_rms_force"``, ``"peak_torque"``, ``"rms_torque"`` or
+        ``"torque_ripple"``), ``transmission`` (inner joint of the two bodies whose angle counts; by
+        default the last), ``least_angle``, ``dead_point_margin``, ``stroke`` and ``swing`` (ranges
+        by body), ``largest_force`` (limits by joint), ``genetic``, ``ensemble``.
 
     Returns
     -------
@@ -150,8 +153,8 @@ def optimise(
     Raises
     ------
     InputError
-        Unknown key, invalid value, no loose joint, no lengths that satisfy the constraints, or a
-        missing package.
+        Unknown key, invalid value, no loose joint where the transmission angle counts, no lengths
+        that satisfy the constraints, or a missing package.
     SimulationError
         The simulation failed.
 

@@ -393,6 +393,18 @@ class LinkageFile(OfAnyKind):
         """The loose joints by name."""
         return {name: joint for name, joint in self.joints.items() if joint.loose}
 
+    def with_ideal_joints(self) -> "LinkageFile":
+        """The same without clearance."""
+        ideal = {
+            name: joint.model_copy(
+                update=dict.fromkeys(_OF_LOOSE_SLIDES)
+                if isinstance(joint, Slide)
+                else {"loose": False}
+            )
+            for name, joint in self.joints.items()
+        }
+        return self.model_copy(update={"joints": ideal})
+
     @property
     def loose_pins(self) -> dict[str, Pin]:
         """The loose revolute joints by name."""

@@ -390,9 +390,11 @@ class Optimise(ConfigModel):
 class OptimiseLinkage(ConfigModel):
     """The optimisation of the lengths of a general linkage."""
 
-    objective: Literal["transmission_angle", "least_transmission_angle"] = Field(
+    objective: Word = Field(
         "transmission_angle",
-        description="to minimise the angle's error, or to maximise the least angle",
+        description="to minimise the angle's error; least_transmission_angle: to maximise the least"
+        " angle; or a force or torque to minimise: largest_pin_force, JOINT_peak_force,"
+        " JOINT_rms_force, torque_ripple, peak_torque, rms_torque",
     )
     lengths: dict[str, Bounds] = Field(
         min_length=1, description="bounds of BODY.length, frame.POINT.x or frame.POINT.y, by name"
@@ -410,6 +412,9 @@ class OptimiseLinkage(ConfigModel):
     )
     stroke: dict[Word, Lengths] = Field({}, description="of bodies on slides of the frame, by name")
     swing: dict[Word, Angles] = Field({}, description="of bodies that turn to and fro, by name")
+    largest_force: dict[Word, quantity("N", gt=0)] = Field(
+        {}, description="in joints, by name, at most; settled, with clearance"
+    )
     local_tolerance: quantity("", gt=0) = Field(
         1e-8, description="stopping tolerance of the local optimiser"
     )
@@ -544,6 +549,8 @@ class Scenario(DrivenMechanism):
             yield "optimise_robust of a linkage requires optimise_linkage.lengths, bounds by name"
         if self.optimise_linkage and self.optimise_linkage.objective != "transmission_angle":
             yield "optimise_linkage.objective must be transmission_angle for optimise_robust"
+        if self.optimise_linkage and self.optimise_linkage.largest_force:
+            yield "optimise_linkage.largest_force is not for optimise_robust; remove it"
         if len(self.mechanism.bodies) < 2:
             yield "mechanism: has a crank only; add the bodies that it moves"
 

@@ -24,10 +24,10 @@ from jointgap.designs.measures import pose_of, position_of
 from jointgap.designs.sampling import Designs, axes_of, values_at
 from jointgap.lengths.linkages import LinkageProblem
 from jointgap.lengths.objective import (
+    GOALS,
     FrozenObjective,
     Objective,
     joint_forces,
-    largest_pin_force,
     measure,
     objective_of_motion,
     pin_forces,
@@ -226,7 +226,7 @@ class SimulatedSamples:
         if outcome.error is not None:
             return math.nan, math.nan, math.nan, str(outcome.error)
         columns = observed(outcome.model, outcome.result.part(self._settled(outcome)))
-        force = largest_pin_force(pin_forces(columns))
+        force = GOALS["largest_pin_force"].load(pin_forces(columns))
         angle, rod = self.rod_angles(outcome)
         lengths = self.original.crank.length, self.original.rod.length
         ideal = transmission_angle(*lengths, angle, 0.0, self.original.slider.offset)

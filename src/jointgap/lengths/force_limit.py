@@ -1,58 +1,83 @@
-"""Search under a limit of the pin force, which depends on the motion at the new lengths."""
+"""Search under limits of forces, which depend on the motion at the new lengths."""
 
-from collections.abc import Callable
-from dataclasses import replace
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jointgap.config import Mechanism, Optimise, Simulate
-from jointgap.core.words import number
-from jointgap.lengths.objective import Objective
-from jointgap.lengths.region import FORCE_TOLERANCE, LEAST_FORCE, Region
-from jointgap.lengths.search import Point, Search, search_all
-from jointgap.lengths.surface import simulated_surface
+from jointgap.core.words import joined, number
+from jointgap.lengths.region import FORCE_TOLERANCE, LEAST_FORCE, Constraint, Function, Region
+from jointgap.lengths.search import Point, Search
 
-ROUNDS = 4  # largest number of searches until the re-simulated lengths satisfy the limit
-SLACK = 1e-3  # relative excess of the limit up to which the search is not repeated
+ROUNDS = 4  # largest number of searches until the re-simulated lengths satisfy the limits
+SLACK = 1e-3  # relative excess of a limit up to which the search is not repeated
 
 
-def search_under_force_limit(
-    mechanism: Mechanism,
-    simulate: Simulate,
-    options: Optimise,
-    objectives: dict[str, Objective],
-    peak_force: Callable[[Point], float],
-    box: str,
+@dataclass(frozen=True)
+class LimitedForce:
+    """A force as a function of the lengths, and its limit."""
+
+    key: str  # Of the configuration
+    words: str
+    limit: float  # [N]
+    size: Function  # [N], shape (...)
+    slope: Function  # Its gradient
+    factor: float = 1.0  # Correction by simulations
+
+    def value(self, lengths: np.ndarray) -> np.ndarray:
+        return self.factor * self.size(lengths)
+
+    @property
+    def constraint(self) -> Constraint:
+        def slope(lengths: np.ndarray) -> np.ndarray:
+            return self.factor * self.slope(lengths)
+
+        ends = -math.inf, self.limit
+        return Constraint(self.key, self.words, "N", *ends, self.value, slope)
+
+
+def search_under_force_limits(
+    forces: Sequence[LimitedForce],
     region: Region,
+    box: str,
+    search: Callable[[Region], list[Search]],
+    peak_forces: Callable[[Point], Sequence[float]],
 ) -> list[Search] | Point:
-    """The searches in a box; without an optimum, the lengths with the smallest force.
+    """The searches in a region; without an optimum, the lengths with the smallest forces.
 
-    Where re-simulated lengths have another force than the surface, the surface is scaled to it and
-    the search repeated. `peak_force` simulates a point again.
+    Where re-simulated lengths have other forces than the functions, these are scaled to them and
+    the search repeated. `peak_forces` simulates a point again.
     """
-    limit, feasible = options.constraints.largest_pin_force, []
-    surface = simulated_surface(mechanism, simulate, options, region, "largest_pin_force")
+    limits, feasible = np.array([force.limit for force in forces]), []
+    words = joined(f"the {each.words} below {number(each.limit)} N" for each in forces)
     for _ in range(ROUNDS):
-        forces = surface.value(region.samples)
-        lengths = tuple(map(float, region.samples[np.argmin(forces)]))
+        values = np.array([force.value(region.samples) for force in forces])
+        excess = (values / limits[:, None]).max(axis=0)
+        lengths = tuple(map(float, region.samples[np.argmin(excess)]))
         least = Point(f"{LEAST_FORCE}_{box}", LEAST_FORCE, lengths, box)
-        if forces.min() > limit:
-            force = peak_force(least)
-            if force > limit:
-                reason = f"no lengths within the bounds keep the pin force below {number(limit)} N"
+        if excess.min() > 1.0:
+            peaks = np.array(peak_forces(least))
+            if (peaks > limits).any():
+                reason = f"no lengths within the bounds keep {words}"
                 break
-            surface = replace(surface, factor=surface.factor * force / float(forces.min()))
-        constraints = (*region.constraints, surface.limited(limit))
-        searches = search_all(objectives, {box: replace(region, constraints=constraints)}, options)
-        peaks = [peak_force(point) for search in searches for point in search.optima()]
-        if max(peaks) <= (1.0 + SLACK) * limit:
+            smallest = values[:, np.argmin(excess)]
+            forces = [
+                replace(force, factor=force.factor * peak / size) if size > force.limit else force
+                for force, peak, size in zip(forces, peaks, smallest, strict=True)
+            ]
+        limited = (*region.constraints, *(force.constraint for force in forces))
+        searches = search(replace(region, constraints=limited))
+        points = [point for each in searches for point in each.optima()]
+        found = np.array([peak_forces(point) for point in points]) / limits  # (points, forces)
+        if found.max() <= 1.0 + SLACK:
             return searches
-        if min(peaks) <= FORCE_TOLERANCE * limit:  # `outcome` chooses among those
+        if found.max(axis=1).min() <= FORCE_TOLERANCE:  # the caller chooses among those
             feasible = searches
-        surface = replace(surface, factor=surface.factor * max(peaks) / limit)
+        forces = [
+            replace(force, factor=force.factor * max(most, 1.0))
+            for force, most in zip(forces, found.max(axis=0), strict=True)
+        ]
     else:
-        reason = (
-            f"the search found no lengths that keep the pin force below {number(limit)} N in"
-            f" {ROUNDS} rounds"
-        )
+        reason = f"the search found no lengths that keep {words} in {ROUNDS} rounds"
     return feasible or replace(least, columns={"status": reason})

@@ -1,13 +1,16 @@
-"""Lengths of general linkages: the search for the best transmission angle, and its re-simulation.
+"""Lengths of general linkages: the search for the best transmission angle, force or torque, and its
+re-simulation.
 
-The clearance vectors of a settled revolution at the original lengths are frozen, as for the
-slider-crank. The optima are simulated again, as ensembles of slightly perturbed starts.
+For the error of the angle the clearance vectors of a settled revolution at the original lengths are
+frozen, as for the slider-crank. Forces and torques are those of ideal joints, with the motion of
+the crank and the forces of effects at the original lengths. The optima are simulated again, as
+ensembles of slightly perturbed starts.
 """
 
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 import pandas as pd
@@ -17,21 +20,27 @@ from jointgap.config import OptimiseLinkage, Simulate
 from jointgap.config.linkage_file import LinkageFile
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.progress import with_progress
+from jointgap.core.words import format_name, joined
+from jointgap.lengths.force_limit import LimitedForce, search_under_force_limits
 from jointgap.lengths.objective import (
+    TORQUE_RIPPLE,
     FrozenObjective,
+    Goal,
     LargestOfSeveral,
+    Load,
     joint_forces,
     measure,
 )
-from jointgap.lengths.region import Constraint, Region
-from jointgap.lengths.search import Search, evolve, search, search_from_all
+from jointgap.lengths.region import FORCE_TOLERANCE, Constraint, Region
+from jointgap.lengths.search import Point, Search, evolve, search, search_from_all
 from jointgap.lengths.tables import spread
 from jointgap.linkage.assembly import signs_of
 from jointgap.linkage.equations import NOTHING, Crank, Pose
 from jointgap.linkage.from_file import linkage_of_file
-from jointgap.linkage.topology import Dyad
+from jointgap.linkage.topology import FRAME, Dyad, Linkage
 from jointgap.linkage.transmission import (
     Geometry,
+    RequiredForces,
     clearance_vector,
     slide_of,
     transmitting,
@@ -39,10 +48,13 @@ from jointgap.linkage.transmission import (
 )
 from jointgap.motion.linkage import linkage_model, published
 from jointgap.motion.parallel import side_by_side
+from jointgap.motion.rates import torque_on_crank
+from jointgap.motion.sampling import take_row
 from jointgap.motion.simulation import crank_angles, integrate_to_angles, observed
 
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 180, endpoint=False)  # [rad] of the constraints
 _SAME = 1e-6  # [m] largest difference of equal lengths
+DEPARTURE = "departure"  # Measure of the least transmission angle
 
 
 # ---- objectives
@@ -84,6 +96,81 @@ class Departure(LargestOfSeveral):
     def slopes(self, lengths: ArrayLike) -> np.ndarray:
         slopes = np.nan_to_num(self.turn.angle(self.dyad, lengths)[1])
         return np.concatenate([slopes, -slopes])
+
+
+_AT = 360  # crank angles of forces and torques in a revolution
+_PARTS = 12  # of a revolution: the largest value of each counts, so that a step sees every peak
+_OPEN = 1e12  # [N, N m] where the linkage does not close, which constraints exclude
+
+
+@dataclass(frozen=True)
+class RmsLoad(FrozenObjective):
+    """Root mean square of a force [N] or torque [N m] with ideal joints."""
+
+    load: Load
+    forces: RequiredForces
+
+    def value(self, lengths: ArrayLike) -> np.ndarray:
+        return self.load(dict(zip(self.load.names, self._found(lengths)[0], strict=True)))
+
+    def gradient(self, lengths: ArrayLike) -> np.ndarray:
+        (values,), (slopes,) = self._found(lengths)
+        return values @ slopes / (values.size * self.value(lengths))
+
+    def _found(self, lengths: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """Forces or torque (names, ..., n) with their derivatives."""
+        values, slopes = self.forces.at(self.load.names, lengths)
+        return np.nan_to_num(values, nan=_OPEN, posinf=_OPEN, neginf=-_OPEN), np.nan_to_num(slopes)
+
+
+@dataclass(frozen=True)
+class PeakLoad(RmsLoad, LargestOfSeveral):
+    """Largest force or torque, or ripple of the torque, with ideal joints."""
+
+    def several(self, lengths: np.ndarray) -> np.ndarray:
+        return self._ends(lengths)[0]
+
+    def slopes(self, lengths: np.ndarray) -> np.ndarray:
+        return self._ends(lengths)[1]
+
+    def _ends(self, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        values, slopes = self._found(lengths)
+        values, slopes = values.ravel(), slopes.reshape(values.size, -1)
+        parts = values.reshape(-1, _AT // _PARTS)
+        rows = parts.shape[1] * np.arange(len(parts))
+        high, low = rows + parts.argmax(axis=1), rows + parts.argmin(axis=1)
+        if self.load.kind == "ripple":
+            high, low = (each.ravel() for each in np.meshgrid(high, low))
+            return values[high] - values[low], slopes[high] - slopes[low]
+        ends = np.concatenate([values[high], -values[low]])
+        return ends, np.concatenate([slopes[high], -slopes[low]])
+
+
+def goals_of(linkage: Linkage) -> dict[str, Goal]:
+    """What can be minimised, by `objective`."""
+    torque = {"crank_torque": "torque of the drive"}
+    joints = {name: f"force in {format_name(name)}" for name in linkage.joints}
+    pins = tuple(
+        name
+        for name, joint in linkage.joints.items()
+        if joint.kind == "revolute" and FRAME not in joint.bodies
+    )
+    goals = {
+        "transmission_angle": Goal("RMS error of the transmission angle", "rms", "deg"),
+        "least_transmission_angle": Goal(
+            "departure of the transmission angle from 90 deg", DEPARTURE, "deg"
+        ),
+        "torque_ripple": TORQUE_RIPPLE,
+    }
+    if pins:
+        words, load = f"peak force in the pins {joined(pins)}", Load(pins, "peak")
+        goals["largest_pin_force"] = Goal(words, "largest_pin_force", "N", "", load)
+    for name, words in (torque | joints).items():
+        for kind, how in (("peak", "peak"), ("rms", "RMS")):
+            key = f"{kind}_torque" if name in torque else f"{name}_{kind}_force"
+            unit, load = "N m" if name in torque else "N", Load((name,), kind)
+            goals[key] = Goal(f"{how} {words}", key, unit, "", load)
+    return goals
 
 
 # ---- constraints
@@ -198,6 +285,36 @@ class LinkageProblem:
         return Turn(self.geometry)
 
     @property
+    def goal(self) -> Goal:
+        """What is minimised; InputError if the linkage has no such quantity."""
+        name, known = self.options.objective, goals_of(self.linkage)
+        if name not in known:
+            raise InputError(f"objective: '{name}' is not known; {did_you_mean(name, known)}")
+        return known[name]
+
+    @cached_property
+    def forces(self) -> RequiredForces:
+        """Of ideal joints, with the motion of the crank and the forces of effects at the original
+        lengths."""
+        model = linkage_model(self.file.with_ideal_joints(), self.simulate)
+        angles = crank_angles(self.simulate)
+        rows = self.settled[np.arange(_AT) * len(self.settled) // _AT]
+        run = integrate_to_angles(model, model.start(), angles, self.simulate.tolerance).part(rows)
+        crank = [observed(model, run)[f"crank_{name}"] for name in ("speed", "acceleration")]
+        crank = [np.cos(angles[rows]), np.sin(angles[rows]), *crank]
+        given, k = {name: [] for name in ("along", "moments", "losses")}, model.workspace().k
+        for row in range(_AT):
+            take_row(model.p, k, run, row)
+            given["along"].append(k.along[: k.pushed].copy())
+            given["moments"].append(k.moments[: k.rubbing].copy())
+            lost = torque_on_crank(model.p, k)
+            given["losses"].append([lost + model.drive.rotor_inertia * crank[3][row]])
+        fields = {name: np.transpose(rows) for name, rows in given.items()}
+        signs, pushed = model.variant.signs, model.variant.kind.pushed
+        fields["crank"] = np.array(crank)
+        return RequiredForces(model.linkage, signs, self.names, pushed, fields)
+
+    @property
     def settled(self) -> np.ndarray:
         """Samples of the settled revolution."""
         per_turn = self.simulate.samples_per_revolution
@@ -209,15 +326,16 @@ class LinkageProblem:
         for name in self.names:
             if name not in known:
                 raise InputError(f"lengths.{name}: is no length; {did_you_mean(name, known)}")
-        if self.geometry.is_constant(self.dyad):
+        is_of_angle = self.goal.load is None or self.options.least_angle is not None
+        if is_of_angle and self.geometry.is_constant(self.dyad):
             raise InputError(
                 f"transmission: the angle at {self.dyad.inner.name} is 90 deg at all lengths;"
                 " choose another joint"
             )
-        if not self.file.loose:
+        if not self.file.loose and self.options.objective == "transmission_angle":
             raise InputError(
-                "optimise: all joints are ideal, so the optimum cannot be checked with clearance;"
-                " make a joint loose"
+                "optimise: all joints are ideal, so the transmission angle has no error; make a"
+                " joint loose, or choose another objective"
             )
         if self.simulate.speed < 0.0:
             raise InputError(
@@ -229,6 +347,10 @@ class LinkageProblem:
             raise InputError(
                 f"ensemble.settled_revolution {last} is more than revolutions, {turns}; reduce it"
             )
+        for name in self.options.largest_force:
+            if name not in self.linkage.joints:
+                fix = did_you_mean(name, self.linkage.joints)
+                raise InputError(f"largest_force.{name}: no such joint; {fix}")
         for key, slides in (("stroke", True), ("swing", False)):
             bodies = [
                 body
@@ -282,11 +404,39 @@ class LinkageProblem:
         rows = self.settled
         angle = np.asarray(samples["crank_angle"])[rows]
         desired, _ = self.geometry.angle(self.dyad, self.original, angle)
+        if load := self.goal.load:
+            kind = RmsLoad if load.kind == "rms" else PeakLoad
+            objective = kind(desired, self.original, load, self.forces)
+            if not objective.value(self.original) > 0.0:
+                raise InputError(f"objective: {self.goal.measure} is 0; choose another one")
+            return objective
         if self.options.objective == "least_transmission_angle":
             return Departure(desired, self.original, self.turn, self.dyad)
         vectors = [clearance_vector(samples, joint.name) for joint in self.linkage.loose]
         vectors = np.concatenate(vectors)[:, rows]
         return AngleError(desired, self.original, self.geometry, self.dyad, angle, vectors)
+
+    def limited_forces(self, before: "LinkageEnsemble") -> list[LimitedForce]:
+        """The limited forces: those with ideal joints, scaled to those `before` with clearance."""
+        forces, peaks = [], before.peak_forces
+        for name, limit in self.options.largest_force.items():
+
+            def peak(lengths: ArrayLike, name: str = name) -> tuple[np.ndarray, np.ndarray]:
+                (sizes,), (slopes,) = self.forces.at([name], lengths)
+                return tuple(map(np.nan_to_num, _extremes(sizes, slopes)[1]))
+
+            size, slope = (lambda at, part=part, peak=peak: peak(at)[part] for part in (0, 1))
+            words, ideal = f"largest force in {format_name(name)}", float(size(self.original))
+            factor = peaks[name] / ideal if ideal else 1.0
+            key = f"largest_force.{name}"
+            forces.append(LimitedForce(key, words, limit, size, slope, factor))
+        return forces
+
+    def excess(self, ensemble: "LinkageEnsemble") -> float:
+        """The largest force over its limit; 0 without limits."""
+        peaks = ensemble.peak_forces
+        limits = self.options.largest_force.items()
+        return max((peaks[name] / limit for name, limit in limits), default=0.0)
 
     def with_lengths(self, lengths: ArrayLike) -> LinkageFile:
         """The file with other lengths [m]: mass centres of links are scaled; stated angles become
@@ -339,38 +489,53 @@ class LinkageEnsemble:
     angle: np.ndarray  # (members, n) Transmission angle [rad]
     error: np.ndarray  # (members, n) Desired minus actual [rad]
     forces: Mapping[str, np.ndarray]  # (members, n) By joint [N]
+    torque: np.ndarray  # (members, n) Of the drive [N m]
+    goal: Goal
 
     @property
     def sizes(self) -> dict[str, np.ndarray]:
-        """Norms of the error, and the largest departure from 90 deg [rad], (members,) each."""
-        departure = np.abs(self.angle - np.pi / 2).max(axis=1)
-        return measure(self.error)._asdict() | {"departure": departure}
+        """Norms of the error and the largest departure from 90 deg [rad], and the load of the goal,
+        (members,) each."""
+        sizes = measure(self.error)._asdict()
+        sizes[DEPARTURE] = np.abs(self.angle - np.pi / 2).max(axis=1)
+        if self.goal.load:
+            settled = {**self.forces, "crank_torque": self.torque}
+            sizes[self.goal.measure] = self.goal.load(settled)
+        return sizes
+
+    @property
+    def peak_forces(self) -> dict[str, float]:
+        """Largest force in each joint [N], median of the members."""
+        return {name: float(np.median(each.max(axis=1))) for name, each in self.forces.items()}
 
 
 def resimulate(problem: LinkageProblem, lengths: ArrayLike, desired: np.ndarray) -> LinkageEnsemble:
-    """Simulate the linkage with other lengths from each perturbed start."""
+    """Simulate the linkage with other lengths from each perturbed start; once without clearance."""
     simulate, options, rows = problem.simulate, problem.options.ensemble, problem.settled
     model, angles = linkage_model(problem.with_lengths(lengths), simulate), crank_angles(simulate)
     random = np.random.default_rng(options.seed)
-    starts = np.tile(model.start(), (options.members, 1))
     moved = 2 * len(problem.linkage.loose)
-    starts[:, :moved] += random.normal(0.0, options.perturbation, (options.members, moved))
+    members = options.members if moved else 1
+    starts = np.tile(model.start(), (members, 1))
+    starts[:, :moved] += random.normal(0.0, options.perturbation, (members, moved))
     joints = problem.linkage.joints
 
-    def one(start: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    def one(start: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]:
         run = integrate_to_angles(model, start, angles, simulate.tolerance)
         columns = {
             name: each[rows] for name, each in published(model, observed(model, run)).items()
         }
         vectors = [clearance_vector(columns, joint.name) for joint in problem.linkage.loose]
-        at = lengths, angles[rows], np.concatenate(vectors)
-        return problem.geometry.angle(problem.dyad, *at)[0], joint_forces(columns, joints)
+        at = lengths, angles[rows], np.reshape(vectors, (-1, len(rows)))
+        angle, _ = problem.geometry.angle(problem.dyad, *at)
+        return angle, joint_forces(columns, joints), columns["crank_torque"]
 
     runs = with_progress(side_by_side(one, starts), "simulated starts", len(starts))
-    transmission, forces = zip(*runs, strict=True)
+    angle, forces, torque = zip(*runs, strict=True)
     by_joint = {name: np.array([each[name] for each in forces]) for name in joints}
-    transmission = np.array(transmission)
-    return LinkageEnsemble(angles[rows], transmission, desired - transmission, by_joint)
+    angle = np.array(angle)
+    found = angle, desired - angle, by_joint, np.array(torque)
+    return LinkageEnsemble(angles[rows], *found, problem.goal)
 
 
 # ---- search and result
@@ -386,18 +551,13 @@ class LengthsFound:
     before: LinkageEnsemble
     after: LinkageEnsemble
 
-    @property
-    def measure(self) -> str:
-        """Of the objective, in `LinkageEnsemble.sizes`."""
-        return "departure" if isinstance(self.search.objective, Departure) else "rms"
-
     @cached_property
     def gains(self) -> pd.DataFrame:
         """Sizes before and after with their reductions, by measure: median, 5 % and 95 %."""
         rows = {}
         for name, sizes in self.after.sizes.items():
             original = self.before.sizes[name]
-            pairs = 1.0 - np.divide.outer(sizes, original)
+            pairs = 1.0 - np.divide.outer(sizes, np.where(original > 0.0, original, np.nan))
             rows[name] = (
                 spread("original", original) | spread("size", sizes) | spread("reduction", pairs)
             )
@@ -419,23 +579,50 @@ class LengthsFound:
         objective = self.search.objective
         values = [float(objective.value(each)) for each in (self.lengths, objective.original)]
         ratio = values[0] / values[1]
-        return 1.0 - (ratio if self.measure == "departure" else math.sqrt(ratio))
+        return 1.0 - (math.sqrt(ratio) if isinstance(objective, AngleError) else ratio)
 
 
 def find_lengths(problem: LinkageProblem, samples: Mapping[str, ArrayLike]) -> LengthsFound:
-    """Search the lengths, and simulate original and optima again; the best simulated ones count."""
+    """Search the lengths, and simulate original and optima again; the best simulated ones within
+    the limits of the forces count."""
     problem.check()
     options, region = problem.options, problem.region
     objective = problem.objective(samples)
-    genetic = evolve(objective, region, options.genetic)
-    local = search_from_all(objective, region, options.local_tolerance)
-    local += (search(objective, region, genetic.lengths, options.local_tolerance),)
-    found = Search("simulation_settled", "own", objective, region, genetic, local)
-    points = [point.lengths for point in found.optima()]
+
+    @cache
+    def at_lengths(*lengths: float) -> LinkageEnsemble:
+        return resimulate(problem, lengths, objective.desired)
+
+    def search_in(region: Region) -> list[Search]:
+        genetic = evolve(objective, region, options.genetic)
+        local = search_from_all(objective, region, options.local_tolerance)
+        local += (search(objective, region, genetic.lengths, options.local_tolerance),)
+        return [Search("simulation_settled", "own", objective, region, genetic, local)]
+
+    def peaks(point: Point) -> list[float]:
+        found = at_lengths(*point.lengths).peak_forces
+        return [found[name] for name in options.largest_force]
+
+    before = at_lengths(*problem.original)
+    if options.largest_force:
+        forces = problem.limited_forces(before)
+        result = search_under_force_limits(forces, region, "own", search_in, peaks)
+        if isinstance(result, Point):
+            least = zip(options.largest_force, peaks(result), strict=True)
+            words = joined(f"{force:.4g} N in {name}" for name, force in least)
+            lengths = zip(problem.names, result.lengths, strict=True)
+            place = ", ".join(f"{name} {1e3 * length:.6g} mm" for name, length in lengths)
+            raise InputError(
+                f"largest_force: {result.columns['status']}; found: {words} at {place}; allow"
+                " larger forces or give wider bounds in lengths"
+            )
+    else:
+        result = search_in(region)
+    points = [point.lengths for point in result[0].optima()]
     if np.max(np.abs(np.subtract(*points))) <= _SAME:
         points = points[1:]
-    measured = "departure" if isinstance(objective, Departure) else "rms"
-    before = resimulate(problem, problem.original, objective.desired)
-    ends = [(point, resimulate(problem, point, objective.desired)) for point in points]
-    best, after = min(ends, key=lambda end: float(np.median(end[1].sizes[measured])))
-    return LengthsFound(problem, found, best, before, after)
+    ends = [(point, at_lengths(*point)) for point in points]
+    ends = [end for end in ends if problem.excess(end[1]) <= FORCE_TOLERANCE]
+    goal = problem.goal.measure
+    best, after = min(ends, key=lambda end: float(np.median(end[1].sizes[goal])))
+    return LengthsFound(problem, result[0], best, before, after)

@@ -1,8 +1,8 @@
 """The objectives as functions of the lengths."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -105,8 +105,8 @@ class Objective(FrozenObjective):
 
 
 Settled = Mapping[str, np.ndarray]
-"""Torque of the drive [N m] and forces in the pins [N] by name over a settled revolution, shape
-(..., n) each."""
+"""Torque of the drive [N m] (``crank_torque``) and forces in the joints [N] by name over a settled
+revolution, shape (..., n) each."""
 
 
 def joint_forces(
@@ -126,14 +126,20 @@ def pin_forces(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {pin: np.hypot(columns[f"{pin}_force_x"], columns[f"{pin}_force_y"]) for pin in PINS}
 
 
-def largest_pin_force(settled: Settled) -> np.ndarray:
-    """The largest force in either pin [N], shape (...)."""
-    return np.max([settled[pin].max(axis=-1) for pin in PINS], axis=0)
+class Load(NamedTuple):
+    """One number of forces, or of the torque, over a settled revolution."""
 
+    names: tuple[str, ...]  # Joints, or crank_torque; the largest of several counts
+    kind: Literal["peak", "rms", "ripple"]
 
-def torque_ripple(settled: Settled) -> np.ndarray:
-    """The largest minus the smallest torque of the drive [N m], shape (...)."""
-    return np.ptp(settled["crank_torque"], axis=-1)
+    def __call__(self, settled: Settled) -> np.ndarray:
+        """The number [N, N m], shape (...)."""
+        values = np.stack([settled[name] for name in self.names])
+        if self.kind == "ripple":
+            return np.ptp(values, axis=-1).max(axis=0)
+        if self.kind == "rms":
+            return np.sqrt(np.mean(values**2, axis=-1)).max(axis=0)
+        return np.abs(values).max(axis=-1).max(axis=0)
 
 
 @dataclass(frozen=True)
@@ -144,13 +150,21 @@ class Goal:
     measure: str  # In the table optimise_resimulated
     unit: str  # Display unit
     definition: str = ""  # After "over a settled revolution"
-    simulated: Callable[[Settled], np.ndarray] | None = None  # Force or torque of a simulation
+    load: Load | None = None  # The force or torque
 
     @property
     def factor(self) -> float:
         """Display units per SI unit."""
         return np.degrees(1.0) if self.unit == "deg" else 1.0
 
+
+TORQUE_RIPPLE = Goal(
+    "torque ripple",
+    "torque_ripple",
+    "N m",
+    "largest minus smallest torque of the drive on the crank",
+    Load(("crank_torque",), "ripple"),
+)
 
 GOALS = {
     "transmission_angle": Goal("error of the transmission angle", "rms", "deg"),
@@ -159,17 +173,11 @@ GOALS = {
         "largest_pin_force",
         "N",
         "largest force in crank pin and piston pin",
-        largest_pin_force,
+        Load(PINS, "peak"),
     ),
-    "torque_ripple": Goal(
-        "torque ripple",
-        "torque_ripple",
-        "N m",
-        "largest minus smallest torque of the drive on the crank",
-        torque_ripple,
-    ),
+    "torque_ripple": TORQUE_RIPPLE,
 }
-"""By `optimise.objective`."""
+"""Of a slider-crank, by `optimise.objective`."""
 
 
 def frozen_objective(mechanism: Mechanism, crank_angle: ArrayLike, lift: ArrayLike) -> Objective:

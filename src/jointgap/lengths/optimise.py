@@ -8,12 +8,12 @@ import pandas as pd
 from jointgap.config import Mechanism, Optimise, Simulate
 from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.lengths import tables
-from jointgap.lengths.force_limit import search_under_force_limit
+from jointgap.lengths.force_limit import LimitedForce, search_under_force_limits
 from jointgap.lengths.objective import GOALS, Objective, evaluation_samples, frozen_objective
 from jointgap.lengths.region import regions
 from jointgap.lengths.resimulate import Resimulation, resimulate
 from jointgap.lengths.search import Point, search_all
-from jointgap.lengths.surface import simulated_objectives
+from jointgap.lengths.surface import simulated_objectives, simulated_surface
 from jointgap.motion.kinematics import Fit, clearance_lift
 from jointgap.paper.printed import OPTIMA, departures
 
@@ -66,7 +66,7 @@ def optimise(
     objectives = frozen = frozen_objectives(mechanism, samples, trajectory, surrogates)
     lengths = mechanism.crank.length, mechanism.rod.length
     points = [Point("original", "original", lengths)]
-    if GOALS[options.objective].simulated is not None:
+    if GOALS[options.objective].load is not None:
         objectives = simulated_objectives(
             mechanism, simulate, options, frozen["simulation_settled"]
         )
@@ -84,23 +84,23 @@ def optimise(
         return at_lengths(*(round(length, DIGITS) for length in point.lengths))
 
     boxes, searches = regions(mechanism, options), []
-    if options.constraints.largest_pin_force is None:
+    limit = options.constraints.largest_pin_force
+    if limit is None:
         searches = search_all(objectives, boxes, options)
-    else:
-        for box, region in boxes.items():
-            result = search_under_force_limit(
-                mechanism,
-                simulate,
-                options,
-                objectives,
-                lambda point: again(point).peak_pin_force,
-                box,
-                region,
-            )
-            if isinstance(result, Point):
-                points.append(result)
-            else:
-                searches += result
+    for box, region in boxes.items() if limit else ():
+        surface = simulated_surface(mechanism, simulate, options, region, "largest_pin_force")
+        words, functions = "largest force in a pin", (surface.value, surface.gradient)
+        result = search_under_force_limits(
+            [LimitedForce("largest_pin_force", words, limit, *functions)],
+            region,
+            box,
+            lambda limited, box=box: search_all(objectives, {box: limited}, options),
+            lambda point: [again(point).peak_pin_force],
+        )
+        if isinstance(result, Point):
+            points.append(result)
+        else:
+            searches += result
     points += [point for search in searches for point in search.optima()]
     ensembles = {point.name: again(point) for point in points}
     rows_of_searches = {

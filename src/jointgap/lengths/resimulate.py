@@ -68,9 +68,9 @@ def resimulate(
         for stretch, chosen_samples in samples.items()
         for name, size in measure(error[:, chosen_samples])._asdict().items()
     }
-    if (of_revolution := GOALS[options.objective].simulated) is not None:
+    if (load := GOALS[options.objective].load) is not None:
         quantities = {"crank_torque": motions.crank_torque, **motions.pin_force}
-        sizes["settled", options.objective] = of_revolution(
+        sizes["settled", options.objective] = load(
             {name: values[:, settled] for name, values in quantities.items()}
         )
     departure = np.abs(motions.transmission_angle[:, settled] - np.pi / 2)

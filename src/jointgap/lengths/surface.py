@@ -1,6 +1,5 @@
 """Forces and torques as functions of the lengths, from a grid of simulations."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +9,7 @@ from scipy.interpolate import RectBivariateSpline
 from jointgap.config import Mechanism, Optimise, Simulate
 from jointgap.core.errors import InputError
 from jointgap.lengths.objective import GOALS, Objective, evaluation_samples, pin_forces
-from jointgap.lengths.region import Constraint, Region, regions
+from jointgap.lengths.region import Region, regions
 from jointgap.motion.parallel import Run, simulate_runs
 from jointgap.motion.simulation import observed
 
@@ -22,24 +21,16 @@ class Surface:
     """A quantity [SI] over lengths (L2, L3), shape (..., 2) [m], by a spline through a grid."""
 
     spline: RectBivariateSpline
-    factor: float = 1.0  # Correction
 
     def value(self, lengths: ArrayLike) -> np.ndarray:
         """The quantity, shape (...)."""
-        return self.factor * self.spline.ev(*np.moveaxis(np.asarray(lengths), -1, 0))
+        return self.spline.ev(*np.moveaxis(np.asarray(lengths), -1, 0))
 
     def gradient(self, lengths: ArrayLike) -> np.ndarray:
         """Its gradient with respect to the lengths, shape (..., 2)."""
         crank, rod = np.moveaxis(np.asarray(lengths), -1, 0)
         slopes = [self.spline.ev(crank, rod, dx=1), self.spline.ev(crank, rod, dy=1)]
-        return self.factor * np.stack(slopes, axis=-1)
-
-    def limited(self, limit: float) -> Constraint:
-        """The constraint that the quantity, a pin force, is at most `limit` [N]."""
-        words = "largest force in a pin"
-        return Constraint(
-            "largest_pin_force", words, "N", -math.inf, limit, self.value, self.gradient
-        )
+        return np.stack(slopes, axis=-1)
 
 
 def simulated_surface(
@@ -59,7 +50,7 @@ def simulated_surface(
         columns = observed(outcome.model, outcome.result)
         quantities = pin_forces(columns) | {"crank_torque": columns["crank_torque"]}
         at_samples = {key: quantity[settled] for key, quantity in quantities.items()}
-        values.append(float(GOALS[name].simulated(at_samples)))
+        values.append(float(GOALS[name].load(at_samples)))
     return Surface(RectBivariateSpline(cranks, rods, np.reshape(values, GRID)))
 
 

@@ -487,9 +487,8 @@ class Dynamics:
                 arm = self.pose.local(name, None, self.origin(name))
                 moment = cross(self.pose.turned(name, arm), weight)
                 ends = _place(body, None), _place(body, self.origin(name))
-                inertia += body.mass * sum(
-                    (number(one) - number(two)) ** 2 for one, two in zip(*ends, strict=True)
-                )
+                arm = [number(one) - number(two) for one, two in zip(*ends, strict=True)]
+                inertia += body.mass * dot(arm, arm)
             self._inverse[name, "turn"] = self._parameter(f"{name}.inverse_inertia", 1 / inertia)
             self._loads[name, "turn"] = moment + torque if name == self.linkage.crank else moment
 

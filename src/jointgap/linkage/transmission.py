@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.linkage.derivatives import derivatives
-from jointgap.linkage.equations import NOTHING, Arithmetic, Crank, Pose
+from jointgap.linkage.equations import NOTHING, Arithmetic, Crank, Dynamics, Pose, across, dot
+from jointgap.linkage.joint_forces import balance
 from jointgap.linkage.machine_code import Code, Graph, Number, Store, Symbol
 from jointgap.linkage.topology import FRAME, ZERO, Body, Dyad, Joint, Linkage, number
 
@@ -81,8 +82,10 @@ def _is_link(body: Body) -> bool:
 
 
 def varied(linkage: Linkage, values: Mapping[str, Any]) -> Linkage:
-    """The linkage with other values of variables, numbers or symbols."""
+    """The linkage with other values of variables, numbers or symbols; the mass centre of a link
+    moves in proportion along it."""
     points = {name: dict(body.points) for name, body in linkage.bodies.items()}
+    centres = {name: body.centre for name, body in linkage.bodies.items()}
     for variable, value in values.items():
         body, _, key = variable.partition(".")
         if body == FRAME:
@@ -90,77 +93,50 @@ def varied(linkage: Linkage, values: Mapping[str, Any]) -> Linkage:
             x, y = points[FRAME][point]
             points[FRAME][point] = (value, y) if axis == "x" else (x, value)
         else:
-            points[body][[*points[body]][1]] = value, None
-    bodies = {name: replace(body, points=points[name]) for name, body in linkage.bodies.items()}
+            end, (along, across) = [*points[body]][1], centres[body]
+            if along is not None:
+                centres[body] = value * (along / points[body][end][0]), across
+            points[body][end] = value, None
+    bodies = {
+        name: replace(body, points=points[name], centre=centres[name])
+        for name, body in linkage.bodies.items()
+    }
     return replace(linkage, bodies=bodies)
 
 
-class Geometry:
-    """Transmission angles and strokes of a linkage as functions of some of its variables, with
-    exact derivatives.
+class _Traced:
+    """Quantities of a linkage as functions of some of its variables, with exact derivatives.
 
     The equations are traced once and run on arrays: values (..., n) for variables (..., variables)
     at n crank angles, and derivatives (..., n, variables).
-
-    Parameters
-    ----------
-    linkage, signs
-        Topology and assembly.
-    variables : sequence of str
-        Names, see `variables_of`.
     """
 
-    def __init__(self, linkage: Linkage, signs: Sequence[float], variables: Sequence[str]):
-        graph = Graph()
-        self._graph, self._codes, self.linkage = graph, {}, linkage
-        self._variables = [graph.load("variables", i) for i in range(len(variables))]
-        changed = varied(linkage, dict(zip(variables, self._variables, strict=True)))
-        vectors = {
-            joint.name: ((graph.load("vectors", 2 * i), graph.load("vectors", 2 * i + 1)), NOTHING)
-            for i, joint in enumerate(linkage.loose)
-        }
-        crank = Crank(graph.load("crank", 0), graph.load("crank", 1), 0.0)
-        arithmetic = Arithmetic(sqrt=graph.root, cos_sin=graph.cos_sin)
-        self._pose = Pose(changed, signs, crank, vectors, arithmetic)
+    def __init__(self, linkage: Linkage, variables: Sequence[str]):
+        self._graph, self._codes, self.linkage = Graph(), {}, linkage
+        self._variables = [self._graph.load("variables", i) for i in range(len(variables))]
+        self._changed = varied(linkage, dict(zip(variables, self._variables, strict=True)))
 
-    def is_constant(self, dyad: Dyad) -> bool:
-        """Whether the transmission angle is 90 deg for any lengths."""
-        return not isinstance(self._pose.cosines[dyad.inner.name], Symbol)
-
-    def angle(self, dyad: Dyad, *at: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Transmission angle [rad] with its derivatives, `at` variables (..., variables), crank
-        angles (n,) [rad] and clearance vectors (2 loose joints, n), by default none."""
-        (cosine,), (slopes,) = self._evaluated((self._pose.cosines[dyad.inner.name],), *at)
-        return angle_of(cosine), _angle_slope(cosine)[..., None] * slopes
-
-    def place(self, body: str, *at: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Place [m] along its slide of a body that slides on the frame, or angle [rad] of another,
-        with its derivatives; `at` as of `angle`."""
-        if slide := slide_of(self.linkage, body):
-            (values,), (slopes,) = self._evaluated((self._pose.travel(slide)[0],), *at)
-            return values, slopes
-        (c, s), (dc, ds) = self._evaluated(self._pose.directions[body], *at)
-        return np.unwrap(np.arctan2(s, c)), c[..., None] * ds - s[..., None] * dc
+    def _pose(self, signs: Sequence[float], crank: Crank, vectors: Mapping[str, Any]) -> Pose:
+        """The pose of the linkage with variables."""
+        arithmetic = Arithmetic(sqrt=self._graph.root, cos_sin=self._graph.cos_sin)
+        return Pose(self._changed, signs, crank, vectors, arithmetic)
 
     def _evaluated(
         self,
         results: tuple[Number, ...],
         variables: ArrayLike,
-        crank_angle: np.ndarray,
-        vectors: np.ndarray | None = None,
+        given: Mapping[str, Sequence[ArrayLike]],
     ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Results and their derivatives for variables (..., variables), at crank angles (n,) [rad],
-        with clearance vectors (2 loose joints, n), by default none."""
+        """Results and their derivatives for variables (..., variables), with the `given` fields
+        of the memory: numbers (n,), first the crank's."""
         variables = np.asarray(variables, dtype=float)
-        count, shape = len(self._variables), (*variables.shape[:-1], len(crank_angle))
+        angles, count = len(given["crank"][0]), len(self._variables)
+        shape = (*variables.shape[:-1], angles)
         code, total = self._code(results), len(results) * (1 + count)
-        memory = {
-            "crank": [np.cos(crank_angle), np.sin(crank_angle)],
-            "vectors": np.zeros(2 * len(self.linkage.loose)) if vectors is None else vectors,
-        }
+        memory = dict(given)
         rows = variables.reshape(-1, count, 1)
-        found = np.empty((total, len(rows), len(crank_angle)))
-        step = max(_AT_ONCE // len(crank_angle), 1)
+        found = np.empty((total, len(rows), angles))
+        step = max(_AT_ONCE // angles, 1)
         for first in range(0, len(rows), step):
             memory["variables"] = np.moveaxis(rows[first : first + step], 1, 0)
             memory["results"] = [None] * total
@@ -179,6 +155,106 @@ class Geometry:
             stores = tuple(Store("results", i, node) for i, node in enumerate(every))
             self._codes[nodes] = Code(self._graph, stores)
         return self._codes[nodes]
+
+
+class Geometry(_Traced):
+    """Transmission angles and strokes as functions of variables.
+
+    Parameters
+    ----------
+    linkage, signs
+        Topology and assembly.
+    variables : sequence of str
+        Names, see `variables_of`.
+    """
+
+    def __init__(self, linkage: Linkage, signs: Sequence[float], variables: Sequence[str]):
+        super().__init__(linkage, variables)
+        load = self._graph.load
+        vectors = {
+            joint.name: ((load("vectors", 2 * i), load("vectors", 2 * i + 1)), NOTHING)
+            for i, joint in enumerate(linkage.loose)
+        }
+        self._placed = self._pose(signs, Crank(load("crank", 0), load("crank", 1), 0.0), vectors)
+
+    def is_constant(self, dyad: Dyad) -> bool:
+        """Whether the transmission angle is 90 deg for any lengths."""
+        return not isinstance(self._placed.cosines[dyad.inner.name], Symbol)
+
+    def angle(self, dyad: Dyad, *at: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """Transmission angle [rad] with its derivatives, `at` variables (..., variables), crank
+        angles (n,) [rad] and clearance vectors (2 loose joints, n), by default none."""
+        (cosine,), (slopes,) = self._at((self._placed.cosines[dyad.inner.name],), *at)
+        return angle_of(cosine), _angle_slope(cosine)[..., None] * slopes
+
+    def place(self, body: str, *at: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """Place [m] along its slide of a body that slides on the frame, or angle [rad] of another,
+        with its derivatives; `at` as of `angle`."""
+        if slide := slide_of(self.linkage, body):
+            (values,), (slopes,) = self._at((self._placed.travel(slide)[0],), *at)
+            return values, slopes
+        (c, s), (dc, ds) = self._at(self._placed.directions[body], *at)
+        return np.unwrap(np.arctan2(s, c)), c[..., None] * ds - s[..., None] * dc
+
+    def _at(
+        self,
+        results: tuple[Number, ...],
+        variables: ArrayLike,
+        crank_angle: np.ndarray,
+        vectors: np.ndarray | None = None,
+    ) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        still = np.zeros(2 * len(self.linkage.loose)) if vectors is None else vectors
+        given = {"crank": [np.cos(crank_angle), np.sin(crank_angle)], "vectors": still}
+        return self._evaluated(results, variables, given)
+
+
+class RequiredForces(_Traced):
+    """Forces in all joints [N], of a slide across it, and torque of the drive [N m] of a linkage
+    with ideal joints, as functions of variables.
+
+    Parameters
+    ----------
+    linkage, signs, variables
+        As of `Geometry`; no joint is loose.
+    pushed : sequence of str
+        Joints with forces of effects.
+    given : mapping of str to array
+        ``crank``: cosine, sine, speed [rad/s], acceleration [rad/s^2] (4, n). Of effects
+        ``along``, at the pushed joints [N, N m] (p, n); ``moments``, on the bodies of the rubbing
+        joints [N m] (m, n), or none; ``losses``, on the crank [N m] (1, n).
+    """
+
+    def __init__(
+        self,
+        linkage: Linkage,
+        signs: Sequence[float],
+        variables: Sequence[str],
+        pushed: Sequence[str],
+        given: Mapping[str, np.ndarray],
+    ):
+        super().__init__(linkage, variables)
+        load, root, self._given = self._graph.load, self._graph.root, given
+        pose = self._pose(signs, Crank(*(load("crank", i) for i in range(4))), {})
+        pushes = {name: load("along", i) for i, name in enumerate(pushed)}
+        rubbing = zip(linkage.rubbing, range(len(given["moments"])), strict=False)
+        rubs = {joint.name: load("moments", i) for joint, i in rubbing}
+        motion = Dynamics(pose, {}, 0.0, None, rubs, pushes)
+        found = balance(motion, {}, rubs, pushes)
+        self._results: dict[str, Number] = {"crank_torque": found.torque - load("losses", 0)}
+        for name, joint in linkage.joints.items():
+            force = found.forces[name]
+            if joint.kind == "slide":
+                normal = dot(across(pose.turned(joint.partner.body, pose.line(joint))), force)
+                self._results[name] = root(normal * normal)
+            else:
+                self._results[name] = root(dot(force, force))
+
+    def at(self, names: Sequence[str], variables: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """Forces in joints by name, or the ``crank_torque``, (names, ..., n), with their
+        derivatives; NaN where the linkage does not close."""
+        results = tuple(self._results[name] for name in names)
+        values, slopes = self._evaluated(results, variables, self._given)
+        return np.array(values), np.array(slopes)
 
 
 def slide_of(linkage: Linkage, body: str) -> Joint | None:
