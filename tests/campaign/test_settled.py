@@ -85,10 +85,10 @@ def test_a_model_that_cannot_be_optimised_has_the_reason_and_the_other_its_lengt
     def optima(mechanism, speed):
         if mechanism.slider.mass == heavy.slider.mass:
             raise SimulationError("the slider jams")
-        return [{"source": "network", "crank_length": 0.15}]
+        return [{"source": "network", "length": "crank_length", "optimum": 0.15}]
 
     monkeypatch.setattr(reoptimise, "_optima", optima)
     table = reoptimise.optimal_lengths({"base": plain, "augmented": heavy}, 30.0)
     assert table["failed"].isna().tolist() == [True, False]
     assert table["failed"].iloc[1] == "the slider jams"
-    assert table["crank_length"].iloc[0] == 0.15
+    assert table["optimum"].iloc[0] == 0.15

@@ -6,7 +6,6 @@ from scipy.interpolate import RectBivariateSpline
 
 from jointgap.config import Box, Constraints, Genetic, load_mechanism, resolve
 from jointgap.core.errors import InputError
-from jointgap.lengths.force_limit import LimitedForce
 from jointgap.lengths.objective import frozen_objective
 from jointgap.lengths.region import Region, check_constraints, geometric
 from jointgap.lengths.search import evolve, search_from_all
@@ -111,8 +110,7 @@ def test_both_optimisers_keep_a_limit_of_a_surface_of_forces(objective):
     forces = 2000.0 * (cranks[:, None] / 0.150) * (rods[None, :] / 0.564) ** 2
     surface = Surface(RectBivariateSpline(cranks, rods, forces))
     limit = float(surface.value(searched(objective, region(offset=0.0))[0])) - 30.0
-    force = LimitedForce("largest_pin_force", "force", limit, surface.value, surface.gradient)
-    for lengths in searched(objective, Region.of(BOX, None).under([force.constraint])):
+    for lengths in searched(objective, Region.of(BOX, None).under([surface.limited(limit)])):
         assert surface.value(lengths) <= limit + 1e-3
     slope = surface.gradient((0.150, 0.564))
     assert slope == pytest.approx([2000 / 0.150, 4000 / 0.564], rel=1e-3)

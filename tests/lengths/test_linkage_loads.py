@@ -64,7 +64,7 @@ def test_forces_at_other_lengths_are_those_of_a_simulation_without_clearance(nam
     lengths = np.add(problem.original, [1e-3, -2e-3, 1.5e-3, 0.7e-3])
     file = problem.with_lengths(lengths).with_ideal_joints()
     expected = simulated(file, SIMULATE, problem.settled[::2])
-    found, _ = problem.forces.at([*expected], lengths)
+    found, _ = problem.forces([*expected], lengths)
     for values, each in zip(found, expected.values(), strict=True):
         assert values == pytest.approx(each, abs=1e-10 * np.abs(each).max())
 
@@ -95,7 +95,7 @@ def test_effects_and_drives_keep_their_forces_and_motion_of_the_original_lengths
     problem = problem_of(file, {"coupler.length": (0.39, 0.41)}, simulate)
     rows = problem.settled[np.arange(360) * len(problem.settled) // 360]
     expected = simulated(file, simulate, rows)
-    found, slopes = problem.forces.at([*expected], problem.original)
+    found, slopes = problem.forces([*expected], problem.original)
     for values, each in zip(found, expected.values(), strict=True):
         assert values == pytest.approx(each, abs=1e-8 * np.abs(each).max())
     assert np.isfinite(slopes).all()
@@ -106,13 +106,10 @@ def test_gradients_agree_with_differences(name, objective):
     function = objective_of(near(name, objective=objective))
     lengths = np.add(function.original, [1e-3, -2e-3, 1.5e-3, 0.7e-3])
     steps = 1e-6 * np.eye(4)
-    is_rms = objective.startswith("rms") or "_rms_" in objective
-    of, slopes = (
-        (function.value, function.gradient) if is_rms else (function.several, function.slopes)
-    )
+    of = function.several
     expected = np.stack([(of(lengths + s) - of(lengths - s)) / 2e-6 for s in steps], axis=-1)
     size = np.abs(expected).max()
-    assert slopes(lengths) == pytest.approx(expected, rel=1e-5, abs=1e-6 * size)
+    assert function.slopes(lengths) == pytest.approx(expected, rel=1e-5, abs=1e-6 * size)
 
 
 @pytest.mark.parametrize("name, objective", CASES)
@@ -122,8 +119,7 @@ def test_an_objective_is_the_number_of_the_simulated_forces(name, objective):
     settled = simulated(problem.file.with_ideal_joints(), SIMULATE, problem.settled[::2])
     expected = problem.goal.load(settled)
     assert function.value(problem.original) == pytest.approx(expected, rel=1e-9)
-    if hasattr(function, "several"):
-        assert function.several(np.array(problem.original)).max() == pytest.approx(expected)
+    assert function.several(np.array(problem.original)).max() == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("objective", ["B_peak_force", "torque_ripple", "rms_torque"])

@@ -12,7 +12,7 @@ from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.core.schema import TABLES
 from jointgap.lengths import optimise as stage
-from jointgap.lengths.force_limit import LimitedForce, search_under_force_limits
+from jointgap.lengths.force_limit import search_under_force_limits
 from jointgap.lengths.objective import evaluation_samples
 from jointgap.lengths.optimise import frozen_objectives, optimise
 from jointgap.lengths.region import Region
@@ -134,9 +134,9 @@ def limited(forces, limit, peak_force, search):
     """Searches, or the point with the smallest force, of the box of the paper."""
     region = Region.of(OPTIMISE.boxes["paper"], None)
     surface = grid_of(forces)(None, None, None, region, "")
-    force = LimitedForce("largest_pin_force", "force", limit, surface.value, surface.gradient)
+    limits = [surface.limited(limit)]
     return search_under_force_limits(
-        [force], region, "paper", search, lambda point: [peak_force(point)]
+        limits, region, "paper", search, lambda point: [peak_force(point)]
     )
 
 

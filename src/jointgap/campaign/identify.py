@@ -120,7 +120,8 @@ def write_optimum(state: CampaignState, outcome: Outcome) -> None:
     from jointgap.campaign import reoptimise  # slow to load
 
     models, speed = reoptimise.models_to_optimise(state.campaign, outcome, state.loads_of_runs)
-    state.folder.write(schema.CAMPAIGN_OPTIMUM, reoptimise.optimal_lengths(models, speed))
+    found = reoptimise.optimal_lengths(models, speed, state.campaign.optimise_linkage)
+    state.folder.write(schema.CAMPAIGN_OPTIMUM, found)
 
 
 def _verdict(state: CampaignState, outcome: Outcome) -> dict[str, Any]:

@@ -137,7 +137,7 @@ def _cell(column: schema.Column, value: Any, factor: float) -> str:
         return words.number(factor * value)
     if column.kind == "bool":
         return "yes" if value else "no"
-    formats = {"channel": format_name, "source": format_name, "unit": format_unit}
+    formats = dict.fromkeys(("channel", "source", "length"), format_name) | {"unit": format_unit}
     return formats.get(column.name, str)(value)
 
 
@@ -261,7 +261,8 @@ def _tested(verdict: Verdict, force: pd.DataFrame | None) -> list[Block | str]:
 def _optimum(
     effects: Sequence[labels.Effect], optimum: pd.DataFrame | None, campaign: Campaign | None
 ) -> list[Block | str]:
-    if optimum is None or (campaign and not isinstance(campaign.mechanism, Mechanism)):
+    is_linkage = campaign and isinstance(campaign.mechanism, LinkageFile)
+    if optimum is None or (is_linkage and campaign.optimise_linkage is None):
         return []
     if all(map(labels.is_fault, effects)):
         return [Paragraph("No effect was added to the mechanism, so the optimum does not change.")]
@@ -271,14 +272,12 @@ def _optimum(
                 "None: all joints are ideal, so the transmission angle depends on the lengths only."
             )
         ]
-    caption = (
-        "Smallest RMS error of the transmission angle: reduction with frozen joint motion, and"
-        " re-simulated."
-    )
+    objective = next(iter(optimum["objective"].dropna()), "objective")
+    caption = f"Smallest {objective}: reduction in the search, and re-simulated."
     if not (optimum["model"] == "base").any():
         caption += " Before: all joints ideal, no optimum."
     models = optimum.assign(model=optimum["model"].map({"base": "before", "augmented": "after"}))
-    names = ["model", "source", "crank_length", "rod_length", "reduction", "resimulated"]
+    names = ["model", "source", "length", "original", "optimum", "reduction", "resimulated"]
     names += ["at_edge", "failed"]
     return [frame_block(schema.CAMPAIGN_OPTIMUM, models, names, caption)]
 

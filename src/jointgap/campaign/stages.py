@@ -89,6 +89,10 @@ def measure(state: "CampaignState", pictures: bool = True) -> str:
 
     folder, campaign = state.folder, state.campaign
     check_same_file(state.file, folder.path)
+    if campaign.optimise_linkage:  # before hours of identification
+        from jointgap.campaign.reoptimise import check_lengths  # slow to load
+
+        check_lengths(campaign)
     with recorded_costs(folder, "measure"):
         measurements = read_measurements(campaign)
         warnings = [f"mechanism, {warning}" for warning in odd_data(campaign.mechanism)]

@@ -30,7 +30,7 @@ from jointgap.config.channels import (
 )
 from jointgap.config.linkage_file import AnyMechanism, LinkageFile
 from jointgap.config.mechanism import Mechanism
-from jointgap.config.scenario import MotorDrive
+from jointgap.config.scenario import MotorDrive, OptimiseLinkage
 from jointgap.core.csv_files import Csv
 from jointgap.core.errors import did_you_mean
 from jointgap.core.section import ConfigModel, Name, Word, checked, text_of
@@ -571,6 +571,8 @@ class Campaign(ConfigModel, use_attribute_docstrings=True):
     """bounds of uncertain quantities"""
     candidates: dict[Word, OwnLaw] = Field({})
     """laws of your own that may be missing, by name"""
+    optimise_linkage: OptimiseLinkage | None = None
+    """lengths of a general linkage that are optimised without and with the identified effects"""
     csv: Csv = Csv()
     """format of text files"""
     folder: Path = Path()
@@ -651,6 +653,11 @@ class Campaign(ConfigModel, use_attribute_docstrings=True):
 
     def errors(self) -> Iterator[str]:
         yield from self._errors_of_runs()
+        if self.optimise_linkage and isinstance(self.mechanism, Mechanism):
+            yield (
+                "optimise_linkage is for general linkages; of a slider-crank crank and rod are"
+                " optimised within 2 %: remove it"
+            )
         self.mechanism.applied().check_contacts(max(run.speed for run in self.runs))
         for run in self.runs:
             if run.effects:

@@ -30,7 +30,6 @@ from jointgap.lengths.objective import (
     joint_forces,
     measure,
     objective_of_motion,
-    pin_forces,
 )
 from jointgap.lengths.region import FEASIBLE, Constraint, Region, depends_on_offset, regions
 from jointgap.lengths.search import search_from_all
@@ -226,7 +225,8 @@ class SimulatedSamples:
         if outcome.error is not None:
             return math.nan, math.nan, math.nan, str(outcome.error)
         columns = observed(outcome.model, outcome.result.part(self._settled(outcome)))
-        force = GOALS["largest_pin_force"].load(pin_forces(columns))
+        joints = outcome.model.linkage.joints
+        force = GOALS["largest_pin_force"].load(joint_forces(columns, joints))
         angle, rod = self.rod_angles(outcome)
         lengths = self.original.crank.length, self.original.rod.length
         ideal = transmission_angle(*lengths, angle, 0.0, self.original.slider.offset)

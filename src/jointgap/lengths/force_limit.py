@@ -1,44 +1,29 @@
 """Search under limits of forces, which depend on the motion at the new lengths."""
 
-import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from jointgap.core.words import joined, number
-from jointgap.lengths.region import FORCE_TOLERANCE, LEAST_FORCE, Constraint, Function, Region
+from jointgap.lengths.region import FORCE_TOLERANCE, LEAST_FORCE, Constraint, Region
 from jointgap.lengths.search import Point, Search
 
 ROUNDS = 4  # largest number of searches until the re-simulated lengths satisfy the limits
 SLACK = 1e-3  # relative excess of a limit up to which the search is not repeated
 
 
-@dataclass(frozen=True)
-class LimitedForce:
-    """A force as a function of the lengths, and its limit."""
-
-    key: str  # Of the configuration
-    words: str
-    limit: float  # [N]
-    size: Function  # [N], shape (...)
-    slope: Function  # Its gradient
-    factor: float = 1.0  # Correction by simulations
-
-    def value(self, lengths: np.ndarray) -> np.ndarray:
-        return self.factor * self.size(lengths)
-
-    @property
-    def constraint(self) -> Constraint:
-        def slope(lengths: np.ndarray) -> np.ndarray:
-            return self.factor * self.slope(lengths)
-
-        ends = -math.inf, self.limit
-        return Constraint(self.key, self.words, "N", *ends, self.value, slope)
+def scaled(force: Constraint, factor: float) -> Constraint:
+    """A limited force times a factor."""
+    return replace(
+        force,
+        value=lambda lengths: factor * force.value(lengths),
+        slope=lambda lengths: factor * force.gradient(lengths),
+    )
 
 
 def search_under_force_limits(
-    forces: Sequence[LimitedForce],
+    forces: Sequence[Constraint],
     region: Region,
     box: str,
     search: Callable[[Region], list[Search]],
@@ -49,8 +34,8 @@ def search_under_force_limits(
     Where re-simulated lengths have other forces than the functions, these are scaled to them and
     the search repeated. `peak_forces` simulates a point again.
     """
-    limits, feasible = np.array([force.limit for force in forces]), []
-    words = joined(f"the {each.words} below {number(each.limit)} N" for each in forces)
+    limits, feasible = np.array([force.high for force in forces]), []
+    words = joined(f"the {each.words} below {number(each.high)} N" for each in forces)
     for _ in range(ROUNDS):
         values = np.array([force.value(region.samples) for force in forces])
         excess = (values / limits[:, None]).max(axis=0)
@@ -62,22 +47,16 @@ def search_under_force_limits(
                 reason = f"no lengths within the bounds keep {words}"
                 break
             smallest = values[:, np.argmin(excess)]
-            forces = [
-                replace(force, factor=force.factor * peak / size) if size > force.limit else force
-                for force, peak, size in zip(forces, peaks, smallest, strict=True)
-            ]
-        limited = (*region.constraints, *(force.constraint for force in forces))
-        searches = search(replace(region, constraints=limited))
+            ratios = np.where(smallest > limits, peaks / smallest, 1.0)
+            forces = list(map(scaled, forces, ratios))
+        searches = search(replace(region, constraints=(*region.constraints, *forces)))
         points = [point for each in searches for point in each.optima()]
         found = np.array([peak_forces(point) for point in points]) / limits  # (points, forces)
         if found.max() <= 1.0 + SLACK:
             return searches
         if found.max(axis=1).min() <= FORCE_TOLERANCE:  # the caller chooses among those
             feasible = searches
-        forces = [
-            replace(force, factor=force.factor * max(most, 1.0))
-            for force, most in zip(forces, found.max(axis=0), strict=True)
-        ]
+        forces = list(map(scaled, forces, np.maximum(found.max(axis=0), 1.0)))
     else:
         reason = f"the search found no lengths that keep {words} in {ROUNDS} rounds"
     return feasible or replace(least, columns={"status": reason})

@@ -8,9 +8,9 @@ ensembles of slightly perturbed starts.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 
 import numpy as np
 import pandas as pd
@@ -21,7 +21,7 @@ from jointgap.config.linkage_file import LinkageFile
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.progress import with_progress
 from jointgap.core.words import format_name, joined
-from jointgap.lengths.force_limit import LimitedForce, search_under_force_limits
+from jointgap.lengths.force_limit import scaled, search_under_force_limits
 from jointgap.lengths.objective import (
     TORQUE_RIPPLE,
     FrozenObjective,
@@ -39,8 +39,8 @@ from jointgap.linkage.equations import NOTHING, Crank, Pose
 from jointgap.linkage.from_file import linkage_of_file
 from jointgap.linkage.topology import FRAME, Dyad, Linkage
 from jointgap.linkage.transmission import (
+    CrankMotion,
     Geometry,
-    RequiredForces,
     clearance_vector,
     slide_of,
     transmitting,
@@ -103,29 +103,19 @@ _PARTS = 12  # of a revolution: the largest value of each counts, so that a step
 _OPEN = 1e12  # [N, N m] where the linkage does not close, which constraints exclude
 
 
+Forces = Callable[[Sequence[str], ArrayLike], tuple[np.ndarray, np.ndarray]]
+"""`Geometry.forces` of names at lengths."""
+
+
 @dataclass(frozen=True)
-class RmsLoad(FrozenObjective):
-    """Root mean square of a force [N] or torque [N m] with ideal joints."""
+class RequiredLoad(LargestOfSeveral):
+    """A force [N] or torque [N m] with ideal joints."""
 
     load: Load
-    forces: RequiredForces
+    forces: Forces
 
     def value(self, lengths: ArrayLike) -> np.ndarray:
         return self.load(dict(zip(self.load.names, self._found(lengths)[0], strict=True)))
-
-    def gradient(self, lengths: ArrayLike) -> np.ndarray:
-        (values,), (slopes,) = self._found(lengths)
-        return values @ slopes / (values.size * self.value(lengths))
-
-    def _found(self, lengths: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Forces or torque (names, ..., n) with their derivatives."""
-        values, slopes = self.forces.at(self.load.names, lengths)
-        return np.nan_to_num(values, nan=_OPEN, posinf=_OPEN, neginf=-_OPEN), np.nan_to_num(slopes)
-
-
-@dataclass(frozen=True)
-class PeakLoad(RmsLoad, LargestOfSeveral):
-    """Largest force or torque, or ripple of the torque, with ideal joints."""
 
     def several(self, lengths: np.ndarray) -> np.ndarray:
         return self._ends(lengths)[0]
@@ -133,9 +123,16 @@ class PeakLoad(RmsLoad, LargestOfSeveral):
     def slopes(self, lengths: np.ndarray) -> np.ndarray:
         return self._ends(lengths)[1]
 
+    def _found(self, lengths: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """Forces or torque (names, ..., n) with their derivatives."""
+        values, slopes = self.forces(self.load.names, lengths)
+        return np.nan_to_num(values, nan=_OPEN, posinf=_OPEN, neginf=-_OPEN), np.nan_to_num(slopes)
+
     def _ends(self, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        values, slopes = self._found(lengths)
-        values, slopes = values.ravel(), slopes.reshape(values.size, -1)
+        values, slopes = (each.reshape(-1, *each.shape[2:]) for each in self._found(lengths))
+        if self.load.kind == "rms":
+            rms = np.sqrt(np.mean(values**2))
+            return np.array([rms]), (values @ slopes / (values.size * rms))[None]
         parts = values.reshape(-1, _AT // _PARTS)
         rows = parts.shape[1] * np.arange(len(parts))
         high, low = rows + parts.argmax(axis=1), rows + parts.argmin(axis=1)
@@ -293,26 +290,27 @@ class LinkageProblem:
         return known[name]
 
     @cached_property
-    def forces(self) -> RequiredForces:
+    def forces(self) -> Forces:
         """Of ideal joints, with the motion of the crank and the forces of effects at the original
         lengths."""
         model = linkage_model(self.file.with_ideal_joints(), self.simulate)
         angles = crank_angles(self.simulate)
         rows = self.settled[np.arange(_AT) * len(self.settled) // _AT]
         run = integrate_to_angles(model, model.start(), angles, self.simulate.tolerance).part(rows)
-        crank = [observed(model, run)[f"crank_{name}"] for name in ("speed", "acceleration")]
-        crank = [np.cos(angles[rows]), np.sin(angles[rows]), *crank]
-        given, k = {name: [] for name in ("along", "moments", "losses")}, model.workspace().k
+        columns = observed(model, run)
+        speed, acceleration = columns["crank_speed"], columns["crank_acceleration"]
+        along, moments, losses, k = [], [], [], model.workspace().k
         for row in range(_AT):
             take_row(model.p, k, run, row)
-            given["along"].append(k.along[: k.pushed].copy())
-            given["moments"].append(k.moments[: k.rubbing].copy())
-            lost = torque_on_crank(model.p, k)
-            given["losses"].append([lost + model.drive.rotor_inertia * crank[3][row]])
-        fields = {name: np.transpose(rows) for name, rows in given.items()}
-        signs, pushed = model.variant.signs, model.variant.kind.pushed
-        fields["crank"] = np.array(crank)
-        return RequiredForces(model.linkage, signs, self.names, pushed, fields)
+            along.append(k.along[: k.pushed].copy())
+            moments.append(k.moments[: k.rubbing].copy())
+            inertia = model.drive.rotor_inertia * acceleration[row]
+            losses.append([torque_on_crank(model.p, k) + inertia])
+        crank = np.array([np.cos(angles[rows]), np.sin(angles[rows]), speed, acceleration])
+        effects = map(np.transpose, (along, moments, losses))
+        motion = CrankMotion(crank, model.variant.kind.pushed, *effects)
+        geometry = Geometry(model.linkage, model.variant.signs, self.names)
+        return partial(geometry.forces, motion=motion)
 
     @property
     def settled(self) -> np.ndarray:
@@ -331,11 +329,6 @@ class LinkageProblem:
             raise InputError(
                 f"transmission: the angle at {self.dyad.inner.name} is 90 deg at all lengths;"
                 " choose another joint"
-            )
-        if not self.file.loose and self.options.objective == "transmission_angle":
-            raise InputError(
-                "optimise: all joints are ideal, so the transmission angle has no error; make a"
-                " joint loose, or choose another objective"
             )
         if self.simulate.speed < 0.0:
             raise InputError(
@@ -405,32 +398,33 @@ class LinkageProblem:
         angle = np.asarray(samples["crank_angle"])[rows]
         desired, _ = self.geometry.angle(self.dyad, self.original, angle)
         if load := self.goal.load:
-            kind = RmsLoad if load.kind == "rms" else PeakLoad
-            objective = kind(desired, self.original, load, self.forces)
+            objective = RequiredLoad(desired, self.original, load, self.forces)
             if not objective.value(self.original) > 0.0:
                 raise InputError(f"objective: {self.goal.measure} is 0; choose another one")
             return objective
         if self.options.objective == "least_transmission_angle":
             return Departure(desired, self.original, self.turn, self.dyad)
+        if not self.file.loose:
+            raise InputError(
+                "optimise: all joints are ideal, so the transmission angle has no error; make a"
+                " joint loose, or choose another objective"
+            )
         vectors = [clearance_vector(samples, joint.name) for joint in self.linkage.loose]
         vectors = np.concatenate(vectors)[:, rows]
         return AngleError(desired, self.original, self.geometry, self.dyad, angle, vectors)
 
-    def limited_forces(self, before: "LinkageEnsemble") -> list[LimitedForce]:
+    def limited_forces(self, before: "LinkageEnsemble") -> Iterator[Constraint]:
         """The limited forces: those with ideal joints, scaled to those `before` with clearance."""
-        forces, peaks = [], before.peak_forces
         for name, limit in self.options.largest_force.items():
 
             def peak(lengths: ArrayLike, name: str = name) -> tuple[np.ndarray, np.ndarray]:
-                (sizes,), (slopes,) = self.forces.at([name], lengths)
-                return tuple(map(np.nan_to_num, _extremes(sizes, slopes)[1]))
+                (sizes,), (slopes,) = self.forces([name], lengths)
+                return _extremes(sizes, slopes)[1]
 
-            size, slope = (lambda at, part=part, peak=peak: peak(at)[part] for part in (0, 1))
-            words, ideal = f"largest force in {format_name(name)}", float(size(self.original))
-            factor = peaks[name] / ideal if ideal else 1.0
-            key = f"largest_force.{name}"
-            forces.append(LimitedForce(key, words, limit, size, slope, factor))
-        return forces
+            words = f"largest force in {format_name(name)}"
+            force = _constraint(f"largest_force.{name}", words, "N", -math.inf, limit, peak)
+            ideal = float(force.value(self.original))
+            yield scaled(force, before.peak_forces[name] / ideal if ideal else 1.0)
 
     def excess(self, ensemble: "LinkageEnsemble") -> float:
         """The largest force over its limit; 0 without limits."""
@@ -605,16 +599,15 @@ def find_lengths(problem: LinkageProblem, samples: Mapping[str, ArrayLike]) -> L
 
     before = at_lengths(*problem.original)
     if options.largest_force:
-        forces = problem.limited_forces(before)
+        forces = [*problem.limited_forces(before)]
         result = search_under_force_limits(forces, region, "own", search_in, peaks)
         if isinstance(result, Point):
             least = zip(options.largest_force, peaks(result), strict=True)
             words = joined(f"{force:.4g} N in {name}" for name, force in least)
-            lengths = zip(problem.names, result.lengths, strict=True)
-            place = ", ".join(f"{name} {1e3 * length:.6g} mm" for name, length in lengths)
             raise InputError(
-                f"largest_force: {result.columns['status']}; found: {words} at {place}; allow"
-                " larger forces or give wider bounds in lengths"
+                f"largest_force: {result.columns['status']}; found: {words} at"
+                f" {region.words(result.lengths)}; allow larger forces or give wider bounds in"
+                " lengths"
             )
     else:
         result = search_in(region)

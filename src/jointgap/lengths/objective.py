@@ -121,11 +121,6 @@ def joint_forces(
     }
 
 
-def pin_forces(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Forces in the pins [N] by name, from their components in the `columns` of a trajectory."""
-    return {pin: np.hypot(columns[f"{pin}_force_x"], columns[f"{pin}_force_y"]) for pin in PINS}
-
-
 class Load(NamedTuple):
     """One number of forces, or of the torque, over a settled revolution."""
 

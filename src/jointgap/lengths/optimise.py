@@ -8,7 +8,7 @@ import pandas as pd
 from jointgap.config import Mechanism, Optimise, Simulate
 from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.lengths import tables
-from jointgap.lengths.force_limit import LimitedForce, search_under_force_limits
+from jointgap.lengths.force_limit import search_under_force_limits
 from jointgap.lengths.objective import GOALS, Objective, evaluation_samples, frozen_objective
 from jointgap.lengths.region import regions
 from jointgap.lengths.resimulate import Resimulation, resimulate
@@ -89,9 +89,8 @@ def optimise(
         searches = search_all(objectives, boxes, options)
     for box, region in boxes.items() if limit else ():
         surface = simulated_surface(mechanism, simulate, options, region, "largest_pin_force")
-        words, functions = "largest force in a pin", (surface.value, surface.gradient)
         result = search_under_force_limits(
-            [LimitedForce("largest_pin_force", words, limit, *functions)],
+            [surface.limited(limit)],
             region,
             box,
             lambda limited, box=box: search_all(objectives, {box: limited}, options),

@@ -221,11 +221,14 @@ class Region:
             values = np.clip(limit.value(within_bounds), *limit.possible)
             possible = f"{limit.show(values.min())} to {limit.show(values.max())}"
             ranges.append(f"{limit.key} {limit.range_text()} (within the bounds {possible})")
-        lengths = ", ".join(
+        return f"no lengths satisfy {' and '.join(ranges)}; nearest: {self.words(nearest)}"
+
+    def words(self, lengths: ArrayLike) -> str:
+        """Lengths (n,) with their names."""
+        return ", ".join(
             f"{name.removesuffix('_length')} {1e3 * length:.6g} mm"
-            for name, length in zip(self.names, nearest, strict=True)
+            for name, length in zip(self.names, lengths, strict=True)
         )
-        return f"no lengths satisfy {' and '.join(ranges)}; nearest: {lengths}"
 
     def violation(self, lengths: ArrayLike) -> np.ndarray:
         """Sum of the constraint violations, each over its scale; shape (...), for lengths (..., n)

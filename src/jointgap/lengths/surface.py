@@ -1,5 +1,6 @@
 """Forces and torques as functions of the lengths, from a grid of simulations."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,8 +9,8 @@ from scipy.interpolate import RectBivariateSpline
 
 from jointgap.config import Mechanism, Optimise, Simulate
 from jointgap.core.errors import InputError
-from jointgap.lengths.objective import GOALS, Objective, evaluation_samples, pin_forces
-from jointgap.lengths.region import Region, regions
+from jointgap.lengths.objective import GOALS, Objective, evaluation_samples, joint_forces
+from jointgap.lengths.region import Constraint, Region, regions
 from jointgap.motion.parallel import Run, simulate_runs
 from jointgap.motion.simulation import observed
 
@@ -32,6 +33,13 @@ class Surface:
         slopes = [self.spline.ev(crank, rod, dx=1), self.spline.ev(crank, rod, dy=1)]
         return np.stack(slopes, axis=-1)
 
+    def limited(self, limit: float) -> Constraint:
+        """The constraint that the quantity, a pin force, is at most `limit` [N]."""
+        words = "largest force in a pin"
+        return Constraint(
+            "largest_pin_force", words, "N", -math.inf, limit, self.value, self.gradient
+        )
+
 
 def simulated_surface(
     mechanism: Mechanism, simulate: Simulate, options: Optimise, region: Region, name: str
@@ -48,7 +56,8 @@ def simulated_surface(
         if outcome.error is not None:
             raise outcome.error
         columns = observed(outcome.model, outcome.result)
-        quantities = pin_forces(columns) | {"crank_torque": columns["crank_torque"]}
+        quantities = joint_forces(columns, outcome.model.linkage.joints)
+        quantities["crank_torque"] = columns["crank_torque"]
         at_samples = {key: quantity[settled] for key, quantity in quantities.items()}
         values.append(float(GOALS[name].load(at_samples)))
     return Surface(RectBivariateSpline(cranks, rods, np.reshape(values, GRID)))

@@ -8,7 +8,7 @@ that between the slide and the velocity of the pivoted body's point at the block
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -104,36 +104,101 @@ def varied(linkage: Linkage, values: Mapping[str, Any]) -> Linkage:
     return replace(linkage, bodies=bodies)
 
 
-class _Traced:
-    """Quantities of a linkage as functions of some of its variables, with exact derivatives.
+class Geometry:
+    """Transmission angles, strokes and, with ideal joints, forces of a linkage as functions of some
+    of its variables, with exact derivatives.
 
     The equations are traced once and run on arrays: values (..., n) for variables (..., variables)
     at n crank angles, and derivatives (..., n, variables).
+
+    Parameters
+    ----------
+    linkage, signs
+        Topology and assembly.
+    variables : sequence of str
+        Names, see `variables_of`.
     """
 
-    def __init__(self, linkage: Linkage, variables: Sequence[str]):
-        self._graph, self._codes, self.linkage = Graph(), {}, linkage
-        self._variables = [self._graph.load("variables", i) for i in range(len(variables))]
-        self._changed = varied(linkage, dict(zip(variables, self._variables, strict=True)))
+    def __init__(self, linkage: Linkage, signs: Sequence[float], variables: Sequence[str]):
+        graph = Graph()
+        self._graph, self._codes, self._sizes, self.linkage = graph, {}, {}, linkage
+        self._variables = [graph.load("variables", i) for i in range(len(variables))]
+        changed = varied(linkage, dict(zip(variables, self._variables, strict=True)))
+        vectors = {
+            joint.name: ((graph.load("vectors", 2 * i), graph.load("vectors", 2 * i + 1)), NOTHING)
+            for i, joint in enumerate(linkage.loose)
+        }
+        crank = Crank(*(graph.load("crank", i) for i in range(4)))
+        arithmetic = Arithmetic(sqrt=graph.root, cos_sin=graph.cos_sin)
+        self._pose = Pose(changed, signs, crank, vectors, arithmetic)
 
-    def _pose(self, signs: Sequence[float], crank: Crank, vectors: Mapping[str, Any]) -> Pose:
-        """The pose of the linkage with variables."""
-        arithmetic = Arithmetic(sqrt=self._graph.root, cos_sin=self._graph.cos_sin)
-        return Pose(self._changed, signs, crank, vectors, arithmetic)
+    def is_constant(self, dyad: Dyad) -> bool:
+        """Whether the transmission angle is 90 deg for any lengths."""
+        return not isinstance(self._pose.cosines[dyad.inner.name], Symbol)
+
+    def angle(self, dyad: Dyad, *at: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """Transmission angle [rad] with its derivatives, `at` variables (..., variables), crank
+        angles (n,) [rad] and clearance vectors (2 loose joints, n), by default none."""
+        (cosine,), (slopes,) = self._evaluated((self._pose.cosines[dyad.inner.name],), *at)
+        return angle_of(cosine), _angle_slope(cosine)[..., None] * slopes
+
+    def place(self, body: str, *at: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """Place [m] along its slide of a body that slides on the frame, or angle [rad] of another,
+        with its derivatives; `at` as of `angle`."""
+        if slide := slide_of(self.linkage, body):
+            (values,), (slopes,) = self._evaluated((self._pose.travel(slide)[0],), *at)
+            return values, slopes
+        (c, s), (dc, ds) = self._evaluated(self._pose.directions[body], *at)
+        return np.unwrap(np.arctan2(s, c)), c[..., None] * ds - s[..., None] * dc
+
+    def forces(
+        self, names: Sequence[str], variables: ArrayLike, motion: "CrankMotion"
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Forces in joints by name [N], of a slide across it, or the ``crank_torque`` of the drive
+        [N m], (names, ..., n), with their derivatives; NaN where the linkage does not close. No
+        joint is loose."""
+        key = motion.pushed, len(motion.moments)
+        if key not in self._sizes:
+            self._sizes[key] = self._required(*key)
+        results = tuple(self._sizes[key][name] for name in names)
+        return tuple(map(np.array, self._run(results, variables, motion._asdict())))
+
+    def _required(self, pushed: Sequence[str], rubbing: int) -> dict[str, Number]:
+        """Forces and torque by name, with effects at joints."""
+        load, root, pose = self._graph.load, self._graph.root, self._pose
+        along = {name: load("along", i) for i, name in enumerate(pushed)}
+        pins = zip(self.linkage.rubbing, range(rubbing), strict=False)
+        moments = {joint.name: load("moments", i) for joint, i in pins}
+        found = balance(Dynamics(pose, {}, 0.0, None, moments, along), {}, moments, along)
+        sizes: dict[str, Number] = {"crank_torque": found.torque - load("losses", 0)}
+        for name, force in found.forces.items():
+            sizes[name] = root(dot(force, force))
+            if (joint := self.linkage.joints[name]).kind == "slide":
+                normal = across(pose.turned(joint.partner.body, pose.line(joint)))
+                sizes[name] = root(dot(normal, force) * dot(normal, force))
+        return sizes
 
     def _evaluated(
         self,
         results: tuple[Number, ...],
         variables: ArrayLike,
-        given: Mapping[str, Sequence[ArrayLike]],
+        crank_angle: np.ndarray,
+        vectors: np.ndarray | None = None,
     ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Results and their derivatives for variables (..., variables), with the `given` fields
-        of the memory: numbers (n,), first the crank's."""
+        """Results and their derivatives for variables (..., variables), at crank angles (n,) [rad],
+        with clearance vectors (2 loose joints, n), by default none."""
+        vectors = np.zeros(2 * len(self.linkage.loose)) if vectors is None else vectors
+        crank = [np.cos(crank_angle), np.sin(crank_angle)]
+        return self._run(results, variables, {"crank": crank, "vectors": vectors})
+
+    def _run(
+        self, results: tuple[Number, ...], variables: ArrayLike, memory: dict[str, ArrayLike]
+    ) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Results and their derivatives, with the other fields of the `memory`."""
         variables = np.asarray(variables, dtype=float)
-        angles, count = len(given["crank"][0]), len(self._variables)
+        angles, count = len(memory["crank"][0]), len(self._variables)
         shape = (*variables.shape[:-1], angles)
         code, total = self._code(results), len(results) * (1 + count)
-        memory = dict(given)
         rows = variables.reshape(-1, count, 1)
         found = np.empty((total, len(rows), angles))
         step = max(_AT_ONCE // angles, 1)
@@ -157,104 +222,14 @@ class _Traced:
         return self._codes[nodes]
 
 
-class Geometry(_Traced):
-    """Transmission angles and strokes as functions of variables.
+class CrankMotion(NamedTuple):
+    """Motion of the crank at n angles, and forces of effects."""
 
-    Parameters
-    ----------
-    linkage, signs
-        Topology and assembly.
-    variables : sequence of str
-        Names, see `variables_of`.
-    """
-
-    def __init__(self, linkage: Linkage, signs: Sequence[float], variables: Sequence[str]):
-        super().__init__(linkage, variables)
-        load = self._graph.load
-        vectors = {
-            joint.name: ((load("vectors", 2 * i), load("vectors", 2 * i + 1)), NOTHING)
-            for i, joint in enumerate(linkage.loose)
-        }
-        self._placed = self._pose(signs, Crank(load("crank", 0), load("crank", 1), 0.0), vectors)
-
-    def is_constant(self, dyad: Dyad) -> bool:
-        """Whether the transmission angle is 90 deg for any lengths."""
-        return not isinstance(self._placed.cosines[dyad.inner.name], Symbol)
-
-    def angle(self, dyad: Dyad, *at: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Transmission angle [rad] with its derivatives, `at` variables (..., variables), crank
-        angles (n,) [rad] and clearance vectors (2 loose joints, n), by default none."""
-        (cosine,), (slopes,) = self._at((self._placed.cosines[dyad.inner.name],), *at)
-        return angle_of(cosine), _angle_slope(cosine)[..., None] * slopes
-
-    def place(self, body: str, *at: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Place [m] along its slide of a body that slides on the frame, or angle [rad] of another,
-        with its derivatives; `at` as of `angle`."""
-        if slide := slide_of(self.linkage, body):
-            (values,), (slopes,) = self._at((self._placed.travel(slide)[0],), *at)
-            return values, slopes
-        (c, s), (dc, ds) = self._at(self._placed.directions[body], *at)
-        return np.unwrap(np.arctan2(s, c)), c[..., None] * ds - s[..., None] * dc
-
-    def _at(
-        self,
-        results: tuple[Number, ...],
-        variables: ArrayLike,
-        crank_angle: np.ndarray,
-        vectors: np.ndarray | None = None,
-    ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        still = np.zeros(2 * len(self.linkage.loose)) if vectors is None else vectors
-        given = {"crank": [np.cos(crank_angle), np.sin(crank_angle)], "vectors": still}
-        return self._evaluated(results, variables, given)
-
-
-class RequiredForces(_Traced):
-    """Forces in all joints [N], of a slide across it, and torque of the drive [N m] of a linkage
-    with ideal joints, as functions of variables.
-
-    Parameters
-    ----------
-    linkage, signs, variables
-        As of `Geometry`; no joint is loose.
-    pushed : sequence of str
-        Joints with forces of effects.
-    given : mapping of str to array
-        ``crank``: cosine, sine, speed [rad/s], acceleration [rad/s^2] (4, n). Of effects
-        ``along``, at the pushed joints [N, N m] (p, n); ``moments``, on the bodies of the rubbing
-        joints [N m] (m, n), or none; ``losses``, on the crank [N m] (1, n).
-    """
-
-    def __init__(
-        self,
-        linkage: Linkage,
-        signs: Sequence[float],
-        variables: Sequence[str],
-        pushed: Sequence[str],
-        given: Mapping[str, np.ndarray],
-    ):
-        super().__init__(linkage, variables)
-        load, root, self._given = self._graph.load, self._graph.root, given
-        pose = self._pose(signs, Crank(*(load("crank", i) for i in range(4))), {})
-        pushes = {name: load("along", i) for i, name in enumerate(pushed)}
-        rubbing = zip(linkage.rubbing, range(len(given["moments"])), strict=False)
-        rubs = {joint.name: load("moments", i) for joint, i in rubbing}
-        motion = Dynamics(pose, {}, 0.0, None, rubs, pushes)
-        found = balance(motion, {}, rubs, pushes)
-        self._results: dict[str, Number] = {"crank_torque": found.torque - load("losses", 0)}
-        for name, joint in linkage.joints.items():
-            force = found.forces[name]
-            if joint.kind == "slide":
-                normal = dot(across(pose.turned(joint.partner.body, pose.line(joint))), force)
-                self._results[name] = root(normal * normal)
-            else:
-                self._results[name] = root(dot(force, force))
-
-    def at(self, names: Sequence[str], variables: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Forces in joints by name, or the ``crank_torque``, (names, ..., n), with their
-        derivatives; NaN where the linkage does not close."""
-        results = tuple(self._results[name] for name in names)
-        values, slopes = self._evaluated(results, variables, self._given)
-        return np.array(values), np.array(slopes)
+    crank: np.ndarray  # (4, n) Cosine, sine, speed [rad/s], acceleration [rad/s^2]
+    pushed: tuple[str, ...]  # Joints with forces of effects
+    along: np.ndarray  # (pushed, n) [N, N m]
+    moments: np.ndarray  # (rubbing joints, n) On their bodies [N m]; or none
+    losses: np.ndarray  # (1, n) Torque on the crank [N m]
 
 
 def slide_of(linkage: Linkage, body: str) -> Joint | None:
