@@ -86,6 +86,7 @@ def test_the_page_has_the_lengths_and_the_swing_of_the_output_body():
         (ONLY, {"lengths": {"roker.length": ["0.2 m", "0.3 m"]}}, "did you mean 'rocker."),
         (UNCERTAIN, {"swing": {"rocker": ("80 deg", "90 deg")}}, "no lengths satisfy"),
         (UNCERTAIN, {"objective": "least_transmission_angle"}, "must be transmission_angle"),
+        (UNCERTAIN, {"largest_force": {"B": "1 N"}}, "largest_force is not for optimise_robust"),
     ],
 )
 def test_an_infeasible_section_is_an_error_before_any_simulation(uncertain, keys, message):
