@@ -113,7 +113,7 @@ class LinkageOptimum(Result):
         excess = self._found.problem.excess(self._found.before)
         if exceeds := excess > FORCE_TOLERANCE:
             share = f"{100 * excess - 100:.0f} %"
-            yield f"The original lengths exceed a limit of the forces by {share}; the new ones do not."
+            yield f"The original lengths exceed a limit of the forces by {share}."
         if high < 0.0:
             advice = "" if exceeds else ": keep the original lengths"
             yield f"Simulated again, the {words} increases ({changes} %){advice}."
