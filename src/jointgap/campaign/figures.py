@@ -10,7 +10,7 @@ import pandas as pd
 
 from jointgap.core import plot
 from jointgap.core.plot import CRANK_ANGLE, WIDTH, Drawing, Panel, Quantity, Sheet
-from jointgap.core.words import format_name, format_size, format_unit, number
+from jointgap.core.words import format_name, format_run, format_size, format_unit, number
 from jointgap.identification.settings import DEFAULT_SETTINGS
 
 FIGURES = plot.Figures(Path(__file__).with_suffix(".yaml"))
@@ -322,7 +322,7 @@ def _force_on(sheet: Sheet, row: int, body: str, samples: pd.DataFrame) -> None:
             rows = samples["run"] == run
             width = 5.0 * 0.5**order + 0.7  # curves may coincide
             colour = _COLOURS[order % len(_COLOURS)]
-            panel.line(f"run {run}", abscissa[rows], values[rows], colour, linewidth=width)
+            panel.line(format_run(run), abscissa[rows], values[rows], colour, linewidth=width)
         panel.axes.axhline(0.0, color="#777777", linewidth=0.8)
         if quantity is CRANK_ANGLE:
             panel.over_crank_angle(0.0, 360.0)
@@ -370,7 +370,7 @@ def gaps(tables: Tables, verdict: Verdict) -> Drawing:
         rows = rows.sort_values("run", key=lambda name: name.map(runs.index), kind="stable")
         names = []
         for gap in rows.itertuples():
-            name = "all runs" if gap.run == "all" else f"run {gap.run}"
+            name = "all runs" if gap.run == "all" else format_run(gap.run)
             names.append(name + ("" if gap.channel == "all" else f", {format_name(gap.channel)}"))
         panel = sheet.panel((row, 0), ROLES[role], GAP, _RUN, below=panel)
         for moment in moments:

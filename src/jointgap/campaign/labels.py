@@ -12,7 +12,7 @@ from jointgap.config.channels import CHANNEL_RULES, CHANNELS
 from jointgap.core import words
 from jointgap.core.facts import Fact
 from jointgap.core.sites import SLIDER_CRANK
-from jointgap.core.words import format_name, joined, number, reading_unit
+from jointgap.core.words import format_name, format_run, joined, number, reading_unit
 from jointgap.effects import EFFECTS
 from jointgap.effects.axis_laws import AXIS_LAWS, axis_parameters
 from jointgap.effects.base import effects_named, name_rules, parameters_of
@@ -133,7 +133,7 @@ def format_parameter(effect: str, name: str) -> str:
     label = re.sub(r"^\w+, ", "", re.split("; |, which ", meaning)[0])
     if not label:  # the name without its unit
         label = format_name(re.sub(r"_(?:rad|deg|[A-Z]\w*|k?g|m|s)$", "", key))
-    return f"{label} of run {run}" if run else label
+    return f"{label} of {format_run(run)}" if run else label
 
 
 def unit_of(name: str, site: str, parameter: str) -> str:

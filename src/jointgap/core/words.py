@@ -18,6 +18,11 @@ def format_name(name: str) -> str:
     )
 
 
+def format_run(run: str) -> str:
+    """Label of a run of a campaign: ``run slow``, but ``run1`` alone."""
+    return run if run.lower().startswith("run") else f"run {run}"
+
+
 _NUISANCES = package_data("core/nuisances.yaml")
 
 

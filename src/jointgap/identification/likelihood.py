@@ -60,6 +60,13 @@ _Columns = Mapping[str, tuple[np.ndarray, np.ndarray]]
 MISSED = 10.0  # [1] Whitened residual of samples in a window that could not be simulated
 
 
+def tame_squares(residual: np.ndarray, large: float) -> np.ndarray:
+    """Squares of whitened residuals (n,), of those beyond `large` their tangents (P. J. Huber, Ann.
+    Math. Stat. 35 (1964) 73-101)."""
+    near = np.minimum(np.abs(residual), large)
+    return near * (2.0 * np.abs(residual) - near)
+
+
 def turned(after: np.ndarray, before: np.ndarray) -> np.ndarray:
     """Differences of states (..., d), with wrapped angles."""
     out = after - before
@@ -122,12 +129,14 @@ class _Run:
     def cost(
         self, slow: np.ndarray, motion: _Motion, jump: float, settings: WindowSettings
     ) -> float:
-        """Squares of residuals, of jumps, and of the deviation of the first state from the
+        """Squares of residuals (tame), of jumps, and of the deviation of the first state from the
         filter's."""
         gap = turned(slow[1:], motion.ends[:-1])[motion.done[:-1]]
         first = turned(slow[0], self.first) / settings.first_state
-        left = motion.residual @ self.without_shared(motion.residual)
-        return float(left + np.sum((gap / jump) ** 2) + first @ first)
+        left = self.without_shared(motion.residual)
+        of_drive = (motion.residual - left) @ left
+        squares = np.sum(tame_squares(left, settings.large))
+        return float(squares + of_drive + np.sum((gap / jump) ** 2) + first @ first)
 
     def settled(self, windowed: WindowedRun) -> "_Run | None":
         """The run with the states of a motion that began long before the record."""
@@ -426,6 +435,10 @@ class Estimate:
             diagonal, below = np.zeros((count, d, d)), np.zeros((count - 1, d, d))
             border, slope = np.zeros((count, d, by_value.shape[1])), np.zeros((count, d))
             left, window = one.without_shared(motion.residual), one.window
+            weight = np.sqrt(
+                np.minimum(1.0, self.settings.large / np.maximum(np.abs(left), 1e-300))
+            )
+            left, by_value, own = weight * left, weight[:, None] * by_value, weight[:, None] * own
             for parity in (0, 1):
                 # correlated noise couples a sample to the previous window too
                 at_home = window % 2 == parity
@@ -652,10 +665,15 @@ class Estimate:
         return found
 
     def fit(self) -> Fit:
-        """The result as a `Fit`; jumps count like residuals."""
-        size, count = self.problem.size, len(self.parameters)
-        residual, cost = self.residual, self.stages[-1].cost - self.cost_of_values
-        residual = residual * math.sqrt(cost / max(float(residual @ residual), 1e-300))
+        """The result as a `Fit`; jumps count like residuals, and large residuals by their squares
+        as in other fits."""
+        size, count, residual = self.problem.size, len(self.parameters), self.residual
+        plain, jump = replace(self.settings, large=math.inf), self.stages[-1].jump
+        chi2 = sum(
+            one.cost(self._slow[run], self._motions[run], jump, plain)
+            for run, one in self._runs.items()
+        )
+        residual = residual * math.sqrt(chi2 / max(float(residual @ residual), 1e-300))
         jacobian = np.zeros((size, len(self._varied)))
         free = [i for i, p in enumerate(self._varied) if not p.integer]
         jacobian[:count, free] = _root(self.stages[-1].hessian - np.diag(self.prior**2))

@@ -125,6 +125,9 @@ class WindowSettings:
     filtered_above: float = 0.05  # Least jump at which the filter searches states
     held_above: float = 0.5  # Jump above which parameters are fixed, as states compensate for them
     first_state: float = 3.0  # Standard deviation of the first state about that of the filter
+    # [1] Whitened residual above which it counts by its size, not its square: where an impact comes
+    # half a sample later, a residual is a hundred
+    large: float = 5.0
     iterations: int = 12  # Largest number of Gauss-Newton steps at a jump; 2 to 5 are usual
     # [1, of the cost] Least decrease for another step; twice that ends in other minima
     decrease: float = 0.005

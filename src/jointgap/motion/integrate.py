@@ -64,8 +64,9 @@ class Samples(NamedTuple):
     steps: int
 
     def part(self, chosen: slice | np.ndarray) -> "Samples":
-        """The `chosen` samples only, with all events."""
-        return Samples(*(values[chosen] for values in self[:-2]), *self[-2:])
+        """The `chosen` samples only, with all events; with gaps in memory, code would be compiled
+        anew."""
+        return Samples(*(np.ascontiguousarray(each[chosen]) for each in self[:-2]), *self[-2:])
 
 
 def room_for(times: np.ndarray, states: int, contacts: int, pins: int) -> Samples:

@@ -1,6 +1,7 @@
 """Derivatives of a simulated motion by its parameters, through impacts and separations."""
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from jointgap.motion.model import Columns, Model, Workspace, beginning
 from jointgap.motion.simulation import evaluated, integrate_on
 from jointgap.motion.variation import (
     STAGES,
+    Intervals,
     Linear,
     Solution,
     along,
@@ -31,6 +33,7 @@ from jointgap.motion.workspace import CORNERS
 
 _CONTACT, _BEGINS, _ANGLE = map(EVENT.index, ("joint", "begins", "crank_angle"))
 _MOMENT = 1e-8  # [s] Of differences of a gap over time
+_BATCH = 1500  # Steps that are linearised together: some ten megabytes
 _TINY = 1e-6  # [1] Share of the changes of states in differences of a gap
 
 
@@ -81,54 +84,109 @@ def _changes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of the states (n, states, m), and of approach speeds and begins of contacts (n, 2
     contacts, m), at the samples of a `motion` from a `workspace` with the `taken` steps."""
-    intervals = intervals_of(taken, angles[0], angles[-1])
-
-    def at(points: np.ndarray) -> Samples:
-        return integrate_on(model, workspace, points, tolerance)[0]
-
-    coarse = at(intervals.points().ravel())
-    features = (slips_of(model, coarse), depths_of(model, coarse))
-    intervals = refined(intervals, *(each.reshape(-1, STAGES, each.shape[1]) for each in features))
-    points = intervals.points().ravel()
-    nodes = at(points)
-    rates = rates_over_angle(model, nodes)
-    count, contacts, width = model.states, len(model.contacts), len(varied)
-    by_states = derivatives_by_states(model, nodes, rates, count + 2 * contacts)
-    forced = [
-        (rates_over_angle(one.model, at_angles(one.model, nodes, points)) - rates) / one.step
-        for one in varied
-    ]
-    forcing = np.concatenate([np.stack(forced, axis=-1), by_states[:, :, count:]], axis=2)
-    by_states, forcing = (
-        each.reshape(-1, STAGES, *each.shape[1:]) for each in (by_states[:, :, :count], forcing)
-    )
-    linear = linear_motion(intervals, model.positions, by_states, forcing)
-    starts = np.stack([(one.start - start) / one.step for one in varied], axis=-1)
+    contacts, width = len(model.contacts), len(varied)
+    state = np.stack([(one.start - start) / one.step for one in varied], axis=-1)
     if model.is_free:
-        starts[2 * len(model.loose)] = 0.0  # the time
-    impacts = motion.events[motion.events[:, _BEGINS] == 1.0, _ANGLE]
-    memory = _Memory(model, at(impacts) if impacts.size else None, impacts, varied)
-    solution = _through_events(model, linear, motion.events, starts, memory)
-    place, _ = intervals.find(angles)
-    return solution(angles), solution.forcing[place, width:]
+        state[2 * len(model.loose)] = 0.0  # the time
+    sizes = np.eye(width + 2 * contacts, width)
+    changed = np.empty((angles.size, *state.shape))
+    kept = np.empty((angles.size, 2 * contacts, width))
+    cuts = taken[_BATCH::_BATCH, 0]
+    cuts = [angles[0], *cuts[cuts < angles[-1]], angles[-1]]
+    for begin, end in pairwise(cuts):
+        part = _Part(model, workspace, tolerance, varied)
+        linear, later = part.linear_motion(intervals_of(taken, begin, end))
+        events = motion.events[
+            (motion.events[:, _ANGLE] >= begin) & (motion.events[:, _ANGLE] < end)
+        ]
+        solution, state, sizes = part.through_events(linear, events, state, sizes)
+        rows = (angles >= begin) & (angles <= end)
+        place, _ = linear.intervals.find(angles[rows])
+        changed[rows], kept[rows] = solution(angles[rows]), solution.forcing[place, width:]
+        workspace = later
+    return changed, kept
+
+
+class _Part(NamedTuple):
+    """A part of a motion, which starts from a workspace."""
+
+    model: Model
+    workspace: Workspace
+    tolerance: float
+    varied: Sequence[Varied]
+
+    def at(self, angles: np.ndarray) -> tuple[Samples, Workspace]:
+        return integrate_on(self.model, self.workspace, angles, self.tolerance)
+
+    def linear_motion(self, intervals: Intervals) -> tuple[Linear, Workspace]:
+        """The linearised equations, and the workspace at the end; forcings are the parameters, then
+        approach speeds and begins of the contacts."""
+        model = self.model
+        coarse, _ = self.at(intervals.points().ravel())
+        features = (slips_of(model, coarse), depths_of(model, coarse))
+        intervals = refined(
+            intervals, *(each.reshape(-1, STAGES, each.shape[1]) for each in features)
+        )
+        points = intervals.points().ravel()
+        nodes, later = self.at(points)
+        rates, count = rates_over_angle(model, nodes), model.states
+        by_states = derivatives_by_states(model, nodes, rates, count + 2 * len(model.contacts))
+        forced = [
+            (rates_over_angle(one.model, at_angles(one.model, nodes, points)) - rates) / one.step
+            for one in self.varied
+        ]
+        forcing = np.concatenate([np.stack(forced, axis=-1), by_states[:, :, count:]], axis=2)
+        by_states, forcing = (
+            each.reshape(-1, STAGES, *each.shape[1:]) for each in (by_states[:, :, :count], forcing)
+        )
+        return linear_motion(intervals, model.positions, by_states, forcing), later
+
+    def through_events(
+        self, linear: Linear, events: np.ndarray, state: np.ndarray, sizes: np.ndarray
+    ) -> tuple[Solution, np.ndarray, np.ndarray]:
+        """The solution from derivatives of the first `state` (N, m) with the `sizes` (c, m) of the
+        forcings; both at the end too."""
+        model, (count, width) = self.model, state.shape
+        contacts, impact = len(model.contacts), 0
+        impacts = events[events[:, _BEGINS] == 1.0, _ANGLE]
+        if impacts.size:
+            memory = _Memory(model, self.at(impacts)[0], impacts, self.varied)
+        edges, ends = linear.intervals.angles, linear.over_intervals()
+        starts = np.empty((len(ends), count, width))
+        forcing = np.empty((len(ends), len(sizes), width))
+        done = 0
+        for event in events:
+            contact, begins = int(event[_CONTACT]), event[_BEGINS] == 1.0
+            if not begins and not model.has_bristles:
+                continue
+            place = int(np.searchsorted(edges[:-1], event[_ANGLE]))
+            state = chained(ends[done:place], state, sizes, starts[done:place])
+            forcing[done:place], done = sizes, place
+            if begins:
+                sizes = sizes.copy()
+                speed, begin = memory.after(impact, contact, state)
+                sizes[width + contact], sizes[width + contacts + contact] = speed, begin
+                impact += 1
+            else:  # bristles without contact are straight
+                state[2 * model.positions + contact] = 0.0
+        state = chained(ends[done:], state, sizes, starts[done:])
+        forcing[done:] = sizes
+        return Solution(linear, starts, forcing), state, sizes
 
 
 class _Memory:
     """Derivatives of what contacts keep of their begins: approach speed and time."""
 
-    def __init__(
-        self, model: Model, motion: Samples | None, angles: np.ndarray, varied: Sequence[Varied]
-    ):
+    def __init__(self, model: Model, motion: Samples, angles: np.ndarray, varied: Sequence[Varied]):
         self._model, self._motion, self._varied = model, motion, varied
-        if motion is not None:
-            self._accelerations = evaluated(model, motion)[1]
-            self._later = np.stack(  # (n, m) of the times at these crank angles
-                [
-                    (at_angles(one.model, motion, angles).times - motion.times) / one.step
-                    for one in varied
-                ],
-                axis=-1,
-            )
+        self._accelerations = evaluated(model, motion)[1]
+        self._later = np.stack(  # (n, m) of the times at these crank angles
+            [
+                (at_angles(one.model, motion, angles).times - motion.times) / one.step
+                for one in varied
+            ],
+            axis=-1,
+        )
 
     def after(self, impact: int, contact: int, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives (m,) of approach speed and begin, from those of the states (N, m)."""
@@ -181,33 +239,3 @@ def _gap(joint: Record, is_pin: bool, place: np.ndarray, rate: np.ndarray) -> np
     side = np.sign(joint.corner_y)
     depth = side * (offset + across) - joint.clearance
     return np.array([-depth, -side * (offset_rate + along_wall * tilt_rate)])
-
-
-def _through_events(
-    model: Model, linear: Linear, events: np.ndarray, state: np.ndarray, memory: _Memory
-) -> Solution:
-    """The solution from derivatives of the start `state` (N, m); forcings are the m parameters,
-    then approach speeds and begins of the contacts."""
-    contacts, (count, width) = len(model.contacts), state.shape
-    edges, ends = linear.intervals.angles, linear.over_intervals()
-    starts = np.empty((len(ends), count, width))
-    forcing = np.zeros((len(ends), width + 2 * contacts, width))
-    sizes = np.eye(width + 2 * contacts, width)
-    done, impact = 0, -1
-    for event in events:
-        contact, begins = int(event[_CONTACT]), event[_BEGINS] == 1.0
-        impact += begins
-        if not begins and not model.has_bristles:
-            continue
-        place = int(np.searchsorted(edges[:-1], event[_ANGLE]))
-        state = chained(ends[done:place], state, sizes, starts[done:place])
-        forcing[done:place], done = sizes, place
-        if begins:
-            sizes = sizes.copy()
-            speed, begin = memory.after(impact, contact, state)
-            sizes[width + contact], sizes[width + contacts + contact] = speed, begin
-        else:  # bristles without contact are straight
-            state[2 * model.positions + contact] = 0.0
-    chained(ends[done:], state, sizes, starts[done:])
-    forcing[done:] = sizes
-    return Solution(linear, starts, forcing)

@@ -565,8 +565,9 @@ def campaign_lines(guesses: Guesses, name: str, mechanism: str, sites: Sites) ->
         yield f"  # encoder_zero: 5 deg   # unless crank_angle is exactly 0 {place}"
     for body in sites.slides:
         if f"{body}_position" in guesses.channels:
-            origin = "the distance from the crank pivot" if is_short else "that on the slide's line"
-            yield f"  {body}_position_zero: 1 m   # assumed; reduce it if it is {origin}"
+            origin = "the crank pivot" if is_short else "the origin of its slide"
+            known = f"from {origin}; give 1 mm if it is known so well"
+            yield f"  {body}_position_zero: 1 m   # where the sensor reads 0, {known}"
 
 
 def _run_lines(guesses: Guesses) -> Iterator[str]:
