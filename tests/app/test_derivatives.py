@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import jointgap as jg
+from tests.motion.test_loose_slide import published
 
 pytestmark = pytest.mark.filterwarnings("ignore:All-NaN")
 
@@ -84,6 +85,14 @@ def test_of_a_clockwise_crank(crank):
     check(crank, "slider.mass", crank.slider.mass, 1e-3, speed="-200 rpm")
 
 
+def test_with_bristles(crank):
+    lugre = {"friction_law": "lugre", "bristle_stiffness": 1e5, "bristle_damping": 300.0}
+    lugre |= {"static_friction": 0.06, "stribeck_speed": 0.01, "viscous_friction": 0.0}
+    contacts = {f"joints.{joint}.contact": lugre for joint in ("crank_pin", "piston_pin")}
+    # friction rises within a sample's distance of each impact
+    check(jg.change(crank, contacts), "slider.mass", crank.slider.mass, 1e-2)
+
+
 def test_with_a_motor(crank):
     motor = jg.MotorDrive(stall_torque="20 N*m", no_load_speed="300 rpm", inertia="0.1 kg*m^2")
     check(crank, "slider.mass", crank.slider.mass, 5e-3, drive=motor)
@@ -109,6 +118,14 @@ def test_of_a_clockwise_four_bar(four_bar):
 def test_with_a_free_crank(four_bar):
     free = jg.FreeDrive(inertia="5 kg*m^2")
     check(four_bar, "bodies.rocker.mass", four_bar.bodies["rocker"].mass, 5e-3, drive=free)
+
+
+def test_of_a_loose_slide():
+    linkage = published(friction=0.1)
+    check(linkage, "bodies.rod.mass", linkage.bodies["rod"].mass, 3e-3, speed="600 rpm")
+    check(
+        linkage, "joints.guide.clearance", linkage.joints["guide"].clearance, 3e-3, speed="600 rpm"
+    )
 
 
 def test_of_ideal_joints_agree_with_differences():

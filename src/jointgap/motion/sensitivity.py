@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jointgap.contact.joints import CONTACT
 from jointgap.core.records import Record
 from jointgap.linkage.drive import crank_times
 from jointgap.motion.integrate import EVENT, Samples
@@ -164,11 +165,13 @@ class _Part(NamedTuple):
             forcing[done:place], done = sizes, place
             if begins:
                 sizes = sizes.copy()
-                speed, begin = memory.after(impact, contact, state)
+                speed, begin, bristles = memory.after(impact, contact, state)
                 sizes[width + contact], sizes[width + contacts + contact] = speed, begin
                 impact += 1
-            else:  # bristles without contact are straight
-                state[2 * model.positions + contact] = 0.0
+            else:
+                bristles = 0.0  # without contact they are straight
+            if model.has_bristles:
+                state[2 * model.positions + contact] = bristles
         state = chained(ends[done:], state, sizes, starts[done:])
         forcing[done:] = sizes
         return Solution(linear, starts, forcing), state, sizes
@@ -179,7 +182,8 @@ class _Memory:
 
     def __init__(self, model: Model, motion: Samples, angles: np.ndarray, varied: Sequence[Varied]):
         self._model, self._motion, self._varied = model, motion, varied
-        self._accelerations = evaluated(model, motion)[1]
+        columns, self._accelerations = evaluated(model, motion)
+        self._speeds = columns["crank_speed"]
         self._later = np.stack(  # (n, m) of the times at these crank angles
             [
                 (at_angles(one.model, motion, angles).times - motion.times) / one.step
@@ -188,8 +192,11 @@ class _Memory:
             axis=-1,
         )
 
-    def after(self, impact: int, contact: int, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives (m,) of approach speed and begin, from those of the states (N, m)."""
+    def after(
+        self, impact: int, contact: int, states: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Derivatives (m,) of approach speed, begin and bristles, from those of the states (N,
+        m)."""
         model, motion, pins = self._model, self._motion, len(self._model.pins)
         name, is_pin = model.contacts[contact], contact < pins
         at = 2 * (contact if is_pin else pins + (contact - pins) // CORNERS)
@@ -223,7 +230,13 @@ class _Memory:
         if model.is_free:
             begin += states[2 * len(model.loose)]
         kept = float(-speed > joint.least_approach)
-        return -kept * (change[1] + onward * later), begin
+        bristles = np.zeros_like(later)
+        if model.has_bristles:  # they bend from the begin on
+            row = motion.part(np.array([impact]))
+            row.modes[0, contact] = CONTACT
+            rate = rates_over_angle(model, row)[0, 2 * half + contact]
+            bristles = -rate * self._speeds[impact] * later
+        return -kept * (change[1] + onward * later), begin, bristles
 
 
 def _gap(joint: Record, is_pin: bool, place: np.ndarray, rate: np.ndarray) -> np.ndarray:

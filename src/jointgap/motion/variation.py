@@ -150,6 +150,7 @@ def refined(intervals: Intervals, slips: np.ndarray, depths: np.ndarray) -> Inte
     edges = intervals.edges[places, :1] + intervals.lengths[places, None] * ends
     signs, origins = intervals.signs[places], intervals.origins[places]
     angles = origins + np.where(signs == LINEAR, edges[:, 0], signs * edges[:, 0] ** 2)
+    angles[firsts] = intervals.angles[:-1]  # exactly: events are found by them
     return Intervals(origins, signs, edges, np.append(angles, intervals.angles[-1]))
 
 
