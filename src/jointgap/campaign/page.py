@@ -261,8 +261,9 @@ def _tested(verdict: Verdict, force: pd.DataFrame | None) -> list[Block | str]:
 def _optimum(
     effects: Sequence[labels.Effect], optimum: pd.DataFrame | None, campaign: Campaign | None
 ) -> list[Block | str]:
-    is_linkage = campaign and isinstance(campaign.mechanism, LinkageFile)
-    if optimum is None or (is_linkage and campaign.optimise_linkage is None):
+    if optimum is None:
+        return []
+    if campaign and isinstance(campaign.mechanism, LinkageFile) and not campaign.optimise_linkage:
         return []
     if all(map(labels.is_fault, effects)):
         return [Paragraph("No effect was added to the mechanism, so the optimum does not change.")]
