@@ -118,6 +118,7 @@ def test_of_a_clockwise_four_bar(four_bar):
 def test_with_a_free_crank(four_bar):
     free = jg.FreeDrive(inertia="5 kg*m^2")
     check(four_bar, "bodies.rocker.mass", four_bar.bodies["rocker"].mass, 5e-3, drive=free)
+    check(four_bar, "speed", 200 * np.pi / 30, 3e-3, drive=free)
 
 
 def test_of_a_loose_slide():
@@ -177,6 +178,7 @@ def test_units_are_those_of_the_samples_over_that_of_the_number(crank):
         (["rod.lenght"], r"rod\.lenght.*length"),
         (["joints.crank_pin.contact"], "joints.crank_pin.contact: is not a number"),
         (["start_angle"], "start_angle"),
+        ([3], "derivatives: 3 is not a key"),
     ],
 )
 def test_a_key_without_derivative_is_refused(keys, message, crank):

@@ -206,8 +206,8 @@ def test_a_limit_of_a_force_is_kept_with_clearance_and_costs_some_of_the_objecti
         ({"largest_force": {"B": "0 N"}}, "largest_force.B"),
         (
             {"largest_force": {"B": "10 N"}},
-            "keep the largest force in B below 10 N; found: .* N in B at coupler.length .* mm, "
-            "rocker.length .* mm; allow larger forces or give wider bounds",
+            "keep the largest force in B below 10 N; the least is .* N in B at coupler.length .*"
+            " mm, rocker.length .* mm; allow larger forces, give wider bounds",
         ),
     ],
 )

@@ -73,6 +73,15 @@ def test_gradients_of_all_constraints_agree_with_differences(name):
         assert limit.gradient(lengths) == pytest.approx(expected, rel=1e-5, abs=1e-6 * size)
 
 
+@pytest.mark.parametrize("name", BOUNDS)
+def test_constraints_of_one_design_are_those_of_a_row_of_designs(name):
+    problem = near(name)
+    for limit in problem.region.constraints:
+        one = float(limit.value(np.array(problem.original)))
+        row = limit.value(np.array([problem.original]))
+        assert row.shape == (1,) and row[0] == pytest.approx(one)
+
+
 @pytest.mark.parametrize("point, angle", [("B", 90.0), ("F", 90.0)])
 def test_transmission_chooses_the_two_bodies_by_their_joint(point, angle):
     problem = near("six_bar", transmission=point)

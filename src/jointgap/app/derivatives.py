@@ -83,13 +83,17 @@ def derivatives_of(
     remarks on those that hold for tiny changes only."""
     if isinstance(keys, str):
         raise InputError(f"derivatives: is text, not a list of keys; write ['{keys}']")
+    keys = tuple(keys)
+    for key in keys:
+        if not isinstance(key, str):
+            raise InputError(f"derivatives: {key!r} is not a key, such as 'rod.length'")
     if not keys:
         return {}, ()
     case = _Case(mechanism, options, perturbation)
     model, start = case.model()
     varied, units, values = [], [], []
-    for key in keys:
-        key = key.removeprefix("mechanism.").removeprefix("simulate.")
+    for given in keys:
+        key = given.removeprefix("mechanism.").removeprefix("simulate.")
         value, unit = case.number(key)
         varied.append(_varied(case, model, key, value))
         units.append(unit)
@@ -125,8 +129,9 @@ def derivatives_of(
 
 def _remark(model: Model, key: str, value: float, columns: Columns) -> list[str]:
     """A remark if a tiny change of the number at a key moves a pin through its clearance."""
+    size = abs(value) or 1.0
     moved = [
-        float(np.nanmax(np.abs(columns[name]))) * abs(value) / model.bearings[pin].clearance
+        size * float(np.nanmax(np.abs(columns[name]))) / model.bearings[pin].clearance
         for pin in model.pins
         for name in (f"r_{pin}", f"r{JOINT[pin].number}" if pin in JOINT else "")
         if name in columns
@@ -135,7 +140,8 @@ def _remark(model: Model, key: str, value: float, columns: Columns) -> list[str]
     if not largest > _UNPREDICTABLE:
         return []
     return [
-        f"Derivatives by {key}: a change by {1.0 / largest:.0e} of its value would move a pin"
+        f"Derivatives by {key}: a change by {1.0 / largest:.0e}{' of its value' if value else ''}"
+        " would move a pin"
         " through its clearance. The motion is chaotic; its derivatives hold for smaller changes"
         " only. Simulate fewer revolutions, or compare statistics of several starts."
     ]

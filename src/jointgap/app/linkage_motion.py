@@ -53,8 +53,8 @@ class LinkageMotion(Result):
     remarks : tuple of str
         Dead points, and derivatives that hold for tiny changes only.
     derivatives : mapping of str to pandas.DataFrame
-        By key of `simulate`'s ``derivatives``: rows and columns as `samples`, at the same crank
-        angles; units of these tables in their ``attrs["units"]``.
+        By key of `simulate`'s ``derivatives``: rows as of `samples`, at the same crank angles, and
+        its columns of numbers; units of these tables in their ``attrs["units"]``.
     """
 
     linkage: LinkageFile

@@ -52,8 +52,8 @@ class Motion(Result):
     remarks : tuple of str
         Unexpected properties of the contacts and derivatives.
     derivatives : mapping of str to pandas.DataFrame
-        By key of `simulate`'s ``derivatives``: rows and columns as `samples`, at the same crank
-        angles; units of these tables in their ``attrs["units"]``.
+        By key of `simulate`'s ``derivatives``: rows as of `samples`, at the same crank angles, and
+        its columns of numbers; units of these tables in their ``attrs["units"]``.
     """
 
     mechanism: Mechanism

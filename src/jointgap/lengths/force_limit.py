@@ -58,5 +58,5 @@ def search_under_force_limits(
             feasible = searches
         forces = list(map(scaled, forces, np.maximum(found.max(axis=0), 1.0)))
     else:
-        reason = f"the search found no lengths that keep {words} in {ROUNDS} rounds"
+        reason = f"the search found no optimum that keeps {words} in {ROUNDS} rounds"
     return feasible or replace(least, columns={"status": reason})

@@ -178,7 +178,7 @@ class Turn:
 
     def __init__(self, geometry: Geometry):
         self.geometry = geometry
-        self._lengths, self._found = b"", {}
+        self._lengths, self._found = None, {}
 
     def angle(self, dyad: Dyad, lengths: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """Transmission angle [rad] with its derivatives."""
@@ -197,8 +197,9 @@ class Turn:
     def _once(self, name: str, lengths: ArrayLike, function, what):
         """A function at lengths; the constraints ask several times for the last ones."""
         lengths = np.asarray(lengths, dtype=float)
-        if lengths.tobytes() != self._lengths:
-            self._lengths, self._found = lengths.tobytes(), {}
+        known = (lengths.shape, lengths.tobytes())
+        if known != self._lengths:
+            self._lengths, self._found = known, {}
         if name not in self._found:
             self._found[name] = function(what, lengths, _ANGLES)
         return self._found[name]
@@ -605,14 +606,14 @@ def find_lengths(problem: LinkageProblem, samples: Mapping[str, ArrayLike]) -> L
             least = zip(options.largest_force, peaks(result), strict=True)
             words = joined(f"{force:.4g} N in {name}" for name, force in least)
             raise InputError(
-                f"largest_force: {result.columns['status']}; found: {words} at"
-                f" {region.words(result.lengths)}; allow larger forces or give wider bounds in"
-                " lengths"
+                f"largest_force: {result.columns['status']}; the least is {words} at"
+                f" {region.words(result.lengths)}; allow larger forces, give wider bounds in"
+                " lengths, or a larger search in genetic"
             )
     else:
         result = search_in(region)
     points = [point.lengths for point in result[0].optima()]
-    if np.max(np.abs(np.subtract(*points))) <= _SAME:
+    if not options.largest_force and np.max(np.abs(np.subtract(*points))) <= _SAME:
         points = points[1:]
     ends = [(point, at_lengths(*point)) for point in points]
     ends = [end for end in ends if problem.excess(end[1]) <= FORCE_TOLERANCE]

@@ -38,8 +38,9 @@ from jointgap.motion.simulation import observed
 STAGES = 4
 """Gauss points in an interval."""
 
-# [m] Differences by the states, over their weights in the error of a step: one-sided, and central
-_STEP, _DIRECTION = 1e-12, 1e-11
+# [m] Differences by the states, over their weights in the error of a step: one-sided, central, and
+# central by the time
+_STEP, _DIRECTION, _TIME_DIRECTION = 1e-12, 1e-10, 1e-8
 _BEGIN_WEIGHT = 1e-2  # [m/s] Of begins of contacts, which count while their memory fades
 # Largest change of the inverse hyperbolic sine of a sliding speed and of the logarithm of a
 # penetration in an interval
@@ -301,12 +302,22 @@ def along(
 ) -> Columns:
     """Derivatives (n,) of what `see` returns of a motion in the direction of a `change` (n, states
     + 2 contacts + 1), see `shifted`."""
-    size = np.abs(change * weights_of(model)).max(axis=1)
-    factor = _DIRECTION / np.maximum(size, 1e-300)
-    ahead, behind = (
-        see(model, shifted(model, motion, sign * factor[:, None] * change)) for sign in (1.0, -1.0)
-    )
-    return {name: values / (2.0 * factor) for name, values in differences(ahead, behind).items()}
+    weights, is_time = weights_of(model), np.zeros(change.shape[1], bool)
+    is_time[-1] = True
+    if model.is_free:
+        is_time[2 * len(model.loose)] = True
+    found: Columns = {}
+    # in separate steps: a change of the time may be many orders larger
+    for chosen, step in ((~is_time, _DIRECTION), (is_time, _TIME_DIRECTION)):
+        part = np.where(chosen, change, 0.0)
+        if found and not part.any():
+            break
+        factor = step / np.maximum(np.abs(part * weights).max(axis=1), 1e-300)
+        part *= factor[:, None]
+        ahead, behind = (see(model, shifted(model, motion, sign * part)) for sign in (1.0, -1.0))
+        for name, values in differences(ahead, behind).items():
+            found[name] = found.get(name, 0.0) + values / (2.0 * factor)
+    return found
 
 
 def differences(ahead: Columns, behind: Columns) -> Columns:
