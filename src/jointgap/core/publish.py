@@ -177,7 +177,7 @@ def name_and_factor(column: Column) -> tuple[str, float]:
     """Name of a metric, with its unit, and its number of units per SI unit; errors and departures
     of an angle in mdeg."""
     unit, factor = reading_unit(column.unit)
-    if unit == "deg" and re.search("error|departure", column.name):
+    if unit == "deg" and re.search("error|^departure_", column.name):
         unit, factor = "mdeg", 1e3 * np.rad2deg(1.0)
     ending = re.sub(r"[*/]", "_", unit).replace("^", "")
     return (column.name if ending in ("1", "") else f"{column.name}_{ending}"), factor
