@@ -160,7 +160,7 @@ def _varied(case: _Case, model: Model, key: str, value: float) -> Varied:
         if there.variant is not model.variant or there.states != model.states:
             raise InputError(
                 f"derivatives: {key} = {value:g}: next to this value the motion has other"
-                " equations; give a value beside it"
+                " equations; give a slightly different value"
             )
         wider = [
             abs(there.bearings[name].clearance - model.bearings[name].clearance)
